@@ -1,0 +1,70 @@
+"""An SE as a gymnasium environment, to drop into anyone's training code:
+
+    import bilevel, gymnasium
+    env = gymnasium.make("bilevel/SyntheticEnv-v0", path="best_se.safetensors")
+
+Observations start from the real task's reset distribution and follow the SE from
+then on; the episode is cut at the real task's step limit. `info["done"]` is the
+raw done output, which terminates above 0.5.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+ENV_ID = "bilevel/SyntheticEnv-v0"
+
+
+class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
+    """The SE of a file, as a gymnasium environment.
+
+    Raises InvalidInput if the file is damaged, or its task is unknown here.
+    """
+
+    metadata = {"render_modes": []}  # noqa: RUF012
+
+    def __init__(self, path: str | Path) -> None:
+        from bilevel.synthetic_env import kernel_form, load_se
+        from bilevel.tasks import get_task
+
+        se = load_se(Path(path))
+        self._task = get_task(se.task_id, se.solved_reward, se.step_limit)
+        self._kernel = kernel_form(se.architecture, se.psi)
+        self._work = np.zeros((2, 3 * se.architecture.hidden_size), np.float32)
+        self._state = np.zeros(se.architecture.state_size, np.float32)
+        self._steps = 0
+        shape = (se.architecture.state_size,)
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
+        self.action_space = gymnasium.spaces.Discrete(se.architecture.n_actions)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Draw an initial state (S,) from the real task's reset distribution."""
+        super().reset(seed=seed)
+        physics = self._task.initial_physics(self.np_random, 1)[0]
+        self._state = self._task.observe(physics)
+        self._steps = 0
+        return self._state.copy(), {}
+
+    def step(
+        self, action: np.int64
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """One step of the SE."""
+        from bilevel.kernels.synthetic_env import step
+
+        next_state = np.empty_like(self._state)
+        reward, done = step(self._kernel, self._state, int(action), next_state, self._work)
+        self._state = next_state
+        self._steps += 1
+        truncated = self._steps >= self._task.step_limit
+        return next_state.copy(), float(reward), bool(done > 0.5), truncated, {"done": float(done)}
+
+
+def register() -> None:
+    """Make `ENV_ID` known to gymnasium."""
+    if ENV_ID not in gymnasium.registry:
+        gymnasium.register(ENV_ID, entry_point="bilevel.gym_env:SyntheticEnv")

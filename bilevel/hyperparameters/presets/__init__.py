@@ -1,0 +1,44 @@
+"""The paper's hyperparameter tables as data files, and what was measured since.
+
+A file holds the columns of the paper's tables as printed, in the sections `nes`,
+`se` and `ddqn`. A section `updates.NAME` replaces values of `nes` when that
+update is asked for: step sizes mean different things to different updates.
+"""
+
+import tomllib
+from importlib.resources import files
+
+from bilevel.errors import InvalidInput, one_of
+from bilevel.hyperparameters.definitions import (
+    UPDATES,
+    DDQNHyperparameters,
+    Hyperparameters,
+    NESHyperparameters,
+    SEHyperparameters,
+)
+
+#: `tuned` is the paper's Table 1, one file a task; `default` its default table.
+PRESETS = ("tuned", "default")
+
+DEFAULT_UPDATE = "antithetic"
+
+
+def load_preset(name: str, task_id: str, update: str = DEFAULT_UPDATE) -> Hyperparameters:
+    """The preset `tuned` or `default` for a task, with the given NES update.
+
+    Raises InvalidInput for an unknown name, or a task that has not been tuned.
+    """
+    if name not in PRESETS:
+        raise one_of("preset", name, PRESETS)
+    if update not in UPDATES:
+        raise one_of("update", update, UPDATES)
+    file = files(__name__) / ("default.toml" if name == "default" else f"tuned-{task_id}.toml")
+    if not file.is_file():
+        raise InvalidInput(f"no preset 'tuned' for the task {task_id!r}: allowed is default")
+    values = tomllib.loads(file.read_text())
+    nes = values["nes"] | values.get("updates", {}).get(update, {}) | {"update": update}
+    return Hyperparameters(
+        nes=NESHyperparameters.from_dict(nes),
+        se=SEHyperparameters.from_dict(values["se"]),
+        agent=DDQNHyperparameters.from_dict(values["ddqn"]),
+    )

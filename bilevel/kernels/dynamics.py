@@ -1,0 +1,114 @@
+"""The real tasks' dynamics, compiled: CartPole and Acrobot as in gymnasium
+(`gymnasium/envs/classic_control`), held against it step by step in the tests.
+
+symbol    shape          meaning
+-------   ------------   ----------------------------------------------------
+physics   (p,) float64   the simulator's state (CartPole: x, dx, theta, dtheta;
+                         Acrobot: theta1, theta2, dtheta1, dtheta2)
+state     (S,) float32   what the agent observes
+"""
+
+import math
+
+import numpy as np
+
+from bilevel.kernels.jit import compiled
+
+#: Codes of the dynamics; OBSERVED has none: its physics are observations, as
+#: drawn from an environment that gymnasium runs.
+OBSERVED, CARTPOLE, ACROBOT = 0, 1, 2
+
+_THETA_LIMIT = 12 * 2 * math.pi / 360
+_X_LIMIT = 2.4
+_MAX_VELOCITY_1, _MAX_VELOCITY_2 = 4 * math.pi, 9 * math.pi
+
+
+@compiled
+def observe(dynamics, physics, state):
+    """Write the observation of `physics` into `state`."""
+    if dynamics == ACROBOT:
+        state[0], state[1] = math.cos(physics[0]), math.sin(physics[0])
+        state[2], state[3] = math.cos(physics[1]), math.sin(physics[1])
+        state[4], state[5] = physics[2], physics[3]
+    else:
+        for k in range(state.size):
+            state[k] = physics[k]
+
+
+@compiled
+def step(dynamics, physics, action):
+    """Advance `physics` in place by one step; return reward and termination.
+
+    OBSERVED has no dynamics: it answers NaN, which ends a run at once.
+    """
+    if dynamics == CARTPOLE:
+        return _cartpole_step(physics, action)
+    if dynamics == ACROBOT:
+        return _acrobot_step(physics, action)
+    return np.nan, True
+
+
+@compiled
+def _cartpole_step(physics, action):
+    x, dx, theta, dtheta = physics
+    force = 10.0 if action == 1 else -10.0
+    cos, sin = math.cos(theta), math.sin(theta)
+    temp = (force + 0.05 * dtheta**2 * sin) / 1.1
+    ddtheta = (9.8 * sin - cos * temp) / (0.5 * (4.0 / 3.0 - 0.1 * cos**2 / 1.1))
+    ddx = temp - 0.05 * ddtheta * cos / 1.1
+    physics[0] = x + 0.02 * dx
+    physics[1] = dx + 0.02 * ddx
+    physics[2] = theta + 0.02 * dtheta
+    physics[3] = dtheta + 0.02 * ddtheta
+    return 1.0, abs(physics[0]) > _X_LIMIT or abs(physics[2]) > _THETA_LIMIT
+
+
+@compiled
+def _acrobot_derivatives(theta1, theta2, dtheta1, dtheta2, torque):
+    """Equations of motion (Sutton and Barto's variant), all masses, lengths and
+    moments of inertia 1, centres of mass at 0.5."""
+    cos2, sin2 = math.cos(theta2), math.sin(theta2)
+    d1 = 0.25 + (1.25 + cos2) + 2.0
+    d2 = 0.25 + 0.5 * cos2 + 1.0
+    phi2 = 0.5 * 9.8 * math.cos(theta1 + theta2 - math.pi / 2)
+    phi1 = (
+        -0.5 * dtheta2**2 * sin2
+        - dtheta2 * dtheta1 * sin2
+        + 1.5 * 9.8 * math.cos(theta1 - math.pi / 2)
+        + phi2
+    )
+    ddtheta2 = (torque + d2 / d1 * phi1 - 0.5 * dtheta1**2 * sin2 - phi2) / (1.25 - d2**2 / d1)
+    ddtheta1 = -(d2 * ddtheta2 + phi1) / d1
+    return dtheta1, dtheta2, ddtheta1, ddtheta2
+
+
+@compiled
+def _wrap(angle):
+    """Bring an angle into [-pi, pi]; a step moves it by less than one turn more."""
+    if angle > math.pi:
+        return angle - 2 * math.pi * math.ceil((angle - math.pi) / (2 * math.pi))
+    if angle < -math.pi:
+        return angle + 2 * math.pi * math.ceil((-math.pi - angle) / (2 * math.pi))
+    return angle
+
+
+@compiled
+def _acrobot_step(physics, action):
+    """One Runge-Kutta step of fourth order over 0.2 s."""
+    a, b, c, d = physics
+    torque = action - 1.0
+    dt = 0.2
+    a1, b1, c1, d1 = _acrobot_derivatives(a, b, c, d, torque)
+    h = dt / 2
+    a2, b2, c2, d2 = _acrobot_derivatives(a + h * a1, b + h * b1, c + h * c1, d + h * d1, torque)
+    a3, b3, c3, d3 = _acrobot_derivatives(a + h * a2, b + h * b2, c + h * c2, d + h * d2, torque)
+    a4, b4, c4, d4 = _acrobot_derivatives(a + dt * a3, b + dt * b3, c + dt * c3, d + dt * d3, torque)
+    theta1 = _wrap(a + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4))
+    theta2 = _wrap(b + dt / 6 * (b1 + 2 * b2 + 2 * b3 + b4))
+    dtheta1 = c + dt / 6 * (c1 + 2 * c2 + 2 * c3 + c4)
+    dtheta2 = d + dt / 6 * (d1 + 2 * d2 + 2 * d3 + d4)
+    physics[0], physics[1] = theta1, theta2
+    physics[2] = min(max(dtheta1, -_MAX_VELOCITY_1), _MAX_VELOCITY_1)
+    physics[3] = min(max(dtheta2, -_MAX_VELOCITY_2), _MAX_VELOCITY_2)
+    done = -math.cos(theta1) - math.cos(theta2 + theta1) > 1.0
+    return (0.0 if done else -1.0), done

@@ -1,0 +1,103 @@
+"""One step of a synthetic environment, compiled.
+
+The three networks (next state, reward, done) read the same input, so their
+first layers are laid side by side as one, three times as wide; the one-hot
+action merely selects a column, which is added to the biases beforehand.
+
+symbol   meaning
+------   -------------------------
+S, A     state size, number of actions
+H        hidden width of one network
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.kernels.activations import activate
+from bilevel.kernels.jit import compiled
+from bilevel.kernels.mlp import Network, layer_biases, layer_weights
+
+
+class SEKernel(NamedTuple):
+    """Parameters of an SE, arranged for one step at a time."""
+
+    action_biases: NDArray[np.float32]  # (A, 3H) first-layer bias + action column
+    state_weights: NDArray[np.float32]  # (S, 3H) first-layer weights, transposed
+    hidden_weights: NDArray[np.float32]  # (3 * (layers - 1), H, H) further layers, transposed
+    hidden_biases: NDArray[np.float32]  # (3 * (layers - 1), H)
+    output_weights: NDArray[np.float32]  # (S + 2, H)
+    output_biases: NDArray[np.float32]  # (S + 2,)
+    activation: int
+    slope: np.float32
+
+
+def prepare(
+    networks: tuple[Network, Network, Network],
+    parameters: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
+    n_actions: int,
+    slope: float,
+) -> SEKernel:
+    """Arrange the next-state, reward and done networks for `step`."""
+    depth = networks[0].sizes.size - 2
+    pairs = list(zip(networks, parameters, strict=True))
+    weights = [[layer_weights(n, p, layer) for layer in range(depth + 1)] for n, p in pairs]
+    biases = [[layer_biases(n, p, layer) for layer in range(depth + 1)] for n, p in pairs]
+    first = np.concatenate([w[0] for w in weights])  # (3H, A + S)
+    first_bias = np.concatenate([b[0] for b in biases])
+    hidden = int(networks[0].sizes[1])
+    middle = [w[layer].T for w in weights for layer in range(1, depth)]
+    middle_bias = [b[layer] for b in biases for layer in range(1, depth)]
+    return SEKernel(
+        np.ascontiguousarray(first[:, :n_actions].T + first_bias),
+        np.ascontiguousarray(first[:, n_actions:].T),
+        np.ascontiguousarray(middle, np.float32).reshape(-1, hidden, hidden),
+        np.ascontiguousarray(middle_bias, np.float32).reshape(-1, hidden),
+        np.concatenate([w[depth] for w in weights]),
+        np.concatenate([b[depth] for b in biases]),
+        networks[0].activation,
+        np.float32(slope),
+    )
+
+
+@compiled
+def step(se, state, action, next_state, work):
+    """Write the next state into `next_state` (S,), return reward and raw done
+    (an episode ends above 0.5). `work` is (2, 3H) float32."""
+    h = work[0]
+    for j in range(h.size):
+        h[j] = se.action_biases[action, j]
+    for k in range(state.size):
+        x = state[k]
+        for j in range(h.size):
+            h[j] += x * se.state_weights[k, j]
+    activate(h.reshape(1, h.size), se.activation, se.slope)
+
+    n_hidden = se.output_weights.shape[1]
+    further = se.hidden_weights.shape[0] // 3
+    for layer in range(further):
+        out = work[(layer + 1) % 2]
+        for net in range(3):
+            weights = se.hidden_weights[net * further + layer]
+            part = out[net * n_hidden : (net + 1) * n_hidden]
+            part[:] = se.hidden_biases[net * further + layer]
+            for k in range(n_hidden):
+                x = h[net * n_hidden + k]
+                for j in range(n_hidden):
+                    part[j] += x * weights[k, j]
+        h = out
+        activate(h.reshape(1, h.size), se.activation, se.slope)
+
+    n_states = next_state.size
+    reward = se.output_biases[n_states]
+    done = se.output_biases[n_states + 1]
+    for j in range(n_hidden):
+        reward += se.output_weights[n_states, j] * h[n_hidden + j]
+        done += se.output_weights[n_states + 1, j] * h[2 * n_hidden + j]
+    for k in range(n_states):
+        total = se.output_biases[k]
+        for j in range(n_hidden):
+            total += se.output_weights[k, j] * h[j]
+        next_state[k] = total
+    return reward, done

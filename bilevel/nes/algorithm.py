@@ -1,0 +1,154 @@
+"""Natural evolution strategies over synthetic environments (paper, Algorithm 1).
+
+    psi <- the best of start_candidates random initialisations
+    repeat n_o times:                                    # generations
+        for each member i = 1 .. n_p:                    # ask: requests, in any order
+            eps_i ~ N(0, sigma^2 I)
+            for SE in psi, psi + eps_i, psi - eps_i:
+                agent <- TrainAgent(fresh agent, SE)     # evaluation.evaluate
+                F     <- EvaluateAgent(agent, real task)
+        psi <- UpdateSE(psi, {eps_i}, {F_i})             # tell
+
+Every random number is derived from (run seed, generation, member), so a request is
+the same whoever asks for it, and nothing random needs to be stored.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.evaluation import EvaluationRequest, EvaluationResult
+from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters
+from bilevel.nes.state import GenerationRecord, NESState
+from bilevel.nes.transforms import finite
+from bilevel.nes.updates import MemberScores, update_step
+from bilevel.synthetic_env import Architecture
+from bilevel.tasks import Task
+
+#: Draws agent hyperparameters from a seed, around the given ones.
+AgentSampler = Callable[[DDQNHyperparameters, int], DDQNHyperparameters]
+
+# What a derived seed is for; part of the seed, so never renumber.
+_START, _PERTURBATION, _AGENT, _EVALUATION = range(4)
+
+
+@dataclass(frozen=True)
+class NES:
+    """An NES run as ask and tell; it evaluates nothing itself.
+
+    `sample_agent` is called once a member if the hyperparameters ask for varied
+    agents; a mirrored pair shares the draw.
+    """
+
+    task: Task
+    hp: Hyperparameters
+    seed: int
+    sample_agent: AgentSampler | None = None
+
+    @property
+    def architecture(self) -> Architecture:
+        """Shape of the SEs."""
+        return Architecture.of(self.task, self.hp.se)
+
+    def _seed(self, *path: int) -> int:
+        word = np.random.SeedSequence([self.seed, *path]).generate_state(1, np.uint64)[0]
+        return int(word)
+
+    def start_requests(self) -> list[EvaluationRequest]:
+        """Evaluations that choose the start; none if there is one candidate alone."""
+        candidates = self.hp.nes.start_candidates
+        return [
+            EvaluationRequest(
+                index=i,
+                seed=self._seed(_START, i, _EVALUATION),
+                agent=self.hp.agent,
+                start_seed=self._seed(_START, i),
+            )
+            for i in range(candidates if candidates > 1 else 0)
+        ]
+
+    def start(self, results: Sequence[EvaluationResult] = ()) -> NESState:
+        """The state before the first generation."""
+        scores = finite(np.array([r.score for r in sorted(results, key=lambda r: r.index)] or [0.0]))
+        rng = np.random.default_rng(self._seed(_START, int(scores.argmax())))
+        psi = self.architecture.initialize(rng)
+        return NESState(psi=psi, best_psi=psi)
+
+    def ask(self, state: NESState) -> list[EvaluationRequest]:
+        """The evaluations of the next generation: n_p on psi itself, n_p on
+        psi + eps_i, and with mirrored sampling n_p on psi - eps_i."""
+        requests = []
+        for sign in (0, 1, -1) if self.hp.nes.mirrored_sampling else (0, 1):
+            for member in range(self.hp.nes.population_size):
+                index = len(requests)
+                requests.append(
+                    EvaluationRequest(
+                        index=index,
+                        seed=self._seed(state.generation, index, _EVALUATION),
+                        agent=self._agent(state.generation, member),
+                        sign=sign,
+                        perturbation_seed=self._seed(state.generation, member, _PERTURBATION),
+                        std_dev=self.hp.nes.std_dev,
+                    )
+                )
+        return requests
+
+    def _agent(self, generation: int, member: int) -> DDQNHyperparameters:
+        if not self.hp.vary_agent:
+            return self.hp.agent
+        assert self.sample_agent is not None
+        return self.sample_agent(self.hp.agent, self._seed(generation, member, _AGENT))
+
+    def tell(
+        self, state: NESState, results: Sequence[EvaluationResult], seconds: float
+    ) -> NESState:
+        """The state after the generation that `ask(state)` asked for; its record is
+        the last of `records`. `results` may come in any order; `seconds` is how
+        long the generation took."""
+        ordered = sorted(results, key=lambda result: result.index)
+        scores = finite(np.array([result.score for result in ordered]))
+        parts = scores.reshape(-1, self.hp.nes.population_size)
+        members = MemberScores(parts[0], parts[1], parts[2] if len(parts) == 3 else None)
+        eps = self._perturbations(state.generation)
+        step = update_step(self.hp.nes, eps, members)
+
+        centre = ordered[: self.hp.nes.population_size]
+        record = GenerationRecord(
+            generation=state.generation,
+            score_mean=float(members.centre.mean()),
+            score_std=float(members.centre.std()),
+            score_best=float(members.centre.max()),
+            perturbed_score_mean=float(parts[1:].mean()),
+            train_steps_mean=float(np.mean([r.train_steps for r in centre])),
+            train_episodes_mean=float(np.mean([r.train_episodes for r in centre])),
+            solved_fraction=float((members.centre >= self.task.solved_reward).mean()),
+            non_finite=sum(not result.finite for result in ordered),
+            psi_norm=float(np.linalg.norm(state.psi)),
+            update_norm=float(np.linalg.norm(step)),
+            env_steps_per_second=sum(r.train_steps for r in ordered)
+            / max(sum(r.seconds for r in ordered), 1e-9),
+            generation_seconds=seconds,
+        )
+        better = record.score_mean > state.best_score
+        solved = record.score_mean >= self.task.solved_reward
+        return replace(
+            state,
+            psi=state.psi + step,
+            best_psi=state.psi if better else state.best_psi,
+            generation=state.generation + 1,
+            best_generation=state.generation if better else state.best_generation,
+            best_score=record.score_mean if better else state.best_score,
+            solved_streak=state.solved_streak + 1 if solved else 0,
+            records=(*state.records, record),
+        )
+
+    def _perturbations(self, generation: int) -> NDArray[np.float32]:
+        architecture, sigma = self.architecture, self.hp.nes.std_dev
+        return np.stack(
+            [
+                architecture.perturbation(self._seed(generation, member, _PERTURBATION), sigma)
+                for member in range(self.hp.nes.population_size)
+            ]
+        )

@@ -1,0 +1,100 @@
+"""Score transforms: member scores F (n,) to weights (n,), by name.
+
+The eight of the authors' code (`score_transform_type` 0 to 7), in their order. Ties
+share their mean rank, and a score that is not finite counts as the lowest.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import rankdata
+
+Scores = NDArray[np.float64]
+
+
+def finite(scores: Scores) -> Scores:
+    """Replace scores that are not finite by the lowest finite one (0 if none is)."""
+    good = np.isfinite(scores)
+    lowest = scores[good].min() if good.any() else 0.0
+    return np.where(good, scores, lowest)
+
+
+def linear(scores: Scores, average: float) -> Scores:
+    """Lowest score 0, highest 1."""
+    span = np.ptp(scores)
+    return (scores - scores.min()) / span if span > 0 else np.zeros_like(scores)
+
+
+def rank(scores: Scores, average: float) -> Scores:
+    """Lowest rank 0, highest 1."""
+    n = scores.size
+    return (rankdata(scores) - 1) / (n - 1) if n > 1 else np.zeros(n)
+
+
+def nes(scores: Scores, average: float) -> Scores:
+    """NES utilities (Wierstra et al., 2008) less their mean 1/n, highest 1."""
+    utilities = _log_rank_utilities(scores)
+    utilities = utilities / utilities.sum() - 1 / scores.size
+    highest = utilities.max()
+    return utilities / highest if highest > 0 else np.zeros_like(scores)
+
+
+def nes_unnormalized(scores: Scores, average: float) -> Scores:
+    """NES utilities without the baseline, highest 1."""
+    utilities = _log_rank_utilities(scores)
+    return utilities / utilities.max()
+
+
+def single_best(scores: Scores, average: float) -> Scores:
+    """1 for the best member, 0 for all others."""
+    weights = np.zeros_like(scores)
+    weights[scores.argmax()] = 1.0
+    return weights
+
+
+def single_better_average(scores: Scores, average: float) -> Scores:
+    """1 for the best member if it is better than average, 0 for all others."""
+    return single_best(scores, average) * (scores.max() > average)
+
+
+def better_average(scores: Scores, average: float) -> Scores:
+    """How much better than average, highest 1; members below count nothing
+    (the paper's choice, "better avg.")."""
+    gain = np.maximum(scores - average, 0)
+    return gain / gain.max() if gain.max() > 0 else gain
+
+
+def better_average_sum(scores: Scores, average: float) -> Scores:
+    """How much better than average, summed to 1."""
+    gain = np.maximum(scores - average, 0)
+    return gain / gain.sum() if gain.sum() > 0 else gain
+
+
+def centred_rank(scores: Scores) -> Scores:
+    """Ranks scaled to [-0.5, 0.5]; the antithetic estimator's utilities."""
+    n = scores.size
+    return (rankdata(finite(scores)) - 1) / (n - 1) - 0.5 if n > 1 else np.zeros(n)
+
+
+def _log_rank_utilities(scores: Scores) -> Scores:
+    from_best = rankdata(-scores)
+    return np.maximum(0.0, np.log(scores.size / 2 + 1) - np.log(from_best))
+
+
+_TRANSFORMS: dict[str, Callable[[Scores, float], Scores]] = {
+    "linear": linear,
+    "rank": rank,
+    "nes": nes,
+    "nes-unnormalized": nes_unnormalized,
+    "single-best": single_best,
+    "single-better-average": single_better_average,
+    "better-average": better_average,
+    "better-average-sum": better_average_sum,
+}
+
+
+def transform(name: str, scores: Scores, average: float) -> Scores:
+    """Weights (n,) of the members; `average` is the mean score of the unperturbed
+    SE's evaluations, to which the "better average" transforms compare."""
+    return _TRANSFORMS[name](finite(scores), average)

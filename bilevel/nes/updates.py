@@ -1,0 +1,67 @@
+"""UpdateSE (paper, Algorithm 1): the next psi from the members' scores, by name.
+
+symbol   shape     meaning
+------   -------   ----------------------------------------------------------
+psi      (P,)      parameters of the unperturbed SE
+eps      (n, P)    perturbations, ~ N(0, sigma^2 I)
+F        (n,)      scores of psi + eps (`plus`) and psi - eps (`minus`)
+n_p      -         population size n
+
+update        psi + ...
+-----------   -------------------------------------------------------------------
+antithetic    alpha * mean_i (u_i+ - u_i-) eps_i / sigma, u the centred ranks of all
+              2n scores: the textbook estimator (Salimans et al., 2017)
+paper         alpha / (n_p sigma) * sum_i w_i eps_i
+authors       alpha * sum_i w_i eps_i: the authors' code, which does not divide
+
+In the last two, w are the transformed scores, and mirrored sampling is the authors':
+of each pair the better sign is kept, with its score, and the other is dropped.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.hyperparameters import NESHyperparameters
+from bilevel.nes.transforms import centred_rank, finite, transform
+
+
+@dataclass(frozen=True)
+class MemberScores:
+    """Scores of one generation."""
+
+    centre: NDArray[np.float64]  # (n,) agents trained on psi itself
+    plus: NDArray[np.float64]  # (n,)
+    minus: NDArray[np.float64] | None  # (n,), None without mirrored sampling
+
+
+def update_step(
+    hp: NESHyperparameters, eps: NDArray[np.float32], scores: MemberScores
+) -> NDArray[np.float32]:
+    """What is added to psi, (P,)."""
+    if hp.update == "antithetic":
+        weights, scale = _antithetic(scores), hp.step_size / (len(eps) * hp.std_dev)
+    else:
+        weights = _better_sign(hp, scores)
+        scale = hp.step_size / (len(eps) * hp.std_dev if hp.update == "paper" else 1.0)
+    step: NDArray[np.float32] = (scale * (weights @ eps)).astype(np.float32)
+    return step
+
+
+def _antithetic(scores: MemberScores) -> NDArray[np.float64]:
+    assert scores.minus is not None
+    utilities = centred_rank(np.concatenate([scores.plus, scores.minus]))
+    plus, minus = np.split(utilities, 2)
+    difference: NDArray[np.float64] = plus - minus
+    return difference
+
+
+def _better_sign(hp: NESHyperparameters, scores: MemberScores) -> NDArray[np.float64]:
+    average = float(finite(scores.centre).mean())
+    if scores.minus is None:
+        return transform(hp.score_transform, scores.plus, average)
+    both = finite(np.concatenate([scores.plus, scores.minus]))
+    plus, minus = np.split(both, 2)
+    sign = np.where(minus > plus, -1.0, 1.0)
+    return sign * transform(hp.score_transform, np.maximum(plus, minus), average)

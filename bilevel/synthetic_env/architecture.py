@@ -1,0 +1,101 @@
+"""The shape of an SE, and its parameters psi as one flat vector.
+
+Three MLPs of one shape (next state, reward, done) read the same input,
+concat(one_hot(action), state). psi is their weights and biases one after the
+other, each network laid out as torch lays it (`bilevel.kernels.mlp`).
+
+symbol   meaning
+------   ---------------------------------------
+S, A     state size, number of actions
+P        length of psi
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.hyperparameters import SEHyperparameters
+from bilevel.kernels.activations import LRELU_SLOPE, PRELU_INITIAL_SLOPE
+from bilevel.kernels.mlp import Network, initial_parameters, network
+from bilevel.kernels.synthetic_env import SEKernel, prepare
+from bilevel.tasks import Task
+
+#: The networks of an SE in the order in which psi holds them.
+NETWORKS = ("next_state", "reward", "done")
+
+#: The slope for negative inputs. NES perturbs weights and biases alone, so a
+#: PReLU keeps the slope it starts with.
+_SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": LRELU_SLOPE, "prelu": PRELU_INITIAL_SLOPE}
+
+
+@dataclass(frozen=True)
+class Architecture:
+    """Sizes of an SE's networks."""
+
+    state_size: int
+    n_actions: int
+    hidden_layers: int
+    hidden_size: int
+    activation: str
+
+    @classmethod
+    def of(cls, task: Task, hp: SEHyperparameters) -> "Architecture":
+        """The architecture of an SE for `task`."""
+        return cls(
+            task.state_size, task.n_actions, hp.hidden_layers, hp.hidden_size, hp.activation
+        )
+
+    @property
+    def slope(self) -> float:
+        """Slope of the activation for negative inputs (Tanh has none)."""
+        return _SLOPES[self.activation]
+
+    @property
+    def networks(self) -> tuple[Network, Network, Network]:
+        """Next-state, reward and done network."""
+        # A fixed slope is no parameter: to the kernels a PReLU is a leaky ReLU.
+        activation = "lrelu" if self.activation == "prelu" else self.activation
+        next_state, reward, done = (
+            network(
+                self.n_actions + self.state_size,
+                self.hidden_size,
+                self.hidden_layers,
+                outputs,
+                activation,
+            )
+            for outputs in (self.state_size, 1, 1)
+        )
+        return next_state, reward, done
+
+    @property
+    def parameter_count(self) -> int:
+        """Length P of psi."""
+        return sum(net.parameter_count for net in self.networks)
+
+    def split(
+        self, psi: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+        """Views of psi (P,), one a network."""
+        counts = [net.parameter_count for net in self.networks]
+        next_state, reward, done = np.split(psi, np.cumsum(counts)[:-1])
+        return next_state, reward, done
+
+    def initialize(self, rng: np.random.Generator) -> NDArray[np.float32]:
+        """A fresh psi (P,): uniform in +-1/sqrt(fan_in)."""
+        return np.concatenate([initial_parameters(net, rng) for net in self.networks])
+
+    def perturbation(self, seed: int, std_dev: float) -> NDArray[np.float32]:
+        """eps ~ N(0, std_dev^2 I), shape (P,), the same for the same seed everywhere."""
+        eps = np.random.default_rng(seed).standard_normal(self.parameter_count, np.float32)
+        return eps * np.float32(std_dev)
+
+
+def kernel_form(architecture: Architecture, psi: NDArray[np.float32]) -> SEKernel:
+    """psi (P,) arranged for the compiled step."""
+    return prepare(
+        architecture.networks,
+        architecture.split(np.ascontiguousarray(psi, np.float32)),
+        architecture.n_actions,
+        architecture.slope,
+    )

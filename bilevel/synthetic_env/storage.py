@@ -1,0 +1,137 @@
+"""SE files: safetensors with a JSON header.
+
+The tensors carry torch's names (`reward.0.weight`: network, layer, kind), the
+header tells task, architecture, hyperparameters, scores and versions. Reading one
+executes nothing, and believes nothing: names, shapes, types and numbers are checked.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import safetensors.numpy
+from numpy.typing import NDArray
+from safetensors import SafetensorError, safe_open
+
+from bilevel.errors import InvalidInput
+from bilevel.hyperparameters import SEHyperparameters
+from bilevel.kernels.mlp import layer_biases, layer_weights
+from bilevel.synthetic_env.architecture import NETWORKS, Architecture
+
+FORMAT = "bilevel-synthetic-environment"
+FORMAT_VERSION = 1
+
+
+@dataclass(frozen=True)
+class StoredSE:
+    """An SE with the task it stands in for.
+
+    `task` holds the facts an agent's training needs: id, step limit, solved
+    reward. `info` is free: hyperparameters, scores, versions.
+    """
+
+    architecture: Architecture
+    psi: NDArray[np.float32]  # (P,)
+    task_id: str
+    step_limit: int
+    solved_reward: float
+    info: Mapping[str, Any] = field(default_factory=dict)
+
+
+def save_se(se: StoredSE, path: Path) -> None:
+    """Write an SE file; an existing file is replaced at once or not at all."""
+    header = {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "task": se.task_id,
+        "step_limit": se.step_limit,
+        "solved_reward": se.solved_reward,
+        "architecture": asdict(se.architecture),
+        "info": se.info,
+    }
+    write_aside(
+        path, safetensors.numpy.save(_tensors(se.architecture, se.psi), {"se": json.dumps(header)})
+    )
+
+
+def load_se(path: Path) -> StoredSE:
+    """Read an SE file.
+
+    Raises InvalidInput if it is missing, damaged, or not an SE file.
+    """
+    try:
+        with safe_open(path, framework="numpy") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    except FileNotFoundError:
+        raise InvalidInput(f"no SE file at {str(path)!r}") from None
+    except (SafetensorError, OSError, ValueError, TypeError) as error:
+        raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {error}") from None
+    try:
+        header = json.loads(metadata["se"])
+        if header["format"] != FORMAT or header["version"] != FORMAT_VERSION:
+            raise ValueError(f"format {header['format']!r}, version {header['version']!r}")
+        sizes = header["architecture"]
+        SEHyperparameters(
+            hidden_layers=sizes["hidden_layers"],
+            hidden_size=sizes["hidden_size"],
+            activation=sizes["activation"],
+        )
+        for name in ("state_size", "n_actions"):
+            if type(sizes[name]) is not int or not 1 <= sizes[name] <= 65536:
+                raise ValueError(f"{name} {sizes[name]!r}")
+        architecture = Architecture(**sizes)
+        psi = _flat(architecture, tensors)
+        return StoredSE(
+            architecture,
+            psi,
+            str(header["task"]),
+            int(header["step_limit"]),
+            float(header["solved_reward"]),
+            dict(header["info"]),
+        )
+    except (KeyError, TypeError, ValueError, RecursionError) as error:
+        reason = str(error) or type(error).__name__
+        raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {reason}") from None
+
+
+def write_aside(path: Path, data: bytes) -> None:
+    """Write a file durably: aside, flushed, then renamed into place."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    aside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    with aside.open("wb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    aside.replace(path)
+
+
+def _tensors(
+    architecture: Architecture, psi: NDArray[np.float32]
+) -> dict[str, NDArray[np.float32]]:
+    named = {}
+    parts = architecture.split(psi)
+    for name, net, part in zip(NETWORKS, architecture.networks, parts, strict=True):
+        for layer in range(net.sizes.size - 1):
+            named[f"{name}.{layer}.weight"] = layer_weights(net, part, layer)
+            named[f"{name}.{layer}.bias"] = layer_biases(net, part, layer)
+    return named
+
+
+def _flat(
+    architecture: Architecture, tensors: Mapping[str, NDArray[Any]]
+) -> NDArray[np.float32]:
+    psi = np.zeros(architecture.parameter_count, np.float32)
+    views = _tensors(architecture, psi)
+    if tensors.keys() != views.keys():
+        raise ValueError(f"tensors {sorted(tensors.keys() ^ views.keys())[:3]} do not fit")
+    for name, view in views.items():
+        tensor = tensors[name]
+        if tensor.dtype != np.float32 or tensor.shape != view.shape:
+            raise ValueError(f"tensor {name} is {tensor.dtype}{list(tensor.shape)}")
+        view[...] = tensor
+    return psi

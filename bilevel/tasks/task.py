@@ -1,0 +1,167 @@
+"""A real task: a gymnasium environment and the facts the method needs of it.
+
+CartPole-v0 and Acrobot-v1 carry the paper's fixed values (Table "Fixed
+hyperparameters") and have compiled dynamics. Any other gymnasium id works too,
+if its observations are a flat Box and its actions Discrete; its dynamics are then
+run by gymnasium itself, which only the test episodes and initial states need.
+"""
+
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.errors import InvalidInput
+from bilevel.kernels import dynamics
+
+Policy = Callable[[NDArray[np.float32]], int]
+
+#: Initial states drawn from an environment that gymnasium runs (training
+#: episodes take them in turn); compiled tasks draw one an episode.
+GYMNASIUM_INITIAL_STATES = 200
+
+
+@dataclass(frozen=True)
+class Task:
+    """Facts of a real task.
+
+    `worst_score` is what an agent whose numbers diverged is given: the lowest
+    return the task knows.
+    """
+
+    id: str
+    state_size: int
+    n_actions: int
+    step_limit: int  # environment steps an episode lasts at most
+    solved_reward: float  # mean return at which the task counts as solved
+    worst_score: float
+    dynamics: int = dynamics.OBSERVED  # code of the compiled dynamics, if any
+
+    @property
+    def compiled(self) -> bool:
+        """Whether the task's dynamics are compiled."""
+        return self.dynamics != dynamics.OBSERVED
+
+    def make(self) -> gymnasium.Env[NDArray[np.float32], np.int64]:
+        """The gymnasium environment, ended at this task's step limit."""
+        return _make(self.id, self.step_limit)
+
+    def initial_physics(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+        """`n` draws (n, p) from the task's reset distribution.
+
+        For a compiled task they are states of the simulator; otherwise they are
+        observations, at most `GYMNASIUM_INITIAL_STATES` of them.
+        """
+        if self.dynamics == dynamics.CARTPOLE:
+            return rng.uniform(-0.05, 0.05, (n, 4))
+        if self.dynamics == dynamics.ACROBOT:
+            return rng.uniform(-0.1, 0.1, (n, 4)).astype(np.float32).astype(np.float64)
+        env = self.make()
+        rows = min(n, GYMNASIUM_INITIAL_STATES)
+        seed = int(rng.integers(2**31))
+        first = [env.reset(seed=seed)[0]]
+        states = np.array(first + [env.reset()[0] for _ in range(rows - 1)], np.float64)
+        env.close()
+        return states
+
+    def observe(self, physics: NDArray[np.float64]) -> NDArray[np.float32]:
+        """The observation (S,) of one row of `initial_physics`."""
+        state = np.empty(self.state_size, np.float32)
+        dynamics.observe(self.dynamics, physics, state)
+        return state
+
+    def test_returns(self, policy: Policy, episodes: int, seed: int) -> NDArray[np.float64]:
+        """Returns (episodes,) of `policy` on gymnasium's own environment."""
+        env = self.make()
+        returns = np.zeros(episodes)
+        for episode in range(episodes):
+            state, _ = env.reset(seed=seed if episode == 0 else None)
+            over = False
+            while not over:
+                action = env.action_space.start + policy(np.asarray(state, np.float32))  # type: ignore[attr-defined]
+                state, reward, terminated, truncated, _ = env.step(action)
+                returns[episode] += float(reward)
+                over = terminated or truncated
+        env.close()
+        return returns
+
+
+BUILT_IN_TASKS = {
+    task.id: task
+    for task in (
+        Task("CartPole-v0", 4, 2, 200, 195.0, 0.0, dynamics.CARTPOLE),
+        Task("Acrobot-v1", 6, 3, 500, -100.0, -500.0, dynamics.ACROBOT),
+    )
+}
+
+
+def get_task(
+    task_id: str, solved_reward: float | None = None, step_limit: int | None = None
+) -> Task:
+    """The task of that name: a built-in one, or any suitable gymnasium id.
+
+    `solved_reward` and `step_limit` replace (or supply) what the environment's
+    spec says. Where nothing better is known, the worst score of a task is 0 if
+    its solved reward is positive, else minus one a step.
+
+    Raises InvalidInput for an unknown id, unsuitable spaces, or when neither
+    argument nor spec tells the solved reward and the step limit.
+    """
+    built_in = BUILT_IN_TASKS.get(task_id)
+    if built_in is not None and solved_reward is None and step_limit is None:
+        return built_in
+    env, spec = _inspect(task_id)
+    solved = solved_reward if solved_reward is not None else spec.reward_threshold
+    limit = step_limit if step_limit is not None else spec.max_episode_steps
+    if solved is None:
+        raise InvalidInput(f"{task_id} has no reward threshold of its own: give its solved reward")
+    if limit is None or limit < 1:
+        raise InvalidInput(f"{task_id}: step limit must be at least 1, got {limit}")
+    observations, actions = env.observation_space, env.action_space
+    env.close()
+    if not isinstance(observations, gymnasium.spaces.Box) or len(observations.shape) != 1:
+        raise InvalidInput(
+            f"{task_id} has observations {observations}: allowed is a Box of one dimension"
+        )
+    if not isinstance(actions, gymnasium.spaces.Discrete):
+        raise InvalidInput(f"{task_id} has actions {actions}: allowed is Discrete")
+    return Task(
+        task_id,
+        observations.shape[0],
+        int(actions.n),
+        int(limit),
+        float(solved),
+        built_in.worst_score if built_in else (0.0 if solved > 0 else -float(limit)),
+        built_in.dynamics if built_in else dynamics.OBSERVED,
+    )
+
+
+def _inspect(
+    task_id: str,
+) -> tuple[gymnasium.Env[NDArray[np.float32], np.int64], gymnasium.envs.registration.EnvSpec]:
+    try:
+        env = _make(task_id, None)
+    except (gymnasium.error.Error, ImportError, ValueError) as error:
+        reason = str(error).splitlines()[0]
+        raise InvalidInput(
+            f"unknown task {task_id!r}: allowed are {', '.join(BUILT_IN_TASKS)} "
+            f"and gymnasium ids with a flat Box and Discrete actions ({reason})"
+        ) from None
+    assert env.spec is not None
+    return env, env.spec
+
+
+def _make(
+    task_id: str, step_limit: int | None
+) -> gymnasium.Env[NDArray[np.float32], np.int64]:
+    with warnings.catch_warnings():
+        # CartPole-v0 is the paper's task; that a v1 exists is no news here.
+        warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)
+        warnings.filterwarnings("ignore", ".*out of date", UserWarning)
+        env: gymnasium.Env[NDArray[np.float32], np.int64] = gymnasium.make(
+            task_id, max_episode_steps=step_limit
+        )
+        return env
