@@ -12,7 +12,7 @@ gymnasium environment `bilevel/SyntheticEnv-v0`.
 from bilevel.errors import InvalidInput
 from bilevel.gym_env import register
 
-__version__ = "0.1.0"
+from bilevel.version import __version__
 
 __all__ = ["InvalidInput", "__version__"]
 

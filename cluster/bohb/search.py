@@ -1,0 +1,182 @@
+"""BOHB as jobs and results: hpbandster's brackets and config generator, journaled.
+
+    replay the journal
+    repeat:
+        job    <- next_job()     # the next free place in any open bracket
+        result <- somebody runs it
+        register(job, loss)      # journal, then bracket, then model
+
+What is proposed depends on the seed, the number of the proposal, and the results
+that came before it; nothing else is remembered between processes.
+"""
+
+import time
+import warnings
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import ConfigSpace as CS
+import numpy as np
+from hpbandster.core.dispatcher import Job as HpbandsterJob
+from hpbandster.optimizers.config_generators.bohb import BOHB as ConfigGenerator
+from hpbandster.optimizers.iterations import SuccessiveHalving
+
+from cluster.bohb.brackets import bracket_rungs
+from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, ResultLine
+
+
+@dataclass(frozen=True)
+class Job:
+    """Run this configuration until it has `budget` generations."""
+
+    id: ConfigId
+    configuration: Configuration
+    budget: int
+    model_based: bool
+    submitted: float  # unix time, seconds
+
+
+class BracketSearch:
+    """The search over `space` with the given budget ladder, up to `brackets`."""
+
+    def __init__(
+        self,
+        space: CS.ConfigurationSpace,
+        ladder: list[int],
+        brackets: int,
+        seed: int,
+        journal: Journal,
+        model: bool = True,
+    ) -> None:
+        self._space = space
+        self._ladder = ladder
+        self._seed = seed
+        self._journal = journal
+        # A random fraction of 1 never asks the model: that is Hyperband.
+        self._generator = ConfigGenerator(space, random_fraction=1 / 3 if model else 1.0)
+        self._recorded: dict[int, deque[ConfigLine]] = {}
+        for line in journal.configs:
+            self._recorded.setdefault(line.id[0], deque()).append(line)
+        self._info = {line.id: line.info for line in journal.configs}
+        self._brackets = [self._bracket(number) for number in range(brackets)]
+        self._again = self._replay()
+
+    @property
+    def finished(self) -> bool:
+        """Whether every bracket has all its results."""
+        return not self._again and all(bracket.is_finished for bracket in self._brackets)
+
+    def next_job(self) -> Job | None:
+        """The next job, or None while all open rungs wait for results."""
+        if self._again:
+            return self._again.popleft()
+        for bracket in self._brackets:
+            job = self._next_of(bracket)
+            if job is not None:
+                return job
+        return None
+
+    def register(
+        self,
+        job: Job,
+        loss: float | None,
+        info: dict[str, Any] | None = None,
+        exception: str | None = None,
+    ) -> None:
+        """Record what came of a job; None is a failure and counts as the worst."""
+        now = time.time()
+        stamps = {"submitted": job.submitted, "started": job.submitted, "finished": now}
+        number = None if loss is None else float(loss)
+        line = ResultLine(job.id, job.budget, number, info or {}, stamps, exception)
+        self._journal.add_result(line)
+        self._apply(line, job.configuration)
+
+    def put_back(self, job: Job) -> None:
+        """A job that was interrupted is the next one again."""
+        self._again.append(job)
+
+    def _bracket(self, number: int) -> SuccessiveHalving:
+        rungs = bracket_rungs(number, self._ladder)
+        return SuccessiveHalving(
+            HPB_iter=number,
+            num_configs=[rung.configurations for rung in rungs],
+            budgets=[rung.budget for rung in rungs],
+            config_sampler=self._sampler(number),
+        )
+
+    def _sampler(
+        self, number: int
+    ) -> Callable[[float], tuple[Configuration, dict[str, Any]]]:
+        """What hpbandster calls for the next configuration of a bracket. It asks on
+        the lowest rung, and above it when failures left a place empty."""
+
+        def sample(budget: float) -> tuple[Configuration, dict[str, Any]]:
+            recorded = self._recorded.get(number)
+            if recorded:
+                line = recorded.popleft()
+                return line.configuration, line.info
+            configuration, info = self._propose(budget)
+            bracket = self._brackets[number]
+            place = (number, bracket.stage, bracket.actual_num_configs[bracket.stage])
+            self._journal.add_config(ConfigLine(place, configuration, info))
+            self._info[place] = info
+            return configuration, info
+
+        return sample
+
+    def _propose(self, budget: float) -> tuple[Configuration, dict[str, Any]]:
+        """Ask the config generator, with its randomness fixed by seed and number.
+
+        hpbandster draws from numpy's global generator, which is put back after.
+        """
+        words = np.random.SeedSequence([self._seed, len(self._journal.configs)]).generate_state(2)
+        before = np.random.get_state()
+        np.random.seed(words[0])
+        self._space.seed(int(words[1]))
+        try:
+            with warnings.catch_warnings():
+                # hpbandster uses names that ConfigSpace has deprecated; as errors
+                # they would silently turn model-based picks into random ones.
+                warnings.simplefilter("ignore")
+                configuration, info = self._generator.get_config(budget)
+        finally:
+            np.random.set_state(before)
+        return {name: _native(value) for name, value in configuration.items()}, dict(info)
+
+    def _next_of(self, bracket: SuccessiveHalving) -> Job | None:
+        run = bracket.get_next_run()
+        if run is None:
+            return None
+        config_id, configuration, budget = run
+        model_based = bool(self._info[config_id].get("model_based_pick", False))
+        return Job(config_id, configuration, int(budget), model_based, time.time())
+
+    def _apply(self, line: ResultLine, configuration: Configuration) -> None:
+        job = HpbandsterJob(line.id, config=configuration, budget=line.budget)
+        job.result = None if line.loss is None else {"loss": line.loss, "info": line.info}
+        job.timestamps = line.timestamps
+        job.exception = line.exception
+        self._brackets[line.id[0]].register_result(job)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            self._generator.new_result(job)
+
+    def _replay(self) -> deque[Job]:
+        """Bring brackets and model to where the journal ends; return the jobs that
+        had been started without a result."""
+        open_jobs: dict[tuple[ConfigId, int], Job] = {}
+        for line in self._journal.results:
+            while (line.id, line.budget) not in open_jobs:
+                job = self._next_of(self._brackets[line.id[0]])
+                assert job is not None, "the journal holds a result that nothing led to"
+                open_jobs[job.id, job.budget] = job
+            job = open_jobs.pop((line.id, line.budget))
+            self._apply(line, job.configuration)
+        return deque(open_jobs.values())
+
+
+def _native(value: Any) -> Any:
+    plain = value.item() if hasattr(value, "item") else value
+    return str(plain) if isinstance(plain, str) else plain

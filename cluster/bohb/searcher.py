@@ -1,0 +1,64 @@
+"""The search as Ray Tune sees it: a `Searcher` under Tune's plain FIFO scheduler.
+
+A Tune trial is one job (configuration, budget). A promoted configuration comes as
+a new trial that continues from the checkpoint of its lower rung.
+"""
+
+import time
+from typing import Any
+
+from ray.tune.search import Searcher
+
+from cluster.bohb.search import BracketSearch, Job
+
+#: Keys of what a trial reports.
+OBJECTIVE, BUDGET_REACHED = "objective", "budget_reached"
+
+
+class BohbSearcher(Searcher):  # type: ignore[misc]
+    """Hands out at most `concurrent` jobs at a time, none after `deadline`
+    (seconds of `time.monotonic`)."""
+
+    def __init__(self, search: BracketSearch, concurrent: int, deadline: float) -> None:
+        super().__init__(metric=OBJECTIVE, mode="max")
+        self._search = search
+        self._concurrent = concurrent
+        self._deadline = deadline
+        self.jobs: dict[str, Job] = {}  # of the live trials
+
+    @property
+    def time_is_up(self) -> bool:
+        """Whether the deadline has passed."""
+        return time.monotonic() >= self._deadline
+
+    def suggest(self, trial_id: str) -> dict[str, Any] | str | None:
+        """The next job, None while there is nothing to start, FINISHED at the end."""
+        if self.time_is_up or self._search.finished:
+            return str(Searcher.FINISHED)
+        if len(self.jobs) >= self._concurrent:
+            return None
+        job = self._search.next_job()
+        if job is None:
+            return None
+        self.jobs[trial_id] = job
+        return {"job": {"id": list(job.id), "configuration": job.configuration, "budget": job.budget}}
+
+    def on_trial_complete(
+        self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False
+    ) -> None:
+        """Register the trial's result; one that was stopped short will run again."""
+        job = self.jobs.pop(trial_id, None)
+        if job is None:
+            return
+        if error or result is None:
+            self._search.register(job, None, exception="the trial failed")
+        elif result.get(BUDGET_REACHED):
+            self._search.register(job, -float(result[OBJECTIVE]))
+        else:
+            self._search.put_back(job)
+
+    def save(self, checkpoint_path: str) -> None:
+        """Nothing: the journal is the search's state."""
+
+    def restore(self, checkpoint_path: str) -> None:
+        """Nothing: the journal is the search's state."""

@@ -1,0 +1,198 @@
+"""`bilevel nes`: one NES run on the cluster, tracked in MLflow."""
+
+import time
+from contextlib import contextmanager
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from ray.util.placement_group import placement_group, remove_placement_group
+from ray.util.scheduling_strategies import PlacementGroupSchedulingStrategy
+
+from bilevel.hyperparameters import Hyperparameters
+from bilevel.nes import NESState
+from bilevel.synthetic_env import save_se
+from bilevel.tasks import Task
+from cluster.final import LAST_FILE, hand_over, score_anew
+from cluster.home import Home, locked_settings
+from cluster.nes_loop import NESRun
+from cluster.pool import EvaluationPool
+from cluster.progress import Terminal, duration, generation_line
+from cluster.ray_cluster import cluster_cores, ray_cluster, require_capacity
+from cluster.tracking import Tracker, plots
+from cluster.tracking.tracker import check_tracking_uri
+
+#: Fresh agents that score the best SE at the end.
+FINAL_AGENTS = 10
+
+
+@dataclass(frozen=True)
+class NESCommand:
+    """Settings of one NES run besides its hyperparameters.
+
+    `solved_for`: generations in a row it must solve the task before it stops early.
+    """
+
+    task: Task
+    hp: Hyperparameters
+    seed: int
+    name: str
+    home: Home
+    tracking_uri: str
+    workers: int | None = None  # actors; None: one a core of the cluster
+    address: str | None = None
+    solved_for: int = 3
+
+    def settings(self) -> dict[str, object]:
+        """What must stay the same when the run is continued. The number of
+        generations may grow, the number of workers is free."""
+        hp = self.hp.to_dict()
+        del hp["nes"]["generations"]
+        return {"task": self.task.id, "seed": self.seed, **hp}
+
+
+@contextmanager
+def placed_pool(workers: int) -> Iterator[EvaluationPool]:
+    """A pool in a placement group of its own; both are gone afterwards."""
+    group = placement_group([{"CPU": 1}] * workers, strategy="PACK")
+    try:
+        strategy = PlacementGroupSchedulingStrategy(group)
+        with EvaluationPool(workers, scheduling_strategy=strategy) as pool:
+            yield pool
+    finally:
+        remove_placement_group(group)
+
+
+def run_nes(command: NESCommand) -> NESState:
+    """Run (or continue) until solved and stayed solved, or out of generations.
+
+    Raises InvalidInput before anything is written; Ctrl-C loses at most the
+    generation in flight.
+    """
+    folder = command.home.run_folder(command.task.id, command.name)
+    check_tracking_uri(command.tracking_uri)
+    with ray_cluster(command.address):
+        workers = command.workers or cluster_cores()
+        require_capacity(workers)
+        command.home.prepare()
+        with (
+            placed_pool(workers) as pool,
+            locked_settings(folder, command.settings()),
+            Terminal() as terminal,
+        ):
+            return _run(command, folder, pool, terminal)
+
+
+def _run(command: NESCommand, folder: Path, pool: EvaluationPool, terminal: Terminal) -> NESState:
+    task, hp = command.task, command.hp
+    run = NESRun(task, hp, command.seed, folder)
+    loaded = run.load()
+    tracker = Tracker(command.tracking_uri, task.id, command.home.artifacts)
+    run_id = tracker.open_run(
+        f"nes/{command.name}",
+        command.name,
+        {**hp.to_dict(), "seed": command.seed, "task": task.id},
+        {"bilevel.kind": "nes"},
+        description=_description(command),
+    )
+    terminal.line(
+        f"NES on {task.id}: population {hp.nes.population_size}, update {hp.nes.update}, "
+        f"at most {hp.nes.generations} generations, {pool.size} worker(s), "
+        f"seed {command.seed}"
+    )
+    terminal.line(f"folder {folder}; MLflow {tracker.uri}, experiment {task.id!r}")
+    if loaded is not None:
+        terminal.line(f"going on after generation {loaded.generation - 1}")
+    status = "KILLED"
+    try:
+        started = time.monotonic()
+        terminal.bar("choosing the start", 0, max(hp.nes.start_candidates, 1), "candidates")
+        state = loaded or run.open(pool, lambda result: terminal.step())
+        tracker.log_generations(run_id, state.records)
+        first = state.generation
+        while not _over(state, command):
+            left = hp.nes.generations - state.generation
+            rate = (time.monotonic() - started) / max(state.generation - first, 1)
+            note = f"ETA at most {duration(rate * left)}" if state.generation > first else ""
+            terminal.bar(
+                f"generation {state.generation}", 0, hp.nes.evaluations, "evaluations", note
+            )
+            state = run.advance(state, pool, lambda result: terminal.step())
+            tracker.log_generations(run_id, state.records[-1:])
+            terminal.line(generation_line(state.records[-1], state.best_score))
+        _finish(command, run, state, pool, tracker, run_id, terminal)
+        status = "FINISHED"
+        return state
+    except KeyboardInterrupt:
+        terminal.line("stopped; the same command goes on from the last finished generation")
+        raise
+    except Exception:
+        status = "FAILED"
+        raise
+    finally:
+        tracker.close_run(run_id, status)
+
+
+def _over(state: NESState, command: NESCommand) -> bool:
+    return (
+        state.generation >= command.hp.nes.generations
+        or state.solved_streak >= command.solved_for
+    )
+
+
+def _finish(
+    command: NESCommand,
+    run: NESRun,
+    state: NESState,
+    pool: EvaluationPool,
+    tracker: Tracker,
+    run_id: str,
+    terminal: Terminal,
+) -> None:
+    reason = (
+        f"solved for {state.solved_streak} generations in a row"
+        if state.solved_streak >= command.solved_for
+        else "all generations done"
+    )
+    minutes = duration(sum(record.generation_seconds for record in state.records))
+    terminal.line(
+        f"{reason}: {state.generation} generations in {minutes}; best SE from generation "
+        f"{state.best_generation} (score {state.best_score:.1f})"
+    )
+    hp = command.hp
+    se = run.stored_se(state)
+    terminal.bar("scoring the best SE anew", 0, FINAL_AGENTS, "agents")
+    score = score_anew(
+        command.task, se, hp.agent, FINAL_AGENTS, command.seed, pool, hp.vary_agent
+    )
+    last = run.folder / LAST_FILE
+    save_se(run.stored_se(state, best=False), last)
+    tracker.log_file(run_id, last)
+    title = f"{command.name} on {command.task.id}"
+    figure = plots.learning_curve(state.records, command.task, title)
+    tracker.log_figure(run_id, figure, "learning_curve.png")
+    figure.savefig(run.folder / "learning_curve.png", dpi=150)
+    tracker.log_metrics(
+        run_id, {"objective": state.objective, "budget": state.generation}, state.generation
+    )
+    path, address = hand_over(se, score, run.folder, tracker, run_id)
+    terminal.line(str(score))
+    terminal.line(f"best SE: {path}  ({address} in MLflow's model registry)")
+    terminal.line("look at the curves with `make ui`; use the SE with")
+    terminal.line(
+        f'  import bilevel, gymnasium; gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")'
+    )
+
+
+def _description(command: NESCommand) -> str:
+    nes = command.hp.nes
+    return (
+        f"One NES run on **{command.task.id}** ({nes.update} update, population "
+        f"{nes.population_size}, step size {nes.step_size:g}, std. dev. {nes.std_dev:g}, seed "
+        f"{command.seed}). Per generation: `score_*`, `train_*` and `solved_fraction` are of "
+        "agents trained on the unperturbed SE. It stops once the task has been solved for "
+        f"{command.solved_for} generations in a row, or after {nes.generations} generations; "
+        "`final_*` are of fresh agents trained on the best SE."
+    )
+
+

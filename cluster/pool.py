@@ -1,0 +1,117 @@
+"""A pool of Ray actors that answers evaluation requests.
+
+Requests are handed out one at a time, so no actor waits for a slow neighbour. An
+actor that dies is replaced and its request is run again, which changes nothing: an
+evaluation depends on its request alone.
+"""
+
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Self
+
+import numpy as np
+import ray
+from numpy.typing import NDArray
+from ray.exceptions import ActorDiedError, ActorUnavailableError, RayActorError
+
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
+from bilevel.synthetic_env import Architecture
+from bilevel.tasks import Task
+
+#: Deaths of actors on one and the same request after which it is given up: then it
+#: is the request (out of memory, say) and not the machine.
+MAX_DEATHS = 5
+
+
+class _Worker:
+    """Evaluates one request after the other."""
+
+    def evaluate(
+        self,
+        task: Task,
+        architecture: Architecture,
+        psi: NDArray[np.float32] | None,
+        request: EvaluationRequest,
+    ) -> EvaluationResult:
+        return evaluate(task, architecture, psi, request)
+
+
+class EvaluationPool:
+    """`workers` actors of one core each; a context manager that ends them.
+
+    `options` go to Ray with each actor (its scheduling strategy, for instance).
+    """
+
+    def __init__(self, workers: int, **options: Any) -> None:
+        self._options = {"num_cpus": 1, **options}
+        self._actors = [self._spawn() for _ in range(workers)]
+
+    @property
+    def size(self) -> int:
+        """Number of actors."""
+        return len(self._actors)
+
+    def _spawn(self) -> Any:
+        return ray.remote(_Worker).options(**self._options).remote()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """End all actors."""
+        for actor in self._actors:
+            ray.kill(actor)
+        self._actors = []
+
+    def run(
+        self,
+        task: Task,
+        architecture: Architecture,
+        psi: NDArray[np.float32] | None,
+        requests: Sequence[EvaluationRequest],
+        on_result: Callable[[EvaluationResult], None] = lambda result: None,
+    ) -> list[EvaluationResult]:
+        """Answers to all requests, in no particular order; psi (P,) is sent once.
+
+        Raises RuntimeError if actors keep dying on one request.
+        """
+        results = []
+        for result in self._results(task, architecture, psi, requests):
+            results.append(result)
+            on_result(result)
+        return results
+
+    def _results(
+        self,
+        task: Task,
+        architecture: Architecture,
+        psi: NDArray[np.float32] | None,
+        requests: Sequence[EvaluationRequest],
+    ) -> Iterator[EvaluationResult]:
+        shared = [ray.put(item) for item in (task, architecture, psi)]
+        waiting = deque(requests)
+        deaths: dict[int, int] = {}
+        running: dict[Any, tuple[int, EvaluationRequest]] = {}  # reference -> (actor, request)
+        idle = list(range(len(self._actors)))
+        while waiting or running:
+            while waiting and idle:
+                slot, request = idle.pop(), waiting.popleft()
+                reference = self._actors[slot].evaluate.remote(*shared, request)
+                running[reference] = (slot, request)
+            done, _ = ray.wait(list(running), num_returns=1)
+            slot, request = running.pop(done[0])
+            idle.append(slot)
+            try:
+                yield ray.get(done[0])
+            except (ActorDiedError, ActorUnavailableError, RayActorError) as error:
+                deaths[request.index] = deaths.get(request.index, 0) + 1
+                if deaths[request.index] >= MAX_DEATHS:
+                    raise RuntimeError(
+                        f"{MAX_DEATHS} actors died on evaluation {request.index}: {error}"
+                    ) from error
+                ray.kill(self._actors[slot])
+                self._actors[slot] = self._spawn()
+                waiting.appendleft(request)

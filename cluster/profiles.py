@@ -1,0 +1,61 @@
+"""How large a search is: named sets of settings, each overridable on the command line."""
+
+from dataclasses import dataclass, replace
+
+from bilevel.errors import one_of
+from bilevel.hyperparameters import Hyperparameters, load_preset
+from bilevel.hyperparameters.presets import PRESETS
+from bilevel.tasks import Task
+from search_spaces import SPACES
+
+
+@dataclass(frozen=True)
+class Profile:
+    """Size of a search.
+
+    `time_budget` in seconds ends the search (not a generation half-way); None
+    lets it run through all its brackets.
+    """
+
+    space: str
+    population: int
+    smallest_budget: int  # generations of the lowest rung
+    largest_budget: int  # generations of the highest rung
+    max_episodes: int  # an agent trains on an SE
+    start_candidates: int
+    brackets: int
+    time_budget: float | None
+    final_agents: int  # trained on the best SE at the end, with fresh seeds
+
+
+PROFILES = {
+    # All three layers in under two minutes on two cores: to see that it works.
+    "smoke": Profile("core", 2, 1, 3, 30, 1, 2, None, 4),
+    # A good configuration on a laptop, in the time of a lunch.
+    "local": Profile("core", 8, 2, 18, 1000, 16, 60, 45 * 60.0, 10),
+    # The paper's scale (Table "Fixed hyperparameters").
+    "paper": Profile("full", 16, 7, 200, 1000, 1, 12, None, 10),
+}
+
+
+def get_profile(name: str) -> Profile:
+    """The profile of that name. Raises InvalidInput for another name."""
+    if name not in PROFILES:
+        raise one_of("profile", name, PROFILES)
+    return PROFILES[name]
+
+
+def base_hyperparameters(profile: Profile, task: Task) -> Hyperparameters:
+    """What a configuration leaves unsaid: the task's preset, in the profile's size."""
+    tuned = "tuned" if task.id in ("CartPole-v0", "Acrobot-v1") else PRESETS[-1]
+    base = load_preset(tuned, task.id, SPACES[profile.space])
+    return replace(
+        base,
+        nes=replace(
+            base.nes,
+            population_size=profile.population,
+            generations=profile.largest_budget,
+            start_candidates=profile.start_candidates,
+        ),
+        agent=replace(base.agent, max_episodes=profile.max_episodes),
+    )
