@@ -11,7 +11,6 @@ gymnasium environment `bilevel/SyntheticEnv-v0`.
 
 from bilevel.errors import InvalidInput
 from bilevel.gym_env import register
-
 from bilevel.version import __version__
 
 __all__ = ["InvalidInput", "__version__"]

@@ -13,12 +13,13 @@ import click
 from bilevel.errors import InvalidInput
 from bilevel.tasks import Task
 
+_SECONDS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
 
-class _Duration(click.ParamType):
+
+class _Duration(click.ParamType[float]):
     """`90s`, `45m`, `2h`, or plain seconds; a float of seconds."""
 
     name = "duration"
-    _units = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -26,7 +27,7 @@ class _Duration(click.ParamType):
         match = re.fullmatch(r"(\d+(?:\.\d+)?)([smh]?)", str(value))
         if match is None or float(match[1]) == 0:
             self.fail(f"{value!r} is not a duration: allowed are 90s, 45m, 2h")
-        return float(match[1]) * self._units[match[2]]
+        return float(match[1]) * _SECONDS[match[2]]
 
 
 def _shared(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -116,7 +117,7 @@ def nes(
         raise one_of("agent", agent, AGENTS)
     preset = preset or ("tuned" if task in ("CartPole-v0", "Acrobot-v1") else "default")
     hp = load_preset(preset, the_task.id, update)
-    changes = {
+    changes: dict[str, Any] = {
         "population_size": population,
         "generations": generations,
         "start_candidates": start_candidates,
@@ -182,7 +183,7 @@ def bohb(
     size = get_profile(profile)
     if space is not None and space not in SPACES:
         raise one_of("search space", space, SPACES)
-    changes = {
+    changes: dict[str, Any] = {
         "space": space,
         "population": population,
         "brackets": brackets,

@@ -82,4 +82,6 @@ def hand_over(
     save_se(replace(se, info={**se.info, **score.metrics()}), path)
     tracker.log_file(run_id, path)
     tracker.log_metrics(run_id, score.metrics(), 0)
-    return path, tracker.register_se(run_id, path, se.task_id, score.metrics())
+    return path, tracker.register_se(
+        run_id, path, se.task_id, {k: f"{v:.6g}" for k, v in score.metrics().items()}
+    )

@@ -1,8 +1,8 @@
 """`bilevel nes`: one NES run on the cluster, tracked in MLflow."""
 
 import time
-from contextlib import contextmanager
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -135,8 +135,7 @@ def _run(command: NESCommand, folder: Path, pool: EvaluationPool, terminal: Term
 
 def _over(state: NESState, command: NESCommand) -> bool:
     return (
-        state.generation >= command.hp.nes.generations
-        or state.solved_streak >= command.solved_for
+        state.generation >= command.hp.nes.generations or state.solved_streak >= command.solved_for
     )
 
 
@@ -162,9 +161,7 @@ def _finish(
     hp = command.hp
     se = run.stored_se(state)
     terminal.bar("scoring the best SE anew", 0, FINAL_AGENTS, "agents")
-    score = score_anew(
-        command.task, se, hp.agent, FINAL_AGENTS, command.seed, pool, hp.vary_agent
-    )
+    score = score_anew(command.task, se, hp.agent, FINAL_AGENTS, command.seed, pool, hp.vary_agent)
     last = run.folder / LAST_FILE
     save_se(run.stored_se(state, best=False), last)
     tracker.log_file(run_id, last)
@@ -194,5 +191,3 @@ def _description(command: NESCommand) -> str:
         f"{command.solved_for} generations in a row, or after {nes.generations} generations; "
         "`final_*` are of fresh agents trained on the best SE."
     )
-
-

@@ -14,10 +14,12 @@ import ConfigSpace as CS
 from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters import ACTIVATIONS, SCORE_TRANSFORMS, Hyperparameters
 
+Dimension = CS.hyperparameters.Hyperparameter[Any, Any]
+
 _INVERSE = "1-"
 
 
-def _full() -> list[CS.hyperparameters.Hyperparameter]:
+def _full() -> list[Dimension]:
     """The 18 hyperparameters of Table 1, with its ranges and scales."""
     return [
         CS.Float("nes.step_size", (0.1, 1.0), log=True),
@@ -41,7 +43,7 @@ def _full() -> list[CS.hyperparameters.Hyperparameter]:
     ]
 
 
-def _core() -> list[CS.hyperparameters.Hyperparameter]:
+def _core() -> list[Dimension]:
     """Six that a search of an hour can tell apart: the model needs 2 * (6 + 1)
     results at one budget. NES ranges are those of the antithetic update."""
     return [

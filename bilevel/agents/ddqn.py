@@ -20,6 +20,7 @@ order, and a test holds them together through whole training runs.
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Protocol
 
 import numpy as np
@@ -39,9 +40,7 @@ class QNetwork(nn.Module):
     def __init__(self, state_size: int, n_actions: int, hp: DDQNHyperparameters) -> None:
         super().__init__()
         sizes = [state_size, *[hp.hidden_size] * hp.hidden_layers, n_actions]
-        self.layers = nn.ModuleList(
-            nn.Linear(n_in, n_out) for n_in, n_out in zip(sizes[:-1], sizes[1:], strict=True)
-        )
+        self.layers = nn.ModuleList(nn.Linear(n_in, n_out) for n_in, n_out in pairwise(sizes))
         self.activation = activation_module(hp.activation)
 
     def forward(self, x: Tensor) -> Tensor:

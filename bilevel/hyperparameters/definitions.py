@@ -44,9 +44,7 @@ class NESHyperparameters(Validated):
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.update == "antithetic" and not self.mirrored_sampling:
-            raise InvalidInput(
-                "NES update 'antithetic' needs mirrored_sampling true; got false"
-            )
+            raise InvalidInput("NES update 'antithetic' needs mirrored_sampling true; got false")
 
     @property
     def evaluations(self) -> int:

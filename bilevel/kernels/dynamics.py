@@ -102,7 +102,9 @@ def _acrobot_step(physics, action):
     h = dt / 2
     a2, b2, c2, d2 = _acrobot_derivatives(a + h * a1, b + h * b1, c + h * c1, d + h * d1, torque)
     a3, b3, c3, d3 = _acrobot_derivatives(a + h * a2, b + h * b2, c + h * c2, d + h * d2, torque)
-    a4, b4, c4, d4 = _acrobot_derivatives(a + dt * a3, b + dt * b3, c + dt * c3, d + dt * d3, torque)
+    a4, b4, c4, d4 = _acrobot_derivatives(
+        a + dt * a3, b + dt * b3, c + dt * c3, d + dt * d3, torque
+    )
     theta1 = _wrap(a + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4))
     theta2 = _wrap(b + dt / 6 * (b1 + 2 * b2 + 2 * b3 + b4))
     dtheta1 = c + dt / 6 * (c1 + 2 * c2 + 2 * c3 + c4)

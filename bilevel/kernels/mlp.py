@@ -55,7 +55,9 @@ class Network(NamedTuple):
         return int(self.offsets[-1]) + (self.activation == PRELU)
 
 
-def network(inputs: int, hidden_size: int, hidden_layers: int, outputs: int, activation: str) -> Network:
+def network(
+    inputs: int, hidden_size: int, hidden_layers: int, outputs: int, activation: str
+) -> Network:
     """Describe an MLP with `hidden_layers` layers of `hidden_size` units."""
     sizes = np.array([inputs] + [hidden_size] * hidden_layers + [outputs], np.int64)
     layer_lengths = sizes[:-1] * sizes[1:] + sizes[1:]

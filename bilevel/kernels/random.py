@@ -46,7 +46,7 @@ class SplitMix64:
         self.state = np.array([seed], np.uint64)
 
     def _bits(self, size: int) -> NDArray[np.uint64]:
-        z = self.state + _GAMMA * np.arange(1, size + 1, dtype=np.uint64)
+        z: NDArray[np.uint64] = self.state + _GAMMA * np.arange(1, size + 1, dtype=np.uint64)
         self.state = z[-1:].copy()
         z = (z ^ (z >> _S30)) * _MIX1
         z = (z ^ (z >> _S27)) * _MIX2

@@ -71,7 +71,9 @@ class NES:
 
     def start(self, results: Sequence[EvaluationResult] = ()) -> NESState:
         """The state before the first generation."""
-        scores = finite(np.array([r.score for r in sorted(results, key=lambda r: r.index)] or [0.0]))
+        scores = finite(
+            np.array([r.score for r in sorted(results, key=lambda r: r.index)] or [0.0])
+        )
         rng = np.random.default_rng(self._seed(_START, int(scores.argmax())))
         psi = self.architecture.initialize(rng)
         return NESState(psi=psi, best_psi=psi)
@@ -79,7 +81,7 @@ class NES:
     def ask(self, state: NESState) -> list[EvaluationRequest]:
         """The evaluations of the next generation: n_p on psi itself, n_p on
         psi + eps_i, and with mirrored sampling n_p on psi - eps_i."""
-        requests = []
+        requests: list[EvaluationRequest] = []
         for sign in (0, 1, -1) if self.hp.nes.mirrored_sampling else (0, 1):
             for member in range(self.hp.nes.population_size):
                 index = len(requests)

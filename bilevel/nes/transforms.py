@@ -22,28 +22,27 @@ def finite(scores: Scores) -> Scores:
 
 def linear(scores: Scores, average: float) -> Scores:
     """Lowest score 0, highest 1."""
-    span = np.ptp(scores)
+    span = float(np.ptp(scores))
     return (scores - scores.min()) / span if span > 0 else np.zeros_like(scores)
 
 
 def rank(scores: Scores, average: float) -> Scores:
     """Lowest rank 0, highest 1."""
-    n = scores.size
-    return (rankdata(scores) - 1) / (n - 1) if n > 1 else np.zeros(n)
+    return (_ranks(scores) - 1) / max(scores.size - 1, 1)
 
 
 def nes(scores: Scores, average: float) -> Scores:
     """NES utilities (Wierstra et al., 2008) less their mean 1/n, highest 1."""
     utilities = _log_rank_utilities(scores)
     utilities = utilities / utilities.sum() - 1 / scores.size
-    highest = utilities.max()
+    highest = float(utilities.max())
     return utilities / highest if highest > 0 else np.zeros_like(scores)
 
 
 def nes_unnormalized(scores: Scores, average: float) -> Scores:
     """NES utilities without the baseline, highest 1."""
     utilities = _log_rank_utilities(scores)
-    return utilities / utilities.max()
+    return utilities / float(utilities.max())
 
 
 def single_best(scores: Scores, average: float) -> Scores:
@@ -73,13 +72,19 @@ def better_average_sum(scores: Scores, average: float) -> Scores:
 
 def centred_rank(scores: Scores) -> Scores:
     """Ranks scaled to [-0.5, 0.5]; the antithetic estimator's utilities."""
-    n = scores.size
-    return (rankdata(finite(scores)) - 1) / (n - 1) - 0.5 if n > 1 else np.zeros(n)
+    return rank(finite(scores), 0.0) - 0.5
+
+
+def _ranks(scores: Scores) -> Scores:
+    """Ranks from 1 (lowest) to n; equal scores share their mean rank."""
+    ranks: Scores = rankdata(scores)
+    return ranks
 
 
 def _log_rank_utilities(scores: Scores) -> Scores:
-    from_best = rankdata(-scores)
-    return np.maximum(0.0, np.log(scores.size / 2 + 1) - np.log(from_best))
+    from_best = _ranks(-scores)
+    utilities: Scores = np.maximum(0.0, np.log(scores.size / 2 + 1) - np.log(from_best))
+    return utilities
 
 
 _TRANSFORMS: dict[str, Callable[[Scores, float], Scores]] = {

@@ -42,9 +42,7 @@ class Architecture:
     @classmethod
     def of(cls, task: Task, hp: SEHyperparameters) -> "Architecture":
         """The architecture of an SE for `task`."""
-        return cls(
-            task.state_size, task.n_actions, hp.hidden_layers, hp.hidden_size, hp.activation
-        )
+        return cls(task.state_size, task.n_actions, hp.hidden_layers, hp.hidden_size, hp.activation)
 
     @property
     def slope(self) -> float:

@@ -122,9 +122,7 @@ def _tensors(
     return named
 
 
-def _flat(
-    architecture: Architecture, tensors: Mapping[str, NDArray[Any]]
-) -> NDArray[np.float32]:
+def _flat(architecture: Architecture, tensors: Mapping[str, NDArray[Any]]) -> NDArray[np.float32]:
     psi = np.zeros(architecture.parameter_count, np.float32)
     views = _tensors(architecture, psi)
     if tensors.keys() != views.keys():

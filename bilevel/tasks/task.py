@@ -154,9 +154,7 @@ def _inspect(
     return env, env.spec
 
 
-def _make(
-    task_id: str, step_limit: int | None
-) -> gymnasium.Env[NDArray[np.float32], np.int64]:
+def _make(task_id: str, step_limit: int | None) -> gymnasium.Env[NDArray[np.float32], np.int64]:
     with warnings.catch_warnings():
         # CartPole-v0 is the paper's task; that a v1 exists is no news here.
         warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)

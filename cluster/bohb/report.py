@@ -5,6 +5,7 @@ A Ray Tune callback in the driver, the only one who writes to MLflow.
 
 import io
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ray.tune import Callback
@@ -15,7 +16,7 @@ from bilevel.synthetic_env import save_se
 from cluster.bohb.brackets import bracket_table, generations_to_run
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.search import Job
-from cluster.bohb.searcher import BUDGET_REACHED, OBJECTIVE, BohbSearcher
+from cluster.bohb.searcher import BUDGET_REACHED, OBJECTIVE, BohbSearcher, DriverOnly
 from cluster.bohb.trial import configuration_name, configuration_run
 from cluster.final import BEST_FILE, LAST_FILE, FinalScore, hand_over
 from cluster.nes_loop import NESRun
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 _PICTURE_EVERY = 20.0
 
 
-class StudyReport(Callback):  # type: ignore[misc]
+class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     """Follows the trials of one study."""
 
     def __init__(
@@ -110,7 +111,9 @@ class StudyReport(Callback):  # type: ignore[misc]
         """Report the incumbent, and the best SE with its fresh score."""
         s = self._settings
         self._pictures(force=True)
-        path, address = hand_over(run.stored_se(state), score, s.folder, self._tracker, self._parent)
+        path, address = hand_over(
+            run.stored_se(state), score, s.folder, self._tracker, self._parent
+        )
         line = self._terminal.line
         picks = [bool(config.info.get("model_based_pick")) for config in self._journal.configs]
         line(
@@ -125,7 +128,9 @@ class StudyReport(Callback):  # type: ignore[misc]
                 f"{-_loss(incumbent):.1f} over {incumbent.budget} generations"
             )
             for name, value in values.items():
-                line(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")
+                line(
+                    f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}"
+                )
         line(str(score))
         line(f"best SE: {path}  ({address} in MLflow's model registry)")
         line("look at everything with `make ui`; the same command adds brackets to the study")
@@ -168,9 +173,7 @@ class StudyReport(Callback):  # type: ignore[misc]
         self._generations += 1
         self._show(job, records[-1])
 
-    def on_trial_complete(
-        self, iteration: int, trials: list[Any], trial: Any, **info: Any
-    ) -> None:
+    def on_trial_complete(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
         """Log the result of the job, and refresh the pictures."""
         job = self._jobs[trial.trial_id]
         result = trial.last_result or {}
@@ -195,7 +198,7 @@ class StudyReport(Callback):  # type: ignore[misc]
         job = self._jobs.get(trial.trial_id)
         if job is None:
             return
-        reason = str(trial.get_error() or "unknown error").strip()
+        reason = Path(trial.error_file).read_text().strip()
         run_id = self._runs[configuration_name(job.id)]
         self._tracker.log_text(run_id, reason, "error.txt")
         self._tracker.set_tags(run_id, {"bilevel.error": reason.splitlines()[-1][:250]})
@@ -228,7 +231,9 @@ class StudyReport(Callback):  # type: ignore[misc]
         )
         done = len(self._journal.results)
         total = sum(rung.configurations for rung in self._rungs)
-        self._terminal.bar(f"bracket {job.id[0] + 1}/{self._brackets}", done, total, "results", note)
+        self._terminal.bar(
+            f"bracket {job.id[0] + 1}/{self._brackets}", done, total, "results", note
+        )
 
     def _result_line(self, job: Job, objective: float, best_score: float) -> None:
         rungs = [rung.budget for rung in self._rungs if rung.bracket == job.id[0]]
@@ -276,7 +281,10 @@ class StudyReport(Callback):  # type: ignore[misc]
             tracker.log_file(parent, path, "journal")
         incumbent = self._incumbent()
         if incumbent is not None:
-            values = {"incumbent_objective": -_loss(incumbent), "incumbent_budget": incumbent.budget}
+            values = {
+                "incumbent_objective": -_loss(incumbent),
+                "incumbent_budget": incumbent.budget,
+            }
             tracker.log_metrics(parent, values, len(self._journal.results))
             tracker.set_tags(parent, {"bilevel.incumbent": configuration_name(incumbent.id)})
 

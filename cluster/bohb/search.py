@@ -20,7 +20,7 @@ from typing import Any
 import ConfigSpace as CS
 import numpy as np
 from hpbandster.core.dispatcher import Job as HpbandsterJob
-from hpbandster.optimizers.config_generators.bohb import BOHB as ConfigGenerator
+from hpbandster.optimizers.config_generators.bohb import BOHB
 from hpbandster.optimizers.iterations import SuccessiveHalving
 
 from cluster.bohb.brackets import bracket_rungs
@@ -55,7 +55,7 @@ class BracketSearch:
         self._seed = seed
         self._journal = journal
         # A random fraction of 1 never asks the model: that is Hyperband.
-        self._generator = ConfigGenerator(space, random_fraction=1 / 3 if model else 1.0)
+        self._generator = BOHB(space, random_fraction=1 / 3 if model else 1.0)
         self._recorded: dict[int, deque[ConfigLine]] = {}
         for line in journal.configs:
             self._recorded.setdefault(line.id[0], deque()).append(line)
@@ -106,9 +106,7 @@ class BracketSearch:
             config_sampler=self._sampler(number),
         )
 
-    def _sampler(
-        self, number: int
-    ) -> Callable[[float], tuple[Configuration, dict[str, Any]]]:
+    def _sampler(self, number: int) -> Callable[[float], tuple[Configuration, dict[str, Any]]]:
         """What hpbandster calls for the next configuration of a bracket. It asks on
         the lowest rung, and above it when failures left a place empty."""
 

@@ -15,7 +15,15 @@ from cluster.bohb.search import BracketSearch, Job
 OBJECTIVE, BUDGET_REACHED = "objective", "budget_reached"
 
 
-class BohbSearcher(Searcher):  # type: ignore[misc]
+class DriverOnly:
+    """For what Ray Tune is given: Tune pickles it, to restore experiments from; here
+    they are restored from the journal, so there is nothing to pickle."""
+
+    def __getstate__(self) -> dict[str, Any]:
+        return {}
+
+
+class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
     """Hands out at most `concurrent` jobs at a time, none after `deadline`
     (seconds of `time.monotonic`)."""
 
@@ -41,7 +49,9 @@ class BohbSearcher(Searcher):  # type: ignore[misc]
         if job is None:
             return None
         self.jobs[trial_id] = job
-        return {"job": {"id": list(job.id), "configuration": job.configuration, "budget": job.budget}}
+        return {
+            "job": {"id": list(job.id), "configuration": job.configuration, "budget": job.budget}
+        }
 
     def on_trial_complete(
         self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False

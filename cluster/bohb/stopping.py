@@ -6,7 +6,7 @@ from typing import Any, Self
 
 from ray import tune
 
-from cluster.bohb.searcher import BohbSearcher
+from cluster.bohb.searcher import BohbSearcher, DriverOnly
 from cluster.progress import Terminal
 
 
@@ -34,7 +34,7 @@ class InterruptGuard:
         self._terminal.line("stopping after what is in flight; once more stops at once")
 
 
-class StudyStopper(tune.Stopper):  # type: ignore[misc]
+class StudyStopper(DriverOnly, tune.Stopper):  # type: ignore[misc]
     """Stops all trials when the time is up or the user asked for it."""
 
     def __init__(self, searcher: BohbSearcher, guard: InterruptGuard) -> None:

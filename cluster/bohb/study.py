@@ -1,5 +1,6 @@
 """`bilevel bohb`: a study, that is BOHB over NES runs, tracked in MLflow."""
 
+import logging
 import os
 import time
 from collections.abc import Iterator
@@ -32,6 +33,9 @@ from search_spaces import search_space
 #: Seconds of a time budget that are kept for the end: stopping the trials, scoring
 #: the best SE anew, registering it.
 _RESERVE = 60.0
+
+#: How often a trial that fails is started again before it counts as failed.
+_RETRIES = 2
 
 
 @dataclass(frozen=True)
@@ -177,6 +181,10 @@ def _tune(
                 storage_path=str(settings.folder),
                 callbacks=[report],
                 stop=stopper,
+                # The run's own checkpoint is on disk after every generation: a trial
+                # that is started again continues from it.
+                checkpoint_config=tune.CheckpointConfig(checkpoint_at_end=False),
+                failure_config=tune.FailureConfig(max_failures=_RETRIES),
                 verbose=0,
             ),
         ).fit()
@@ -184,8 +192,11 @@ def _tune(
 
 @contextmanager
 def _quiet_tune() -> Iterator[None]:
-    """Tune without its own files and signal handling: the journal and the
-    checkpoints are the study's state, `InterruptGuard` its Ctrl-C."""
+    """Tune without its own files, messages and signal handling: the journal and the
+    checkpoints are the study's state, the report its voice, `InterruptGuard` its
+    Ctrl-C."""
+    for name in ("ray.tune", "hpbandster"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
     wanted = {
         "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",
         "TUNE_DISABLE_SIGINT_HANDLER": "1",

@@ -82,6 +82,12 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
             "done": reached,
         }
 
+    def save_checkpoint(self, checkpoint_dir: str) -> None:
+        """Nothing for Tune to keep: the run's state is in the study's folder."""
+
+    def load_checkpoint(self, checkpoint: Any) -> None:
+        """Nothing: see `save_checkpoint`."""
+
     def cleanup(self) -> None:
         """End the pool."""
         self._pool.close()

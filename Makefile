@@ -1,0 +1,56 @@
+# `make` lists the targets. Each one sets up what it needs first; a second call
+# starts at once. ARGS="..." passes options through: make bohb-cartpole ARGS="--seed 1"
+
+PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3.13 || echo python3)
+VENV := .venv
+BIN := $(VENV)/bin
+INSTALLED := $(VENV)/.installed
+ARGS ?=
+
+.DEFAULT_GOAL := help
+.PHONY: help setup bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot ui test check format clean
+
+help: ## List the targets
+	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /|/' | column -t -s '|'
+
+setup: $(INSTALLED) ## Set up the virtual environment (the other targets do it by themselves)
+
+$(INSTALLED): pyproject.toml constraints.txt
+	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"Python 3.11 to 3.13 is needed, $(PYTHON) is {v[0]}.{v[1]}: make PYTHON=...")'
+	@echo "setting up $(VENV) (once, a few minutes)"
+	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@$(BIN)/python -m pip install --quiet --no-deps --requirement constraints.txt
+	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	@echo "compiling the kernels (once)"
+	@$(BIN)/python -m bilevel.kernels.compile
+	@touch $@
+
+bohb-cartpole: $(INSTALLED) ## BOHB over NES on CartPole-v0, local Ray, results in MLflow
+	@$(BIN)/bilevel bohb CartPole-v0 $(ARGS)
+
+bohb-acrobot: $(INSTALLED) ## The same on Acrobot-v1
+	@$(BIN)/bilevel bohb Acrobot-v1 $(ARGS)
+
+nes-cartpole: $(INSTALLED) ## One NES run on CartPole-v0 with tuned hyperparameters: an SE in minutes
+	@$(BIN)/bilevel nes CartPole-v0 $(ARGS)
+
+nes-acrobot: $(INSTALLED) ## The same on Acrobot-v1
+	@$(BIN)/bilevel nes Acrobot-v1 $(ARGS)
+
+ui: $(INSTALLED) ## The MLflow UI on these runs
+	@$(BIN)/bilevel ui $(ARGS)
+
+test: check ## Format, lint, types, and all tests
+	@$(BIN)/python -m pytest $(ARGS)
+
+check: $(INSTALLED) ## Format, lint and types
+	@$(BIN)/ruff format --check --quiet .
+	@$(BIN)/ruff check --quiet .
+	@$(BIN)/mypy bilevel search_spaces cluster tests
+
+format: $(INSTALLED) ## Format and sort imports
+	@$(BIN)/ruff check --fix --quiet .
+	@$(BIN)/ruff format --quiet .
+
+clean: ## Remove the virtual environment and caches (not the runs)
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis *.egg-info

@@ -1,0 +1,22 @@
+"""Compile all kernels once, into the disk cache: `python -m bilevel.kernels.compile`."""
+
+from dataclasses import replace
+
+from bilevel.evaluation import EvaluationRequest, evaluate, train_and_test
+from bilevel.hyperparameters import load_preset
+from bilevel.synthetic_env import Architecture
+from bilevel.tasks import get_task
+
+
+def main() -> None:
+    """Run the smallest evaluation that goes through every kernel."""
+    task = get_task("CartPole-v0")
+    hp = load_preset("tuned", task.id)
+    agent = replace(hp.agent, max_episodes=2, init_episodes=0, test_episodes=1)
+    request = EvaluationRequest(0, 0, agent, start_seed=0)
+    evaluate(task, Architecture.of(task, hp.se), None, request)
+    train_and_test(task, None, agent, 0)
+
+
+if __name__ == "__main__":
+    main()
