@@ -144,7 +144,8 @@ def train_and_test(
 
 
 #: Stands where the kernel expects an SE and reads none.
-_NO_SE = (Architecture(1, 1, 1, 1, "tanh"), np.zeros(12, np.float32))
+_SMALLEST = Architecture(1, 1, 1, 1, "tanh")
+_NO_SE = (_SMALLEST, np.zeros(_SMALLEST.parameter_count, np.float32))
 
 
 def settings(hp: DDQNHyperparameters) -> ddqn.Settings:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from bilevel.kernels import dynamics
 from bilevel.kernels.adam import adam_step, soft_update
-from bilevel.kernels.jit import compiled
+from bilevel.kernels.jit import compiled, is_finite
 from bilevel.kernels.mlp import Network, backward, forward, forward_single
 from bilevel.kernels.random import below, uniform
 from bilevel.kernels.replay import sample, store
@@ -233,7 +233,7 @@ def train(learner, environment, test_environment, settings, rng):
                 dynamics.observe(environment.dynamics, physics, next_state)
                 reward = np.float32(real_reward)
                 done = np.float32(1) if terminated else np.float32(0)
-            if not np.isfinite(reward + done + next_state.sum()):
+            if not is_finite(reward + done + next_state.sum()):
                 return steps, episode, NOT_FINITE
             store(memory, steps, state, action, next_state, reward, done)
             state[:] = next_state
@@ -258,7 +258,7 @@ def train(learner, environment, test_environment, settings, rng):
                     settings.discount,
                     settings.target_update_rate,
                 )
-                if not np.isfinite(loss):
+                if not is_finite(loss):
                     return steps, episode, NOT_FINITE
             if terminated:
                 break

@@ -1,9 +1,13 @@
 """The compiler settings that every kernel shares."""
 
+import hashlib
+import os
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numba
+import numpy as np
 
 #: Reordering and contraction are allowed; `nnan` and `ninf` are left out on
 #: purpose: with them a NaN compares as anything, and a diverged agent must be
@@ -11,10 +15,44 @@ import numba
 FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
 
 
+def _cache_folder() -> str:
+    """Where machine code is kept: per state of the kernels' sources.
+
+    Numba notices when the file of a function changes, but not when a function that
+    it calls does, in another file; a digest of all kernels does.
+    """
+    here = Path(__file__).parent
+    digest = hashlib.sha256()
+    for source in sorted(here.glob("*.py")):
+        digest.update(source.read_bytes())
+    name = f"kernels-{digest.hexdigest()[:16]}"
+    beside = here / "__pycache__"
+    if os.access(beside if beside.exists() else here, os.W_OK):
+        return str(beside / name)
+    return str(Path.home() / ".cache" / "bilevel" / name)
+
+
+_CACHE_FOLDER = _cache_folder()
+
+
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile with Numba on first call; the machine code is cached on disk, so
     later processes (every actor on the node) load it instead of compiling."""
-    jitted: Callable[..., Any] = numba.njit(
-        function, cache=True, nogil=True, error_model="numpy", fastmath=FAST_MATH
-    )
+    before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _CACHE_FOLDER
+    try:
+        jitted: Callable[..., Any] = numba.njit(
+            function, cache=True, nogil=True, error_model="numpy", fastmath=FAST_MATH
+        )
+    finally:
+        numba.config.CACHE_DIR = before
     return jitted
+
+
+@compiled
+def is_finite(x):
+    """Whether a float is neither infinite nor NaN.
+
+    A comparison, because `np.isfinite` computes `x - x`, which reassociation turns
+    into 0 whatever x is.
+    """
+    return abs(x) < np.inf

@@ -54,7 +54,7 @@ def single_best(scores: Scores, average: float) -> Scores:
 
 def single_better_average(scores: Scores, average: float) -> Scores:
     """1 for the best member if it is better than average, 0 for all others."""
-    return single_best(scores, average) * (scores.max() > average)
+    return single_best(scores, average) * float(scores.max() > average)
 
 
 def better_average(scores: Scores, average: float) -> Scores:

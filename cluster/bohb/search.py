@@ -13,7 +13,8 @@ that came before it; nothing else is remembered between processes.
 import time
 import warnings
 from collections import deque
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -55,7 +56,8 @@ class BracketSearch:
         self._seed = seed
         self._journal = journal
         # A random fraction of 1 never asks the model: that is Hyperband.
-        self._generator = BOHB(space, random_fraction=1 / 3 if model else 1.0)
+        with _hpbandsters_warnings_ignored():
+            self._generator = BOHB(space, random_fraction=1 / 3 if model else 1.0)
         self._recorded: dict[int, deque[ConfigLine]] = {}
         for line in journal.configs:
             self._recorded.setdefault(line.id[0], deque()).append(line)
@@ -134,10 +136,7 @@ class BracketSearch:
         np.random.seed(words[0])
         self._space.seed(int(words[1]))
         try:
-            with warnings.catch_warnings():
-                # hpbandster uses names that ConfigSpace has deprecated; as errors
-                # they would silently turn model-based picks into random ones.
-                warnings.simplefilter("ignore")
+            with _hpbandsters_warnings_ignored():
                 configuration, info = self._generator.get_config(budget)
         finally:
             np.random.set_state(before)
@@ -157,8 +156,7 @@ class BracketSearch:
         job.timestamps = line.timestamps
         job.exception = line.exception
         self._brackets[line.id[0]].register_result(job)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
+        with _hpbandsters_warnings_ignored():
             self._generator.new_result(job)
 
     def _replay(self) -> deque[Job]:
@@ -173,6 +171,15 @@ class BracketSearch:
             job = open_jobs.pop((line.id, line.budget))
             self._apply(line, job.configuration)
         return deque(open_jobs.values())
+
+
+@contextmanager
+def _hpbandsters_warnings_ignored() -> Iterator[None]:
+    """hpbandster uses names that ConfigSpace has deprecated; were warnings errors,
+    they would silently turn model-based picks into random ones."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        yield
 
 
 def _native(value: Any) -> Any:

@@ -1,0 +1,201 @@
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bilevel import InvalidInput
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
+from bilevel.hyperparameters import SCORE_TRANSFORMS, UPDATES, Hyperparameters
+from bilevel.nes import NES, NESState
+from bilevel.nes.updates import MemberScores, update_step
+from bilevel.tasks import Task
+
+
+def answer(request: EvaluationRequest, score: float, finite: bool = True) -> EvaluationResult:
+    return EvaluationResult(request.index, score, 100, 10, finite, 0.01)
+
+
+@pytest.fixture
+def nes(cartpole: Task, small_hp: Hyperparameters) -> NES:
+    return NES(cartpole, small_hp, seed=4)
+
+
+class TestAsk:
+    def test_centre_plus_and_minus(self, nes: NES) -> None:
+        requests = nes.ask(nes.start())
+        assert [r.index for r in requests] == list(range(9))
+        assert [r.sign for r in requests] == [0] * 3 + [1] * 3 + [-1] * 3
+        seeds = [r.perturbation_seed for r in requests]
+        assert seeds[3:6] == seeds[6:9]
+        assert len(set(seeds[3:6])) == 3
+        assert len({r.seed for r in requests}) == 9
+
+    def test_without_mirrored_sampling(self, cartpole: Task, small_hp: Hyperparameters) -> None:
+        hp = replace(small_hp.nes, update="paper", mirrored_sampling=False)
+        nes = NES(cartpole, replace(small_hp, nes=hp), 0)
+        assert [r.sign for r in nes.ask(nes.start())] == [0] * 3 + [1] * 3
+        assert hp.evaluations == 6
+
+    def test_same_seed_same_requests_other_generation_others(self, nes: NES) -> None:
+        state = nes.start()
+        assert nes.ask(state) == nes.ask(state)
+        later = nes.ask(replace(state, generation=1))
+        seeds = {r.seed for r in nes.ask(state)}
+        assert seeds.isdisjoint(r.seed for r in later)
+
+    def test_varied_agents_are_shared_by_a_pair(
+        self, cartpole: Task, small_hp: Hyperparameters
+    ) -> None:
+        hp = replace(small_hp, vary_agent=True)
+        sample = lambda agent, seed: replace(agent, batch_size=1 + seed % 1000)  # noqa: E731
+        nes = NES(cartpole, hp, 0, sample)
+        sizes = [r.agent.batch_size for r in nes.ask(nes.start())]
+        assert sizes[:3] == sizes[3:6] == sizes[6:]
+        assert len(set(sizes)) == 3
+
+
+class TestTell:
+    def test_results_in_any_order(self, nes: NES) -> None:
+        state = nes.start()
+        results = [answer(r, float(r.index % 4)) for r in nes.ask(state)]
+        one, two = nes.tell(state, results, 1.0), nes.tell(state, results[::-1], 1.0)
+        np.testing.assert_array_equal(one.psi, two.psi)
+        assert one.records == two.records
+        assert not np.array_equal(one.psi, state.psi)
+
+    def test_record(self, nes: NES) -> None:
+        state = nes.start()
+        scores = [10.0, 20.0, 200.0, 1, 2, 3, 4, 5, 6]
+        results = [
+            answer(r, s, finite=i != 8)
+            for i, (r, s) in enumerate(zip(nes.ask(state), scores, strict=True))
+        ]
+        record = nes.tell(state, results, 2.5).records[-1]
+        assert record.score_mean == pytest.approx(230 / 3)
+        assert record.score_best == 200
+        assert record.perturbed_score_mean == 3.5
+        assert record.solved_fraction == pytest.approx(1 / 3)
+        assert record.non_finite == 1
+        assert record.env_steps_per_second == pytest.approx(10_000)
+        assert record.generation_seconds == 2.5
+
+    def test_best_is_kept_when_the_run_degrades(self, nes: NES) -> None:
+        states = [nes.start()]
+        for score in (50.0, 199.0, 20.0):
+            results = [answer(r, score + r.index * 1e-3) for r in nes.ask(states[-1])]
+            states.append(nes.tell(states[-1], results, 1.0))
+        final = states[-1]
+        assert final.best_generation == 1
+        np.testing.assert_array_equal(final.best_psi, states[1].psi)
+        assert [s.solved_streak for s in states] == [0, 0, 1, 0]
+        assert final.objective == pytest.approx(np.mean([50.001, 199.001, 20.001]))
+
+    def test_nan_score_does_not_poison(self, nes: NES) -> None:
+        state = nes.start()
+        results = [answer(r, np.nan if r.index == 4 else float(r.index)) for r in nes.ask(state)]
+        after = nes.tell(state, results, 1.0)
+        assert np.isfinite(after.psi).all()
+        assert np.isfinite(after.records[-1].perturbed_score_mean)
+
+
+class TestStart:
+    def test_single_candidate_needs_no_evaluation(self, nes: NES) -> None:
+        assert nes.start_requests() == []
+        np.testing.assert_array_equal(nes.start().psi, nes.start().psi)
+
+    def test_best_candidate_is_the_start(self, cartpole: Task, small_hp: Hyperparameters) -> None:
+        hp = replace(small_hp, nes=replace(small_hp.nes, start_candidates=4))
+        nes = NES(cartpole, hp, 0)
+        requests = nes.start_requests()
+        state = nes.start([answer(r, [1.0, 2.0, 9.0, 3.0][r.index]) for r in requests])
+        chosen = requests[2].start_seed
+        assert chosen is not None
+        expected = nes.architecture.initialize(np.random.default_rng(chosen))
+        np.testing.assert_array_equal(state.psi, expected)
+
+
+class TestUpdates:
+    """Properties of UpdateSE."""
+
+    @pytest.fixture
+    def eps(self) -> np.ndarray:
+        return np.random.default_rng(0).normal(0, 0.1, (3, 50)).astype(np.float32)
+
+    def test_antithetic_follows_the_gradient_of_a_linear_score(
+        self, small_hp: Hyperparameters
+    ) -> None:
+        eps = np.random.default_rng(0).normal(0, 0.1, (400, 20)).astype(np.float32)
+        slope = np.linspace(-1, 1, 20)
+        scores = MemberScores(np.zeros(400), eps @ slope, -eps @ slope)
+        step = update_step(replace(small_hp.nes, std_dev=0.1), eps, scores)
+        cosine = step @ slope / np.linalg.norm(step) / np.linalg.norm(slope)
+        assert cosine > 0.95
+
+    def test_formulas(self, small_hp: Hyperparameters, eps: np.ndarray) -> None:
+        plus, minus = np.array([10.0, 30.0, 0.0]), np.array([20.0, 0.0, 5.0])
+        scores = MemberScores(np.full(3, 10.0), plus, minus)
+        hp = replace(small_hp.nes, step_size=0.5, std_dev=0.1)
+        better = -0.5 * eps[0] + eps[1]  # 20 by -eps, 30 by +eps, 5 is below average
+        paper = update_step(replace(hp, update="paper"), eps, scores)
+        np.testing.assert_allclose(paper, 0.5 / (3 * 0.1) * better, rtol=1e-5)
+        authors = update_step(replace(hp, update="authors"), eps, scores)
+        np.testing.assert_allclose(authors, 0.5 * better, rtol=1e-5)
+        # ranks of 10 30 0 | 20 0 5 are 4 6 1.5 | 5 1.5 3
+        weights = np.array([4 - 5, 6 - 1.5, 1.5 - 3]) / 5
+        antithetic = update_step(hp, eps, scores)
+        expected = 0.5 * (weights[:, None] * eps).mean(axis=0) / 0.1
+        np.testing.assert_allclose(antithetic, expected, rtol=1e-4, atol=1e-7)
+
+    @pytest.mark.parametrize("update", UPDATES)
+    @pytest.mark.parametrize("transform", SCORE_TRANSFORMS)
+    def test_swapping_signs_changes_nothing(
+        self, update: str, transform: str, small_hp: Hyperparameters, eps: np.ndarray
+    ) -> None:
+        hp = replace(small_hp.nes, update=update, score_transform=transform)
+        plus, minus = np.array([1.0, 5.0, 3.0]), np.array([2.0, 4.0, 0.0])
+        centre = np.full(3, 1.5)
+        one = update_step(hp, eps, MemberScores(centre, plus, minus))
+        two = update_step(hp, -eps, MemberScores(centre, minus, plus))
+        np.testing.assert_allclose(one, two, atol=1e-7)
+
+    def test_equal_scores_move_nothing(self, small_hp: Hyperparameters, eps: np.ndarray) -> None:
+        same = np.full(3, 9.0)
+        step = update_step(small_hp.nes, eps, MemberScores(same, same, same))
+        np.testing.assert_array_equal(step, np.zeros(50))
+
+
+class TestState:
+    def test_round_trip(self, nes: NES, tmp_path: Path) -> None:
+        state = nes.start()
+        results = [answer(r, float(r.index)) for r in nes.ask(state)]
+        state = nes.tell(state, results, 1.0)
+        state.save(tmp_path / "state")
+        loaded = NESState.load(tmp_path / "state")
+        assert loaded.records == state.records
+        assert (loaded.generation, loaded.best_score) == (1, 1.0)
+        np.testing.assert_array_equal(loaded.psi, state.psi)
+        assert nes.ask(loaded) == nes.ask(state)
+
+    @pytest.mark.parametrize("content", [b"", b"nonsense", b"\x08\0\0\0\0\0\0\0{}      "])
+    def test_damage_is_told(self, content: bytes, tmp_path: Path) -> None:
+        (tmp_path / "state").write_bytes(content)
+        with pytest.raises(InvalidInput, match="damaged checkpoint"):
+            NESState.load(tmp_path / "state")
+
+
+def test_nes_improves_a_real_score(cartpole: Task, small_hp: Hyperparameters) -> None:
+    """A few generations of real evaluations raise the perturbed members' scores."""
+    hp = replace(
+        small_hp,
+        nes=replace(small_hp.nes, population_size=8, step_size=0.2, std_dev=0.1),
+        agent=replace(small_hp.agent, learning_rate=3e-3, max_episodes=30),
+    )
+    nes = NES(cartpole, hp, seed=0)
+    state = nes.start()
+    for _ in range(8):
+        requests = nes.ask(state)
+        results = [evaluate(cartpole, nes.architecture, state.psi, r) for r in requests]
+        state = nes.tell(state, results, 1.0)
+    scores = [record.perturbed_score_mean for record in state.records]
+    assert max(scores[4:]) > scores[0]

@@ -1,0 +1,162 @@
+import contextlib
+import json
+import pickle
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+import safetensors.numpy
+import torch
+from gymnasium.utils.env_checker import check_env
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bilevel import InvalidInput
+from bilevel.hyperparameters import ACTIVATIONS, SEHyperparameters
+from bilevel.kernels.synthetic_env import step
+from bilevel.synthetic_env import Architecture, StoredSE, kernel_form, load_se, save_se
+from bilevel.synthetic_env.torch_module import SEModule
+from bilevel.tasks import Task, get_task
+
+
+def make_se(task: Task, layers: int = 1, activation: str = "lrelu", seed: int = 0) -> StoredSE:
+    hp = SEHyperparameters(hidden_layers=layers, hidden_size=12, activation=activation)
+    architecture = Architecture.of(task, hp)
+    psi = architecture.initialize(np.random.default_rng(seed))
+    info = {"score_mean": 12.5}
+    return StoredSE(architecture, psi, task.id, task.step_limit, task.solved_reward, info)
+
+
+@pytest.fixture
+def se_file(tmp_path: Path, cartpole: Task) -> Path:
+    path = tmp_path / "se.safetensors"
+    save_se(make_se(cartpole), path)
+    return path
+
+
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+@pytest.mark.parametrize("layers", [1, 2])
+@pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
+def test_torch_module_gives_the_same_outputs(task_id: str, layers: int, activation: str) -> None:
+    task = get_task(task_id)
+    se = make_se(task, layers, activation)
+    kernel, module = kernel_form(se.architecture, se.psi), SEModule(se)
+    rng = np.random.default_rng(2)
+    states = rng.normal(0, 1, (20, task.state_size)).astype(np.float32)
+    actions = rng.integers(0, task.n_actions, 20)
+    next_states, rewards, dones = module(torch.from_numpy(states), torch.from_numpy(actions))
+    work = np.zeros((2, 3 * 12), np.float32)
+    out = np.zeros(task.state_size, np.float32)
+    for i in range(20):
+        reward, done = step(kernel, states[i], int(actions[i]), out, work)
+        np.testing.assert_allclose(out, next_states[i], atol=2e-6)
+        np.testing.assert_allclose([reward, done], [rewards[i], dones[i]], atol=2e-6)
+
+
+def test_perturbation_is_a_function_of_its_seed(cartpole: Task) -> None:
+    architecture = make_se(cartpole).architecture
+    eps = architecture.perturbation(5, 0.5)
+    np.testing.assert_array_equal(eps, architecture.perturbation(5, 0.5))
+    assert not np.array_equal(eps, architecture.perturbation(6, 0.5))
+    assert eps.shape == (architecture.parameter_count,)
+    assert eps.std() == pytest.approx(0.5, rel=0.2)
+
+
+class TestFile:
+    def test_round_trip(self, se_file: Path, cartpole: Task) -> None:
+        before, after = make_se(cartpole), load_se(se_file)
+        assert after.architecture == before.architecture
+        np.testing.assert_array_equal(after.psi, before.psi)
+        assert (after.task_id, after.step_limit, after.solved_reward) == ("CartPole-v0", 200, 195.0)
+        assert after.info == {"score_mean": 12.5}
+
+    def test_tensors_carry_torchs_names_and_shapes(self, se_file: Path) -> None:
+        tensors = safetensors.numpy.load_file(se_file)
+        assert tensors["next_state.0.weight"].shape == (12, 6)
+        assert tensors["done.1.bias"].shape == (1,)
+
+    def test_missing(self, tmp_path: Path) -> None:
+        with pytest.raises(InvalidInput, match="no SE file"):
+            load_se(tmp_path / "none.safetensors")
+
+    def test_malicious_pickle_is_not_executed(self, tmp_path: Path) -> None:
+        class Bomb:
+            def __reduce__(self):  # type: ignore[no-untyped-def]
+                return Path.touch, (tmp_path / "executed",)
+
+        path = tmp_path / "bomb.safetensors"
+        path.write_bytes(pickle.dumps(Bomb()))
+        with pytest.raises(InvalidInput, match="damaged or not an SE file"):
+            load_se(path)
+        assert not (tmp_path / "executed").exists()
+
+    @pytest.mark.parametrize(
+        "change",
+        [
+            {"format": "other"},
+            {"version": 99},
+            {"architecture": {"hidden_layers": 7}},
+            {"architecture": {"hidden_size": 10**9}},
+            {"architecture": {"state_size": -1}},
+            {"architecture": {"activation": "__import__"}},
+            {"architecture": {"hidden_size": 13}},
+            {"step_limit": "many"},
+        ],
+    )
+    def test_wrong_header(self, se_file: Path, change: dict[str, object]) -> None:
+        with safetensors.safe_open(se_file, framework="numpy") as file:
+            header = json.loads(file.metadata()["se"])
+        tensors = safetensors.numpy.load_file(se_file)
+        for key, value in change.items():
+            header[key] = {**header[key], **value} if isinstance(value, dict) else value
+        safetensors.numpy.save_file(tensors, se_file, {"se": json.dumps(header)})
+        with pytest.raises(InvalidInput, match="damaged or not an SE file"):
+            load_se(se_file)
+
+    def test_foreign_safetensors(self, tmp_path: Path) -> None:
+        path = tmp_path / "foreign.safetensors"
+        safetensors.numpy.save_file({"weight": np.zeros(3)}, path)
+        with pytest.raises(InvalidInput, match="damaged or not an SE file"):
+            load_se(path)
+
+    @settings(max_examples=200, deadline=None)
+    @given(data=st.data())
+    def test_damage_anywhere_is_told_or_harmless(
+        self, data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+    ) -> None:
+        path = tmp_path_factory.mktemp("se") / "se.safetensors"
+        save_se(make_se(get_task("CartPole-v0")), path)
+        content = bytearray(path.read_bytes())
+        if data.draw(st.booleans()):
+            content = content[: data.draw(st.integers(0, len(content) - 1))]
+        else:
+            for position in data.draw(st.lists(st.integers(0, len(content) - 1), min_size=1)):
+                content[position] = data.draw(st.integers(0, 255))
+        path.write_bytes(content)
+        with contextlib.suppress(InvalidInput):  # any other exception fails the test
+            se = load_se(path)
+            assert se.psi.shape == (se.architecture.parameter_count,)
+
+
+class TestGymEnv:
+    @pytest.mark.filterwarnings("ignore:.*Box observation space.*infinity:UserWarning")
+    def test_passes_gymnasiums_own_check(self, se_file: Path) -> None:
+        env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file).unwrapped
+        check_env(env, skip_render_check=True)
+
+    def test_follows_the_se(self, se_file: Path) -> None:
+        env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file)
+        module = SEModule(load_se(se_file))
+        state, _ = env.reset(seed=1)
+        assert abs(state).max() <= 0.05  # CartPole's reset distribution
+        for t in range(1, 201):
+            expected, reward, done = module(torch.from_numpy(state), torch.tensor(t % 2))
+            state, got_reward, terminated, truncated, info = env.step(np.int64(t % 2))
+            np.testing.assert_allclose(state, expected, rtol=1e-4, atol=1e-5)
+            assert got_reward == pytest.approx(float(reward), rel=1e-3, abs=1e-4)
+            assert terminated == (info["done"] > 0.5)
+            assert truncated == (t == 200)
+            if terminated:
+                break
+        assert done is not None

@@ -1,0 +1,69 @@
+import gymnasium
+import numpy as np
+import pytest
+
+from bilevel import InvalidInput
+from bilevel.tasks import Task, get_task
+
+
+def test_papers_fixed_values() -> None:
+    cartpole, acrobot = get_task("CartPole-v0"), get_task("Acrobot-v1")
+    assert (cartpole.step_limit, cartpole.solved_reward) == (200, 195.0)
+    assert (acrobot.step_limit, acrobot.solved_reward) == (500, -100.0)
+    for task in (cartpole, acrobot):
+        env = task.make()
+        assert env.observation_space.shape == (task.state_size,)
+        assert env.spec is not None
+        assert env.spec.reward_threshold == task.solved_reward
+        assert env.spec.max_episode_steps == task.step_limit
+
+
+def test_any_suitable_gymnasium_id() -> None:
+    task = get_task("MountainCar-v0")
+    assert task == Task("MountainCar-v0", 2, 3, 200, -110.0, -200.0)
+    assert not task.compiled
+    states = task.initial_physics(np.random.default_rng(0), 1000)
+    assert states.shape == (200, 2)
+    np.testing.assert_array_equal(states, task.initial_physics(np.random.default_rng(0), 1000))
+
+
+def test_given_values_come_first() -> None:
+    task = get_task("CartPole-v1", solved_reward=150.0, step_limit=70)
+    assert (task.solved_reward, task.step_limit) == (150.0, 70)
+    returns = task.test_returns(lambda state: 0, 3, seed=1)
+    assert returns.shape == (3,)
+    assert (returns <= 70).all()
+
+
+@pytest.mark.parametrize(
+    ("task_id", "message"),
+    [
+        ("CartPole-v99", "unknown task 'CartPole-v99'"),
+        ("nonsense", "unknown task 'nonsense'"),
+        ("Pendulum-v1", "no reward threshold"),
+        ("MountainCarContinuous-v0", "allowed is Discrete"),
+        ("Taxi-v4", "allowed is a Box"),
+    ],
+)
+def test_unsuitable(task_id: str, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message) as error:
+        get_task(task_id)
+    assert "\n" not in str(error.value)
+
+
+def test_actions_that_do_not_start_at_zero() -> None:
+    class Shifted(gymnasium.Wrapper):  # type: ignore[type-arg]
+        def __init__(self, env: gymnasium.Env) -> None:  # type: ignore[type-arg]
+            super().__init__(env)
+            self.action_space = gymnasium.spaces.Discrete(2, start=5)
+
+        def step(self, action):  # type: ignore[no-untyped-def]
+            assert self.action_space.contains(np.int64(action))
+            return self.env.step(action - 5)
+
+    gymnasium.register("test/Shifted-v0", lambda: Shifted(gymnasium.make("CartPole-v1")))
+    try:
+        task = get_task("test/Shifted-v0", solved_reward=100.0, step_limit=20)
+        assert task.test_returns(lambda state: 1, 1, seed=0)[0] > 1
+    finally:
+        del gymnasium.registry["test/Shifted-v0"]

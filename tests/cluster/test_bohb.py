@@ -1,0 +1,185 @@
+"""Brackets, journal and search, without Ray."""
+
+import json
+import random
+from pathlib import Path
+
+import pytest
+from hpbandster.core.result import logged_results_to_HBS_result
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bilevel import InvalidInput
+from cluster.bohb import BracketSearch, Job, Journal, bracket_table, budget_ladder
+from cluster.bohb.brackets import bracket_rungs, generations_to_run
+from search_spaces import search_space
+
+
+class TestBrackets:
+    @pytest.mark.parametrize(
+        ("smallest", "largest", "ladder"),
+        [
+            (1, 243, [1, 3, 9, 27, 81, 243]),
+            (2, 18, [2, 6, 18]),
+            (7, 200, [7, 22, 67, 200]),
+            (5, 5, [5]),
+        ],
+    )
+    def test_ladder(self, smallest: int, largest: int, ladder: list[int]) -> None:
+        assert budget_ladder(smallest, largest) == ladder
+
+    @pytest.mark.parametrize(("smallest", "largest"), [(0, 3), (4, 3), (-1, -1)])
+    def test_impossible_ladder(self, smallest: int, largest: int) -> None:
+        with pytest.raises(InvalidInput, match="budgets must satisfy"):
+            budget_ladder(smallest, largest)
+
+    @given(st.integers(1, 60), st.integers(0, 7))
+    def test_sizes_equal_hpbandsters(self, smallest: int, exponent: int) -> None:
+        """hpbandster's own formula, for the ladders on which its logarithm is right."""
+        import numpy as np
+
+        ladder = budget_ladder(smallest, smallest * 3**exponent)
+        assert len(ladder) == exponent + 1
+        for bracket in range(exponent + 2):
+            s = len(ladder) - 1 - bracket % len(ladder)
+            first = int(np.floor(len(ladder) / (s + 1)) * 3**s)
+            expected = [max(int(first * 3 ** (-float(i))), 1) for i in range(s + 1)]
+            rungs = bracket_rungs(bracket, ladder)
+            for rung, n in zip(rungs, expected, strict=True):
+                assert abs(rung.configurations - n) <= 1  # its powers of 3 are rounded
+            assert [rung.budget for rung in rungs] == ladder[-s - 1 :]
+
+    def test_promoted_configurations_continue(self) -> None:
+        table = bracket_table(3, [2, 6, 18])
+        assert generations_to_run(table) == (9 * 2 + 3 * 4 + 12) + (3 * 6 + 12) + 3 * 18
+
+
+def loss_of(job: Job) -> float:
+    """A smooth function of the configuration with a clear optimum."""
+    from math import log
+
+    values = job.configuration
+    step, rate = values["nes.step_size"], values["agent.learning_rate"]
+    return log(step / 0.06) ** 2 + log(rate / 0.0005) ** 2 - 0.01 * job.budget
+
+
+def new_search(folder: Path, brackets: int = 6, seed: int = 0) -> BracketSearch:
+    return BracketSearch(search_space("core"), [1, 3, 9], brackets, seed, Journal(folder))
+
+
+def run_to_end(search: BracketSearch, fail: tuple[int, ...] = ()) -> list[Job]:
+    jobs = []
+    while (job := search.next_job()) is not None:
+        search.register(job, None if len(jobs) in fail else loss_of(job))
+        jobs.append(job)
+    assert search.finished
+    return jobs
+
+
+class TestSearch:
+    def test_runs_the_bracket_table(self, tmp_path: Path) -> None:
+        jobs = run_to_end(new_search(tmp_path))
+        for rung in bracket_table(6, [1, 3, 9]):
+            count = sum(job.id[0] == rung.bracket and job.budget == rung.budget for job in jobs)
+            assert count == rung.configurations
+
+    def test_promotes_the_best(self, tmp_path: Path) -> None:
+        jobs = run_to_end(new_search(tmp_path, brackets=1))
+        lowest = sorted((job for job in jobs if job.budget == 1), key=loss_of)
+        assert {job.id for job in jobs if job.budget == 3} == {job.id for job in lowest[:3]}
+
+    def test_model_based_picks_happen_and_help(self, tmp_path: Path) -> None:
+        jobs = run_to_end(new_search(tmp_path, brackets=15))
+        firsts = {job.id: job for job in reversed(jobs)}.values()
+        model = [loss_of(job) for job in firsts if job.model_based]
+        rand = [loss_of(job) for job in firsts if not job.model_based]
+        assert len(model) >= 10
+        assert sum(model) / len(model) < 0.7 * sum(rand) / len(rand)
+
+    def test_without_the_model_all_picks_are_random(self, tmp_path: Path) -> None:
+        search = BracketSearch(
+            search_space("core"), [1, 3, 9], 12, 0, Journal(tmp_path), model=False
+        )
+        assert not any(job.model_based for job in run_to_end(search))
+
+    def test_failures_count_as_worst_and_are_not_promoted(self, tmp_path: Path) -> None:
+        search = new_search(tmp_path, brackets=1)
+        jobs = run_to_end(search, fail=tuple(range(8)))
+        assert len(jobs) == 9 + 3 + 1  # empty places are filled with new configurations
+        failed = {job.id for job in jobs[:8]}
+        assert not any(job.id in failed for job in jobs if job.budget > 1)
+        assert sum(line.loss is None for line in Journal(tmp_path).results) == 8
+
+    def test_seed_decides(self, tmp_path: Path) -> None:
+        one = run_to_end(new_search(tmp_path / "1"))
+        two = run_to_end(new_search(tmp_path / "2"))
+        other = run_to_end(new_search(tmp_path / "3", seed=1))
+        assert [job.configuration for job in one] == [job.configuration for job in two]
+        assert one[0].configuration != other[0].configuration
+
+    @pytest.mark.parametrize("seed", range(8))
+    def test_interrupted_anywhere_it_goes_on_the_same(self, seed: int, tmp_path: Path) -> None:
+        """Killed after any number of results, with a job in flight or without, a
+        search goes on from its journal as if nothing had happened."""
+        whole = run_to_end(new_search(tmp_path / "whole"))
+        chance = random.Random(seed)
+        search = new_search(tmp_path / "parts")
+        done: list[Job] = []
+        while (job := search.next_job()) is not None:
+            if chance.random() < 0.3:
+                search = new_search(tmp_path / "parts")
+                continue
+            search.register(job, loss_of(job))
+            done.append(job)
+            if chance.random() < 0.2:
+                search = new_search(tmp_path / "parts")
+        assert search.finished
+        assert [(j.id, j.budget, j.configuration) for j in done] == [
+            (j.id, j.budget, j.configuration) for j in whole
+        ]
+
+    def test_more_brackets_use_all_that_came_before(self, tmp_path: Path) -> None:
+        run_to_end(new_search(tmp_path, brackets=6))
+        more = run_to_end(new_search(tmp_path, brackets=9))
+        assert {job.id[0] for job in more} == {6, 7, 8}
+        assert any(job.model_based for job in more)
+
+
+class TestJournal:
+    def test_hpbandster_reads_it(self, tmp_path: Path) -> None:
+        jobs = run_to_end(new_search(tmp_path), fail=(2,))
+        result = logged_results_to_HBS_result(str(tmp_path))
+        assert len(result.get_all_runs()) == len(jobs)
+        best = min((j for j in jobs if j.budget == 9), key=loss_of)
+        assert result.get_incumbent_id() == best.id
+
+    @given(cut=st.integers(1, 60))
+    @settings(max_examples=30, deadline=None)
+    def test_a_torn_last_line_is_dropped(
+        self, cut: int, tmp_path_factory: pytest.TempPathFactory
+    ) -> None:
+        folder = tmp_path_factory.mktemp("journal")
+        run_to_end(new_search(folder, brackets=1))
+        path = folder / "results.json"
+        content = path.read_bytes()
+        last = content[:-1].rfind(b"\n") + 1
+        path.write_bytes(content[: max(len(content) - cut, last)])
+        assert len(Journal(folder).results) == 12
+        assert path.read_bytes() == content[:last]
+        run_to_end(new_search(folder, brackets=1))
+        assert len(Journal(folder).results) == 13
+
+    @pytest.mark.parametrize("line", ["{}", "[1]", '[[0,0,0],"x",{},{}]', "nonsense", "[[0,0,0]]"])
+    def test_damage_in_the_middle_is_told(self, line: str, tmp_path: Path) -> None:
+        run_to_end(new_search(tmp_path, brackets=1))
+        path = tmp_path / "configs.json"
+        lines = path.read_text().splitlines()
+        path.write_text("\n".join([lines[0], line, *lines[1:]]) + "\n")
+        with pytest.raises(InvalidInput, match="damaged journal"):
+            Journal(tmp_path)
+
+    def test_every_line_is_json(self, tmp_path: Path) -> None:
+        run_to_end(new_search(tmp_path, brackets=1))
+        for path in Journal(tmp_path).paths:
+            for line in path.read_text().splitlines():
+                json.loads(line)

@@ -1,0 +1,79 @@
+"""The console script in a subprocess: help, bad input, nothing half-written."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+
+def bilevel(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    script = Path(sys.executable).with_name("bilevel")
+    return subprocess.run(
+        [str(script), *args], cwd=cwd, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+@pytest.mark.parametrize("command", [[], ["nes"], ["bohb"], ["ui"]])
+def test_help(command: list[str], tmp_path: Path) -> None:
+    result = bilevel(*command, "--help", cwd=tmp_path)
+    assert result.returncode == 0
+    assert "Usage: " in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("args", "told"),
+    [
+        (["nes", "CartPole-v9"], "unknown task 'CartPole-v9': allowed are CartPole-v0, Acrobot-v1"),
+        (["nes", "Taxi-v4"], "allowed is a Box of one dimension"),
+        (["nes", "MountainCarContinuous-v0"], "allowed is Discrete"),
+        (["nes", "CartPole-v0", "--agent", "dqn"], "unknown agent 'dqn': allowed are ddqn"),
+        (["nes", "CartPole-v0", "--preset", "x"], "unknown preset 'x': allowed are tuned, default"),
+        (["nes", "CartPole-v0", "--update", "x"], "unknown update 'x': allowed are antithetic"),
+        (["nes", "CartPole-v0", "--population", "0"], "'--population': 0 is not in the range x>=1"),
+        (["nes", "CartPole-v0", "--population", "999999"], "population_size must be int, 1 to"),
+        (["nes", "CartPole-v0", "--workers", "4096"], "need 4096 cores: the cluster has"),
+        (["nes", "CartPole-v0", "--address", "127.0.0.1:1"], "no Ray cluster at '127.0.0.1:1'"),
+        (["nes", "CartPole-v0", "--address", "nowhere"], "Ray address 'nowhere' is not valid"),
+        (
+            ["nes", "CartPole-v0", "--tracking-uri", "http://127.0.0.1:1"],
+            "no MLflow server at 'http://127.0.0.1:1'",
+        ),
+        (
+            ["nes", "CartPole-v0", "--tracking-uri", "ftp://x"],
+            "tracking URI 'ftp://x' is not valid",
+        ),
+        (["nes", "CartPole-v0", "--home", "/proc/none"], "cannot write to '/proc/none'"),
+        (["nes", "CartPole-v0", "--name", "../escape"], "name '../escape' is not allowed"),
+        (["bohb", "CartPole-v0", "--study", "a/b"], "name 'a/b' is not allowed"),
+        (["bohb", "CartPole-v0", "--profile", "huge"], "unknown profile 'huge': allowed are smoke"),
+        (
+            ["bohb", "CartPole-v0", "--space", "x"],
+            "unknown search space 'x': allowed are full, core",
+        ),
+        (["bohb", "CartPole-v0", "--time-budget", "soon"], "'soon' is not a duration"),
+        (
+            ["bohb", "CartPole-v0", "--workers-per-trial", "64"],
+            "1 trial(s) of 64 worker(s) need 64 cores",
+        ),
+        (["bohb"], "Missing argument 'TASK'"),
+        (["ui"], "no runs in"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_code_2(args: list[str], told: str, tmp_path: Path) -> None:
+    result = bilevel(*args, cwd=tmp_path)
+    assert result.returncode == 2, result.stderr
+    assert result.stderr.startswith("bilevel: ")
+    assert result.stderr.count("\n") == 1
+    assert told in result.stderr
+    assert result.stdout == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_dry_run_says_what_would_be_run_and_writes_nothing(tmp_path: Path) -> None:
+    result = bilevel("bohb", "CartPole-v0", "--profile", "smoke", "--dry-run", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "3 x 1 -> 1 x 3" in result.stdout
+    assert "11 generations, 66 evaluations" in result.stdout
+    assert "the cluster can place it" in result.stdout
+    assert list(tmp_path.iterdir()) == []

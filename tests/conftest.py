@@ -1,0 +1,42 @@
+"""Shared fixtures: small hyperparameters, so that tests run real training in moments."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_preset
+from bilevel.tasks import Task, get_task
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+@pytest.fixture
+def cartpole() -> Task:
+    return get_task("CartPole-v0")
+
+
+@pytest.fixture
+def acrobot() -> Task:
+    return get_task("Acrobot-v1")
+
+
+@pytest.fixture
+def small_agent() -> DDQNHyperparameters:
+    agent = load_preset("tuned", "CartPole-v0").agent
+    return replace(agent, max_episodes=13, batch_size=16, hidden_size=8, test_episodes=2)
+
+
+@pytest.fixture
+def small_hp(small_agent: DDQNHyperparameters) -> Hyperparameters:
+    """An NES run of three members whose evaluations take milliseconds."""
+    hp = load_preset("tuned", "CartPole-v0")
+    return replace(
+        hp,
+        nes=replace(hp.nes, population_size=3, generations=2),
+        se=replace(hp.se, hidden_size=8),
+        agent=small_agent,
+    )
