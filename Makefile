@@ -46,7 +46,7 @@ test: check ## Format, lint, types, and all tests
 check: $(INSTALLED) ## Format, lint and types
 	@$(BIN)/ruff format --check --quiet .
 	@$(BIN)/ruff check --quiet .
-	@$(BIN)/mypy bilevel search_spaces cluster tests
+	@$(BIN)/mypy bilevel search_spaces cluster tests benchmarks
 
 format: $(INSTALLED) ## Format and sort imports
 	@$(BIN)/ruff check --fix --quiet .

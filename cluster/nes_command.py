@@ -106,7 +106,7 @@ def _run(command: NESCommand, folder: Path, pool: EvaluationPool, terminal: Term
     status = "KILLED"
     try:
         started = time.monotonic()
-        terminal.bar("choosing the start", 0, max(hp.nes.start_candidates, 1), "candidates")
+        terminal.bar("choosing the start", 0, max(hp.nes.start_evaluations, 1), "evaluations")
         state = loaded or run.open(pool, lambda result: terminal.step())
         tracker.log_generations(run_id, state.records)
         first = state.generation

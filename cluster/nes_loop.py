@@ -47,8 +47,10 @@ class NESRun:
         state = self.load()
         if state is None:
             nes = self.nes
-            requests = nes.start_requests()
-            state = nes.start(pool.run(self.task, nes.architecture, None, requests, on_result))
+            shape = nes.architecture
+            screened = pool.run(self.task, shape, None, nes.screening_requests(), on_result)
+            retests = nes.retest_requests(screened)
+            state = nes.start(screened, pool.run(self.task, shape, None, retests, on_result))
             state.save(self.folder / STATE_FILE)
         return state
 

@@ -5,6 +5,7 @@ in `search_spaces`. "Table 1" is the paper's table of optimized hyperparameters,
 "fixed" the one of fixed, "default" the one of default hyperparameters.
 """
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any, Self
 
@@ -13,6 +14,9 @@ from bilevel.hyperparameters.validation import Validated, choice, ranged
 from bilevel.kernels.activations import CODES
 
 ACTIVATIONS = tuple(CODES)
+
+#: Of the start candidates one in so many is evaluated again, so many times.
+RETEST_ONE_IN, RETESTS = 8, 8
 
 #: The update rules and score transforms by name; `bilevel.nes` implements them.
 UPDATES = ("antithetic", "paper", "authors")
@@ -45,6 +49,12 @@ class NESHyperparameters(Validated):
         super().__post_init__()
         if self.update == "antithetic" and not self.mirrored_sampling:
             raise InvalidInput("NES update 'antithetic' needs mirrored_sampling true; got false")
+
+    @property
+    def start_evaluations(self) -> int:
+        """Evaluations that choose the start."""
+        n = self.start_candidates
+        return n + math.ceil(n / RETEST_ONE_IN) * RETESTS if n > 1 else 0
 
     @property
     def evaluations(self) -> int:

@@ -1,6 +1,7 @@
 """Natural evolution strategies over synthetic environments (paper, Algorithm 1).
 
-    psi <- the best of start_candidates random initialisations
+    psi <- the best of start_candidates random initialisations: one evaluation each,
+           then RETESTS more of the best eighth
     repeat n_o times:                                    # generations
         for each member i = 1 .. n_p:                    # ask: requests, in any order
             eps_i ~ N(0, sigma^2 I)
@@ -13,6 +14,7 @@ Every random number is derived from (run seed, generation, member), so a request
 the same whoever asks for it, and nothing random needs to be stored.
 """
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -21,6 +23,7 @@ from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters
+from bilevel.hyperparameters.definitions import RETEST_ONE_IN, RETESTS
 from bilevel.nes.state import GenerationRecord, NESState
 from bilevel.nes.transforms import finite
 from bilevel.nes.updates import MemberScores, update_step
@@ -56,27 +59,45 @@ class NES:
         word = np.random.SeedSequence([self.seed, *path]).generate_state(1, np.uint64)[0]
         return int(word)
 
-    def start_requests(self) -> list[EvaluationRequest]:
-        """Evaluations that choose the start; none if there is one candidate alone."""
+    def screening_requests(self) -> list[EvaluationRequest]:
+        """One evaluation of each start candidate; none if there is one alone."""
         candidates = self.hp.nes.start_candidates
+        return [self._start_request(i, i, 0) for i in range(candidates if candidates > 1 else 0)]
+
+    def retest_requests(self, screened: Sequence[EvaluationResult]) -> list[EvaluationRequest]:
+        """Further evaluations of the candidates that screened best: agents differ so
+        much from seed to seed that one evaluation mostly finds the luckiest."""
         return [
-            EvaluationRequest(
-                index=i,
-                seed=self._seed(_START, i, _EVALUATION),
-                agent=self.hp.agent,
-                start_seed=self._seed(_START, i),
-            )
-            for i in range(candidates if candidates > 1 else 0)
+            self._start_request(place * RETESTS + i, candidate, 1 + i)
+            for place, candidate in enumerate(self._screened_best(screened))
+            for i in range(RETESTS)
         ]
 
-    def start(self, results: Sequence[EvaluationResult] = ()) -> NESState:
+    def start(
+        self,
+        screened: Sequence[EvaluationResult] = (),
+        retested: Sequence[EvaluationResult] = (),
+    ) -> NESState:
         """The state before the first generation."""
-        scores = finite(
-            np.array([r.score for r in sorted(results, key=lambda r: r.index)] or [0.0])
-        )
-        rng = np.random.default_rng(self._seed(_START, int(scores.argmax())))
+        best = 0
+        if retested:
+            scores = _scores(retested).reshape(-1, RETESTS).mean(axis=1)
+            best = self._screened_best(screened)[int(scores.argmax())]
+        rng = np.random.default_rng(self._seed(_START, best))
         psi = self.architecture.initialize(rng)
         return NESState(psi=psi, best_psi=psi)
+
+    def _screened_best(self, screened: Sequence[EvaluationResult]) -> list[int]:
+        keep = math.ceil(len(screened) / RETEST_ONE_IN)
+        return [int(i) for i in np.argsort(-_scores(screened), kind="stable")[:keep]]
+
+    def _start_request(self, index: int, candidate: int, repeat: int) -> EvaluationRequest:
+        return EvaluationRequest(
+            index=index,
+            seed=self._seed(_START, candidate, _EVALUATION, repeat),
+            agent=self.hp.agent,
+            start_seed=self._seed(_START, candidate),
+        )
 
     def ask(self, state: NESState) -> list[EvaluationRequest]:
         """The evaluations of the next generation: n_p on psi itself, n_p on
@@ -110,8 +131,7 @@ class NES:
         the last of `records`. `results` may come in any order; `seconds` is how
         long the generation took."""
         ordered = sorted(results, key=lambda result: result.index)
-        scores = finite(np.array([result.score for result in ordered]))
-        parts = scores.reshape(-1, self.hp.nes.population_size)
+        parts = _scores(results).reshape(-1, self.hp.nes.population_size)
         members = MemberScores(parts[0], parts[1], parts[2] if len(parts) == 3 else None)
         eps = self._perturbations(state.generation)
         step = update_step(self.hp.nes, eps, members)
@@ -154,3 +174,8 @@ class NES:
                 for member in range(self.hp.nes.population_size)
             ]
         )
+
+
+def _scores(results: Sequence[EvaluationResult]) -> NDArray[np.float64]:
+    """Scores (n,) in the order of the requests, finite."""
+    return finite(np.array([r.score for r in sorted(results, key=lambda r: r.index)]))

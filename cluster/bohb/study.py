@@ -268,11 +268,10 @@ def dry_run(settings: StudySettings, terminal: Terminal) -> None:
         evaluations.append(hp.nes.evaluations)
     generations = generations_to_run(rungs)
     starts = sum(r.configurations for i, r in enumerate(rungs) if r.bracket != rungs[i - 1].bracket)
-    candidates = settings.base.nes.start_candidates
     estimate = Estimate(
         generations,
         round(generations * sum(evaluations) / len(evaluations))
-        + starts * (candidates if candidates > 1 else 0),
+        + starts * settings.base.nes.start_evaluations,
         sum(seconds) / len(seconds),
         trials * settings.workers_per_trial,
     )

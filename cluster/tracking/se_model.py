@@ -20,8 +20,8 @@ class SEModel:
     def predict(self, table: pd.DataFrame) -> pd.DataFrame:
         """`next_state_0`, ..., `reward` and raw `done`, one row per row."""
         names = [f"state_{i}" for i in range(self.se.architecture.state_size)]
-        states = torch.from_numpy(table[names].to_numpy(np.float32))
-        actions = torch.from_numpy(table["action"].to_numpy(np.int64))
+        states = torch.tensor(table[names].to_numpy(np.float32))
+        actions = torch.tensor(table["action"].to_numpy(np.int64))
         next_states, rewards, dones = self.module(states, actions)
         result = pd.DataFrame(next_states.numpy(), columns=[f"next_{name}" for name in names])
         result["reward"], result["done"] = rewards.numpy(), dones.numpy()

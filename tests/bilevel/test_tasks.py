@@ -1,3 +1,5 @@
+from typing import Any
+
 import gymnasium
 import numpy as np
 import pytest
@@ -52,8 +54,8 @@ def test_unsuitable(task_id: str, message: str) -> None:
 
 
 def test_actions_that_do_not_start_at_zero() -> None:
-    class Shifted(gymnasium.Wrapper):  # type: ignore[type-arg]
-        def __init__(self, env: gymnasium.Env) -> None:  # type: ignore[type-arg]
+    class Shifted(gymnasium.Wrapper[Any, Any, Any, Any]):
+        def __init__(self, env: gymnasium.Env[Any, Any]) -> None:
             super().__init__(env)
             self.action_space = gymnasium.spaces.Discrete(2, start=5)
 
@@ -61,7 +63,10 @@ def test_actions_that_do_not_start_at_zero() -> None:
             assert self.action_space.contains(np.int64(action))
             return self.env.step(action - 5)
 
-    gymnasium.register("test/Shifted-v0", lambda: Shifted(gymnasium.make("CartPole-v1")))
+    def make(**kwargs: Any) -> gymnasium.Env[Any, Any]:
+        return Shifted(gymnasium.make("CartPole-v1"))
+
+    gymnasium.register("test/Shifted-v0", make)
     try:
         task = get_task("test/Shifted-v0", solved_reward=100.0, step_limit=20)
         assert task.test_returns(lambda state: 1, 1, seed=0)[0] > 1

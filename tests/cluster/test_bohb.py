@@ -68,7 +68,7 @@ def new_search(folder: Path, brackets: int = 6, seed: int = 0) -> BracketSearch:
 
 
 def run_to_end(search: BracketSearch, fail: tuple[int, ...] = ()) -> list[Job]:
-    jobs = []
+    jobs: list[Job] = []
     while (job := search.next_job()) is not None:
         search.register(job, None if len(jobs) in fail else loss_of(job))
         jobs.append(job)

@@ -101,18 +101,26 @@ class TestTell:
 
 class TestStart:
     def test_single_candidate_needs_no_evaluation(self, nes: NES) -> None:
-        assert nes.start_requests() == []
+        assert nes.screening_requests() == nes.retest_requests([]) == []
         np.testing.assert_array_equal(nes.start().psi, nes.start().psi)
 
-    def test_best_candidate_is_the_start(self, cartpole: Task, small_hp: Hyperparameters) -> None:
-        hp = replace(small_hp, nes=replace(small_hp.nes, start_candidates=4))
+    def test_retests_decide(self, cartpole: Task, small_hp: Hyperparameters) -> None:
+        """16 candidates are screened, the best 2 retested; the lucky one loses."""
+        hp = replace(small_hp, nes=replace(small_hp.nes, start_candidates=16))
         nes = NES(cartpole, hp, 0)
-        requests = nes.start_requests()
-        state = nes.start([answer(r, [1.0, 2.0, 9.0, 3.0][r.index]) for r in requests])
-        chosen = requests[2].start_seed
+        requests = nes.screening_requests()
+        by_hand = {5: 90.0, 11: 80.0}
+        screened = [answer(r, by_hand.get(r.index, 9.0)) for r in requests]
+        retests = nes.retest_requests(screened)
+        assert len(requests) + len(retests) == hp.nes.start_evaluations == 32
+        assert {r.start_seed for r in retests} == {requests[i].start_seed for i in (5, 11)}
+        assert len({r.seed for r in requests + retests}) == 32
+        lucky = requests[5].start_seed
+        again = [answer(r, 20.0 if r.start_seed == lucky else 70.0) for r in retests]
+        chosen = requests[11].start_seed
         assert chosen is not None
         expected = nes.architecture.initialize(np.random.default_rng(chosen))
-        np.testing.assert_array_equal(state.psi, expected)
+        np.testing.assert_array_equal(nes.start(screened, again[::-1]).psi, expected)
 
 
 class TestUpdates:

@@ -1,0 +1,36 @@
+"""What every result carries: the machine and the versions it was measured with."""
+
+import json
+import os
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+RESULTS = Path(__file__).parent / "results"
+
+_PACKAGES = ("bilevel", "numpy", "numba", "torch", "ray", "gymnasium", "hpbandster", "mlflow")
+
+
+def machine() -> dict[str, Any]:
+    """Processor, cores, Python and package versions."""
+    model = platform.processor()
+    for line in Path("/proc/cpuinfo").read_text().splitlines():
+        if line.startswith("model name"):
+            model = line.split(":", 1)[1].strip()
+            break
+    return {
+        "processor": model,
+        "cores": os.cpu_count(),
+        "python": platform.python_version(),
+        **{package: version(package) for package in _PACKAGES},
+    }
+
+
+def write_result(name: str, command: str, values: dict[str, Any]) -> Path:
+    """Write `results/NAME.json`."""
+    RESULTS.mkdir(exist_ok=True)
+    path = RESULTS / f"{name}.json"
+    content = {"command": command, "machine": machine(), **values}
+    path.write_text(json.dumps(content, indent=2) + "\n")
+    return path

@@ -1,0 +1,32 @@
+"""Real Ray, real MLflow, real processes. Slow: seconds to a minute each."""
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import mlflow
+import pytest
+import ray
+
+from cluster.ray_cluster import ray_cluster
+
+BILEVEL = str(Path(sys.executable).with_name("bilevel"))
+
+
+@pytest.fixture
+def local_ray() -> Iterator[None]:
+    with ray_cluster("local"):
+        yield
+    assert not ray.is_initialized()
+
+
+def run(*args: str | Path, timeout: float = 280) -> subprocess.CompletedProcess[str]:
+    """The console script, as a user runs it."""
+    command = [BILEVEL, *map(str, args)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
+
+
+def client(home: Path) -> mlflow.MlflowClient:
+    uri = f"sqlite:///{home}/mlflow.db"
+    return mlflow.MlflowClient(uri, registry_uri=uri)

@@ -1,0 +1,131 @@
+"""`bilevel nes` as a user runs it: real Ray, real MLflow, killed for real."""
+
+import os
+import signal
+import subprocess
+import time
+from dataclasses import asdict
+from pathlib import Path
+
+import gymnasium
+import mlflow.pyfunc
+import numpy as np
+import pandas as pd
+import pytest
+
+import bilevel  # noqa: F401  (registers the environment)
+from bilevel.nes import NESState
+from tests.system.conftest import BILEVEL, client, run
+
+pytestmark = pytest.mark.timeout(280)
+
+SMALL = ("nes", "CartPole-v0", "--population", "2", "--name", "run", "--seed", "3")
+
+
+def scores(home: Path) -> list[dict[str, float]]:
+    """The run's records, less the measured times."""
+    state = NESState.load(home / "CartPole-v0" / "run" / "state.safetensors")
+    times = {"env_steps_per_second", "generation_seconds"}
+    return [{k: v for k, v in asdict(r).items() if k not in times} for r in state.records]
+
+
+def test_a_run_its_tracking_and_its_continuation(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    result = run(*SMALL, "--generations", "2", "--home", tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "generation   1   score" in result.stdout
+    assert "10 fresh agents trained on the best SE score" in result.stdout
+    longer = run(*SMALL, "--generations", "3", "--workers", "1", "--home", tmp_path)
+    assert longer.returncode == 0, longer.stderr
+    assert "going on after generation 1" in longer.stdout
+    assert "generation   0" not in longer.stdout
+
+    refused = run(*SMALL, "--update", "paper", "--home", tmp_path)
+    assert refused.returncode == 2
+    assert "'run' was begun with nes = " in refused.stderr
+    assert refused.stderr.count("\n") == 1
+
+    mlflow_client = client(tmp_path)
+    experiment = mlflow_client.get_experiment_by_name("CartPole-v0")
+    assert experiment is not None
+    (tracked,) = mlflow_client.search_runs([experiment.experiment_id])
+    assert tracked.info.status == "FINISHED"
+    assert tracked.data.params["nes.population_size"] == "2"
+    assert tracked.data.params["agent.batch_size"] == "199"
+    for name, values in {
+        key: [record[key] for record in scores(tmp_path)] for key in scores(tmp_path)[0]
+    }.items():
+        if name != "generation":
+            history = mlflow_client.get_metric_history(tracked.info.run_id, name)
+            assert [metric.step for metric in history] == [0, 1, 2], name
+            assert [metric.value for metric in history] == values, name
+    names = {file.path for file in mlflow_client.list_artifacts(tracked.info.run_id)}
+    assert {"best_se.safetensors", "last_se.safetensors", "learning_curve.png"} <= names
+
+    model = mlflow_client.get_model_version_by_alias("SE-CartPole-v0", "best")
+    assert model.run_id == tracked.info.run_id
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/mlflow.db")
+    loaded = mlflow.pyfunc.load_model("models:/SE-CartPole-v0@best")
+    table = pd.DataFrame({f"state_{i}": np.zeros(2, np.float32) for i in range(4)})
+    table["action"] = [0, 1]
+    predicted = loaded.predict(table)
+    assert list(predicted.columns) == [*(f"next_state_{i}" for i in range(4)), "reward", "done"]
+
+    path = tmp_path / "CartPole-v0" / "run" / "best_se.safetensors"
+    env = gymnasium.make("bilevel/SyntheticEnv-v0", path=path)
+    env.reset(seed=0)
+    next_state, reward, *_ = env.step(np.int64(1))
+    assert np.isfinite(next_state).all()
+    assert np.isfinite(float(reward))
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The home of a run that was never disturbed."""
+    home = tmp_path_factory.mktemp("whole")
+    assert run(*SMALL, "--generations", "4", "--home", home).returncode == 0
+    return home
+
+
+def test_one_worker_and_two_give_identical_scores(whole: Path, tmp_path: Path) -> None:
+    result = run(*SMALL, "--generations", "4", "--workers", "1", "--home", tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert scores(tmp_path) == scores(whole)
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
+def test_killed_in_the_middle_it_goes_on(
+    number: signal.Signals, whole: Path, tmp_path: Path
+) -> None:
+    parts = tmp_path
+    command = [BILEVEL, *SMALL, "--generations", "4", "--home", str(parts)]
+    process = subprocess.Popen(
+        command, stdout=subprocess.PIPE, text=True, start_new_session=number is signal.SIGKILL
+    )
+    assert process.stdout is not None
+    for line in process.stdout:
+        if line.startswith("generation   1"):
+            break
+    time.sleep(0.3)
+    if number is signal.SIGKILL:
+        os.killpg(process.pid, number)
+    else:
+        process.send_signal(number)
+    rest, _ = process.communicate(timeout=60)
+    assert process.returncode == (130 if number is signal.SIGINT else -number)
+    if number is signal.SIGINT:
+        assert "the same command goes on from the last finished generation" in rest
+    assert run(*SMALL, "--generations", "4", "--home", parts).returncode == 0
+    assert scores(parts) == scores(whole)
+    files = [home / "CartPole-v0" / "run" / "best_se.safetensors" for home in (whole, parts)]
+    states = [NESState.load(file.with_name("state.safetensors")) for file in files]
+    np.testing.assert_array_equal(states[0].psi, states[1].psi)
+
+    mlflow_client = client(parts)
+    experiment = mlflow_client.get_experiment_by_name("CartPole-v0")
+    assert experiment is not None
+    (tracked,) = mlflow_client.search_runs([experiment.experiment_id])
+    assert tracked.info.status == "FINISHED"
+    history = mlflow_client.get_metric_history(tracked.info.run_id, "score_mean")
+    assert [metric.step for metric in history] == [0, 1, 2, 3]

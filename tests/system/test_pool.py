@@ -1,0 +1,107 @@
+"""The actor pool on a real Ray cluster."""
+
+import contextlib
+import os
+import signal
+import threading
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import ray
+
+from bilevel.evaluation import EvaluationResult, evaluate
+from bilevel.hyperparameters import Hyperparameters
+from bilevel.nes import NES
+from bilevel.tasks import Task
+from cluster.nes_command import placed_pool
+from cluster.pool import EvaluationPool
+
+pytestmark = [pytest.mark.timeout(120), pytest.mark.usefixtures("local_ray")]
+
+
+def without_times(results: list[EvaluationResult]) -> list[EvaluationResult]:
+    return [replace(r, seconds=0.0) for r in sorted(results, key=lambda r: r.index)]
+
+
+@pytest.fixture
+def nes(cartpole: Task, small_hp: Hyperparameters) -> NES:
+    return NES(cartpole, small_hp, seed=1)
+
+
+def worker_pids() -> list[int]:
+    """Processes of this cluster's evaluation actors, by the title Ray gives them."""
+    pids = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        with contextlib.suppress(OSError):
+            if (folder / "cmdline").read_bytes().startswith(b"ray::_Worker"):
+                pids.append(int(folder.name))
+    return pids
+
+
+def test_any_number_of_actors_gives_what_a_loop_gives(nes: NES) -> None:
+    state = nes.start()
+    requests = nes.ask(state)
+    looped = [evaluate(nes.task, nes.architecture, state.psi, r) for r in requests]
+    for workers in (1, 2):
+        with placed_pool(workers) as pool:
+            results = pool.run(nes.task, nes.architecture, state.psi, requests)
+        assert without_times(results) == without_times(looped)
+
+
+def test_killed_actors_are_replaced_and_nothing_is_lost(
+    nes: NES, small_hp: Hyperparameters
+) -> None:
+    agent = replace(small_hp.agent, max_episodes=60, hidden_size=64, batch_size=128)
+    state = nes.start()
+    requests = [replace(r, agent=agent) for r in nes.ask(state) * 3]
+    requests = [replace(r, index=i) for i, r in enumerate(requests)]
+    looped = [evaluate(nes.task, nes.architecture, state.psi, r) for r in requests]
+    killed = []
+
+    def kill_some() -> None:
+        for _ in range(3):
+            time.sleep(0.5)
+            pid = worker_pids()[0]
+            os.kill(pid, signal.SIGKILL)
+            killed.append(pid)
+
+    with EvaluationPool(2) as pool:
+        pool.run(nes.task, nes.architecture, state.psi, requests[:2])  # both are up
+        killer = threading.Thread(target=kill_some)
+        killer.start()
+        results = pool.run(nes.task, nes.architecture, state.psi, requests)
+        killer.join()
+    assert len(killed) >= 2
+    assert without_times(results) == without_times(looped)
+
+
+def test_a_request_that_kills_every_actor_is_given_up(nes: NES) -> None:
+    class Poison(np.ndarray):
+        def __reduce__(self):  # type: ignore[no-untyped-def]
+            return os._exit, (1,)
+
+    psi = nes.start().psi.view(Poison)
+    with EvaluationPool(1) as pool, pytest.raises(Exception, match=r"died|worker"):
+        pool.run(nes.task, nes.architecture, psi, nes.ask(nes.start())[:1])
+
+
+def test_an_error_in_an_evaluation_is_the_callers(nes: NES) -> None:
+    wrong = nes.start().psi[:5]
+    with EvaluationPool(1) as pool, pytest.raises(ray.exceptions.RayTaskError):
+        pool.run(nes.task, nes.architecture, wrong, nes.ask(nes.start())[:1])
+
+
+def test_the_pool_is_gone_afterwards(nes: NES) -> None:
+    with placed_pool(2) as pool:
+        pool.run(nes.task, nes.architecture, None, [])
+        assert pool.size == 2
+    deadline = time.monotonic() + 20
+    cores = ray.cluster_resources()["CPU"]
+    while time.monotonic() < deadline:
+        if not worker_pids() and ray.available_resources().get("CPU") == cores:
+            return
+        time.sleep(0.1)
+    pytest.fail("actors or their resources are still there")
