@@ -1,0 +1,77 @@
+"""Write the tables of README.md from the committed results.
+
+python -m benchmarks.readme
+"""
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+from benchmarks.machine import RESULTS
+
+README = Path(__file__).parent.parent / "README.md"
+
+
+def _load(name: str) -> dict[str, Any]:
+    content: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text())
+    return content
+
+
+def _where(result: dict[str, Any]) -> str:
+    machine = result["machine"]
+    return f"{machine['cores']} cores of {machine['processor']}; `{result['command']}`"
+
+
+def inner_loop() -> str:
+    """Kernel against definition."""
+    result = _load("inner_loop")
+    rows = ["| agent | compiled | torch definition | ratio |", "| --- | --- | --- | --- |"]
+    for name, case in result["results"].items():
+        kernel, torch, ratio = case["kernel_us"], case["torch_us"], case["ratio"]
+        rows.append(
+            f"| {name} | {kernel['median']:.0f} µs | {torch['median']:.0f} µs | "
+            f"{ratio['median']:.1f} ({ratio['low']:.1f} to {ratio['high']:.1f}) |"
+        )
+    rows.append(f"\nMedians of {result['repeats']} pairs, the ratio with its spread; one core.")
+    rows.append(f"({_where(result)})")
+    return "\n".join(rows)
+
+
+def nes_seeds() -> str:
+    """NES with its defaults over seeds."""
+    rows = [
+        "| task | solved | generations | minutes | 10 fresh agents on the best SE | their steps |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for task in ("CartPole-v0", "Acrobot-v1"):
+        result = _load(f"nes_seeds_{task}")
+
+        def column(name: str, form: str, runs: list[dict[str, Any]] = result["runs"]) -> str:
+            return ", ".join(format(run[name], form) for run in runs)
+
+        rows.append(
+            f"| {task} | {result['solved']} seeds | {column('generations', 'd')} | "
+            f"{column('minutes', '.1f')} | {column('final_score_mean', '.1f')} | "
+            f"{column('final_train_steps_mean', 'd')} |"
+        )
+    rows.append("\nOne figure a seed, seeds 0, 1, ...; *solved* is a mean test return of at least")
+    rows.append("195 (CartPole-v0) and -100 (Acrobot-v1) of ten agents trained with fresh seeds.")
+    rows.append(f"({_where(result)})")
+    return "\n".join(rows)
+
+
+TABLES = {"inner-loop": inner_loop, "nes-seeds": nes_seeds}
+
+
+def filled(text: str) -> str:
+    """README's text with all tables made anew."""
+    for name, table in TABLES.items():
+        block = f"<!-- {name} -->\n{table()}\n<!-- /{name} -->"
+        pattern = rf"<!-- {name} -->(?:.*?<!-- /{name} -->)?"
+        text = re.sub(pattern, lambda _, block=block: block, text, flags=re.DOTALL)  # type: ignore[misc]
+    return text
+
+
+if __name__ == "__main__":
+    README.write_text(filled(README.read_text()))
