@@ -1,5 +1,6 @@
-"""The end of a run: the best SE scored anew with fresh seeds, and handed over."""
+"""The end of a run: its best SEs retested, the winner scored anew and handed over."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -7,15 +8,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationRequest
-from bilevel.hyperparameters import DDQNHyperparameters
+from bilevel.hyperparameters import Hyperparameters
 from bilevel.synthetic_env import StoredSE, save_se
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool
 from cluster.tracking import Tracker
 from search_spaces import vary_agent
 
-#: Names the fresh seeds apart from all others that a run derives.
-_FINAL = 0x46494E41
+#: Name the fresh seeds apart from all others that a run derives.
+_RETEST, _FINAL = 0x5245_5445, 0x4649_4E41
+
+#: Fresh agents that decide between the contenders for the best SE.
+RETESTS = 16
 
 BEST_FILE, LAST_FILE = "best_se.safetensors", "last_se.safetensors"
 
@@ -48,19 +52,40 @@ class FinalScore:
         )
 
 
+@dataclass(frozen=True)
+class Contender:
+    """An SE that may be the best, and the agent it was made for."""
+
+    se: StoredSE
+    hp: Hyperparameters
+
+
+def choose_best(
+    task: Task, contenders: Sequence[Contender], seed: int, pool: EvaluationPool
+) -> Contender:
+    """Train `RETESTS` fresh agents on each SE; the best on average, among equals the
+    one that took fewer steps. Contenders come best first, so one alone needs no test."""
+    if len(contenders) == 1:
+        return contenders[0]
+    scores = [_fresh_agents(task, c, RETESTS, (seed, _RETEST), pool) for c in contenders]
+    ranks = [(score.scores.mean(), -score.train_steps.mean()) for score in scores]
+    return contenders[ranks.index(max(ranks))]
+
+
 def score_anew(
-    task: Task,
-    se: StoredSE,
-    agent: DDQNHyperparameters,
-    agents: int,
-    seed: int,
-    pool: EvaluationPool,
-    vary: bool = False,
+    task: Task, contender: Contender, agents: int, seed: int, pool: EvaluationPool
 ) -> FinalScore:
-    """Train `agents` fresh agents on the SE, with seeds no generation has used."""
-    words = np.random.SeedSequence([seed, _FINAL]).generate_state(agents, np.uint64)
+    """Train `agents` fresh agents on the SE, with seeds nothing was chosen by."""
+    return _fresh_agents(task, contender, agents, (seed, _FINAL), pool)
+
+
+def _fresh_agents(
+    task: Task, contender: Contender, agents: int, seed: tuple[int, int], pool: EvaluationPool
+) -> FinalScore:
+    se, hp = contender.se, contender.hp
+    words = [int(word) for word in np.random.SeedSequence(seed).generate_state(agents, np.uint64)]
     requests = [
-        EvaluationRequest(i, int(word), vary_agent(agent, int(word)) if vary else agent)
+        EvaluationRequest(i, word, vary_agent(hp.agent, word) if hp.vary_agent else hp.agent)
         for i, word in enumerate(words)
     ]
     results = sorted(

@@ -3,6 +3,7 @@
 import contextlib
 import json
 import re
+import uuid
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -56,30 +57,31 @@ class Home:
 
 
 @contextlib.contextmanager
-def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[bool]:
+def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[str]:
     """Hold a run's folder for this process alone, and its settings to what they were.
 
-    Yields whether the run existed before. Raises InvalidInput if another process
-    holds the folder, or if the run was begun with other settings.
+    Yields the run's identity, a string made up when it was begun: what is tracked
+    elsewhere under its name belongs to it only if it carries the identity too.
+    Raises InvalidInput if another process holds the folder, or if the run was begun
+    with other settings.
     """
     folder.mkdir(parents=True, exist_ok=True)
     try:
         with FileLock(folder / ".lock", timeout=0):
             path = folder / "settings.json"
-            existed = path.exists()
-            if existed:
-                _require_same(path, settings)
-            else:
-                write_aside(path, json.dumps(settings, indent=2).encode())
-            yield existed
+            if not path.exists():
+                identified = {"identity": uuid.uuid4().hex, **settings}
+                write_aside(path, json.dumps(identified, indent=2).encode())
+            yield _require_same(path, settings)
     except Timeout:
         raise InvalidInput(f"{folder.name!r} is being run by another process") from None
 
 
-def _require_same(path: Path, settings: dict[str, Any]) -> None:
+def _require_same(path: Path, settings: dict[str, Any]) -> str:
     try:
         before = json.loads(path.read_bytes())
-    except ValueError as error:
+        before["identity"]
+    except (ValueError, TypeError, KeyError) as error:
         raise InvalidInput(f"damaged settings {str(path)!r}: {error}") from None
     for name, value in json.loads(json.dumps(settings)).items():
         if before.get(name) != value:
@@ -87,3 +89,4 @@ def _require_same(path: Path, settings: dict[str, Any]) -> None:
                 f"{path.parent.name!r} was begun with {name} = {before.get(name)}, not {value}: "
                 "give it that, or another name"
             )
+    return str(before["identity"])

@@ -13,7 +13,7 @@ from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NESState
 from bilevel.synthetic_env import save_se
 from bilevel.tasks import Task
-from cluster.final import LAST_FILE, hand_over, score_anew
+from cluster.final import LAST_FILE, Contender, choose_best, hand_over, score_anew
 from cluster.home import Home, locked_settings
 from cluster.nes_loop import NESRun
 from cluster.pool import EvaluationPool
@@ -77,19 +77,21 @@ def run_nes(command: NESCommand) -> NESState:
         command.home.prepare()
         with (
             placed_pool(workers) as pool,
-            locked_settings(folder, command.settings()),
+            locked_settings(folder, command.settings()) as identity,
             Terminal() as terminal,
         ):
-            return _run(command, folder, pool, terminal)
+            return _run(command, folder, identity, pool, terminal)
 
 
-def _run(command: NESCommand, folder: Path, pool: EvaluationPool, terminal: Terminal) -> NESState:
+def _run(
+    command: NESCommand, folder: Path, identity: str, pool: EvaluationPool, terminal: Terminal
+) -> NESState:
     task, hp = command.task, command.hp
     run = NESRun(task, hp, command.seed, folder)
     loaded = run.load()
     tracker = Tracker(command.tracking_uri, task.id, command.home.artifacts)
     run_id = tracker.open_run(
-        f"nes/{command.name}",
+        identity,
         command.name,
         {**hp.to_dict(), "seed": command.seed, "task": task.id},
         {"bilevel.kind": "nes"},
@@ -154,16 +156,13 @@ def _finish(
         else "all generations done"
     )
     minutes = duration(sum(record.generation_seconds for record in state.records))
-    terminal.line(
-        f"{reason}: {state.generation} generations in {minutes}; best SE from generation "
-        f"{state.best_generation} (score {state.best_score:.1f})"
-    )
-    hp = command.hp
-    se = run.stored_se(state)
-    terminal.bar("scoring the best SE anew", 0, FINAL_AGENTS, "agents")
-    score = score_anew(command.task, se, hp.agent, FINAL_AGENTS, command.seed, pool, hp.vary_agent)
+    terminal.line(f"{reason}: {state.generation} generations in {minutes}")
+    contenders = [Contender(se, command.hp) for se in run.finalists(state)]
+    terminal.line(f"retesting the {len(contenders)} best SEs with fresh agents")
+    best = choose_best(command.task, contenders, command.seed, pool)
+    score = score_anew(command.task, best, FINAL_AGENTS, command.seed, pool)
     last = run.folder / LAST_FILE
-    save_se(run.stored_se(state, best=False), last)
+    save_se(run.last_se(state), last)
     tracker.log_file(run_id, last)
     title = f"{command.name} on {command.task.id}"
     figure = plots.learning_curve(state.records, command.task, title)
@@ -172,7 +171,7 @@ def _finish(
     tracker.log_metrics(
         run_id, {"objective": state.objective, "budget": state.generation}, state.generation
     )
-    path, address = hand_over(se, score, run.folder, tracker, run_id)
+    path, address = hand_over(best.se, score, run.folder, tracker, run_id)
     terminal.line(str(score))
     terminal.line(f"best SE: {path}  ({address} in MLflow's model registry)")
     terminal.line("look at the curves with `make ui`; use the SE with")

@@ -5,6 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel import __version__
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES, NESState
@@ -68,23 +72,35 @@ class NESRun:
         state.save(self.folder / STATE_FILE)
         return state
 
-    def stored_se(self, state: NESState, best: bool = True) -> StoredSE:
-        """The best SE so far (or the last one), as it goes to a file."""
-        from bilevel import __version__
+    def finalists(self, state: NESState) -> list[StoredSE]:
+        """The best SEs so far, best first, as they go to files."""
+        return [
+            self._stored(
+                f.psi,
+                {
+                    "generation": f.generation,
+                    "score_mean": f.score_mean,
+                    "perturbed_score_mean": f.perturbed_score_mean,
+                },
+            )
+            for f in state.finalists
+        ]
 
-        generation = state.best_generation if best else state.generation
-        info = {
-            "hyperparameters": self.hp.to_dict(),
-            "seed": self.seed,
-            "generation": generation,
-            "score_mean": state.best_score if best else None,
-            "bilevel_version": __version__,
-        }
+    def last_se(self, state: NESState) -> StoredSE:
+        """The current SE, which no agent has been trained on yet."""
+        return self._stored(state.psi, {"generation": state.generation})
+
+    def _stored(self, psi: NDArray[np.float32], info: dict[str, object]) -> StoredSE:
         return StoredSE(
             self.nes.architecture,
-            state.best_psi if best else state.psi,
+            psi,
             self.task.id,
             self.task.step_limit,
             self.task.solved_reward,
-            info,
+            {
+                "hyperparameters": self.hp.to_dict(),
+                "seed": self.seed,
+                "bilevel_version": __version__,
+                **info,
+            },
         )

@@ -23,10 +23,17 @@ def serve_ui(home: Home, host: str, port: int) -> int:
         except OSError as error:
             raise InvalidInput(f"cannot serve on {host}:{port}: {error.strerror}") from None
     print(f"MLflow UI on http://{host}:{port} (Ctrl-C ends it)", flush=True)
+    # Only errors are worth a line, and jobs for language models are not wanted.
+    environment = {
+        **os.environ,
+        "MLFLOW_LOGGING_LEVEL": "ERROR",
+        "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
+    }
     command = [sys.executable, "-m", "mlflow", "server", "--host", host, "--port", str(port)]
     command += ["--backend-store-uri", home.database_uri, "--workers", "1"]
     command += ["--default-artifact-root", home.artifacts.as_uri()]
+    command += ["--uvicorn-opts", "--log-level error"]
     try:
-        return subprocess.run(command, env=os.environ, check=False).returncode
+        return subprocess.run(command, env=environment, check=False).returncode
     except KeyboardInterrupt:
         return 0

@@ -36,7 +36,7 @@ def small_hp(small_agent: DDQNHyperparameters) -> Hyperparameters:
     hp = load_preset("tuned", "CartPole-v0")
     return replace(
         hp,
-        nes=replace(hp.nes, population_size=3, generations=2),
+        nes=replace(hp.nes, population_size=3, generations=2, start_candidates=1),
         se=replace(hp.se, hidden_size=8),
         agent=small_agent,
     )

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters
 from bilevel.hyperparameters.definitions import RETEST_ONE_IN, RETESTS
-from bilevel.nes.state import GenerationRecord, NESState
+from bilevel.nes.state import Finalist, GenerationRecord, NESState
 from bilevel.nes.transforms import finite
 from bilevel.nes.updates import MemberScores, update_step
 from bilevel.synthetic_env import Architecture
@@ -85,7 +85,7 @@ class NES:
             best = self._screened_best(screened)[int(scores.argmax())]
         rng = np.random.default_rng(self._seed(_START, best))
         psi = self.architecture.initialize(rng)
-        return NESState(psi=psi, best_psi=psi)
+        return NESState(psi)
 
     def _screened_best(self, screened: Sequence[EvaluationResult]) -> list[int]:
         keep = math.ceil(len(screened) / RETEST_ONE_IN)
@@ -153,16 +153,16 @@ class NES:
             / max(sum(r.seconds for r in ordered), 1e-9),
             generation_seconds=seconds,
         )
-        better = record.score_mean > state.best_score
+        finalist = Finalist(
+            state.psi, state.generation, record.score_mean, record.perturbed_score_mean
+        )
         solved = record.score_mean >= self.task.solved_reward
         return replace(
             state,
             psi=state.psi + step,
-            best_psi=state.psi if better else state.best_psi,
             generation=state.generation + 1,
-            best_generation=state.generation if better else state.best_generation,
-            best_score=record.score_mean if better else state.best_score,
             solved_streak=state.solved_streak + 1 if solved else 0,
+            finalists=state.with_finalist(finalist),
             records=(*state.records, record),
         )
 

@@ -1,7 +1,7 @@
 """What an NES run carries from one generation to the next, on disk and in memory."""
 
 import json
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import numpy as np
@@ -36,21 +36,44 @@ class GenerationRecord:
     generation_seconds: float
 
 
+#: SEs that a run keeps for the end.
+FINALISTS = 4
+
+
+@dataclass(frozen=True)
+class Finalist:
+    """An SE of a past generation, with what it scored then."""
+
+    psi: NDArray[np.float32]  # (P,)
+    generation: int
+    score_mean: float
+    perturbed_score_mean: float
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Higher is better; among equal scores the one whose neighbours score higher."""
+        return self.score_mean, self.perturbed_score_mean
+
+
 @dataclass(frozen=True)
 class NESState:
     """The run after `generation` generations.
 
-    `best_psi` is the SE whose own agents scored highest on average; a run may
-    degrade after it has solved the task, so it is kept beside the current one.
+    A run may degrade after it has solved the task, so the best SEs are kept beside
+    the current one; several of them, because a score is a sample of agents and the
+    highest one a lucky sample: the end of a run retests them all.
     """
 
     psi: NDArray[np.float32]  # (P,)
-    best_psi: NDArray[np.float32]  # (P,)
     generation: int = 0
-    best_generation: int = -1
-    best_score: float = float("-inf")
     solved_streak: int = 0  # generations solved in a row, up to the last one
-    records: tuple[GenerationRecord, ...] = field(default=())
+    finalists: tuple[Finalist, ...] = ()  # best first
+    records: tuple[GenerationRecord, ...] = ()
+
+    @property
+    def best_score(self) -> float:
+        """Highest mean score of a generation so far (-inf before the first)."""
+        return self.finalists[0].score_mean if self.finalists else float("-inf")
 
     @property
     def objective(self) -> float:
@@ -58,16 +81,23 @@ class NESState:
         learning curve, so that fast and good both count."""
         return float(np.mean([record.score_mean for record in self.records]))
 
+    def with_finalist(self, finalist: Finalist) -> tuple[Finalist, ...]:
+        """The finalists when this one has entered."""
+        ranked = sorted((*self.finalists, finalist), key=lambda f: f.rank, reverse=True)
+        return tuple(ranked[:FINALISTS])
+
     def save(self, path: Path) -> None:
         """Write durably (aside, flushed, renamed)."""
         header = {
             "generation": self.generation,
-            "best_generation": self.best_generation,
-            "best_score": self.best_score,
             "solved_streak": self.solved_streak,
+            "finalists": [
+                [f.generation, f.score_mean, f.perturbed_score_mean] for f in self.finalists
+            ],
             "records": [asdict(record) for record in self.records],
         }
-        tensors = {"psi": self.psi, "best_psi": self.best_psi}
+        tensors = {"psi": self.psi}
+        tensors |= {f"finalist_{i}": f.psi for i, f in enumerate(self.finalists)}
         write_aside(path, safetensors.numpy.save(tensors, {"nes": json.dumps(header)}))
 
     @classmethod
@@ -76,11 +106,16 @@ class NESState:
         try:
             with safetensors.safe_open(path, framework="numpy") as file:
                 header = json.loads(file.metadata()["nes"])
-                psi, best_psi = file.get_tensor("psi"), file.get_tensor("best_psi")
-            records = tuple(GenerationRecord(**record) for record in header.pop("records"))
-            state = cls(psi=psi, best_psi=best_psi, records=records, **header)
-            if state.generation != len(records) or psi.shape != best_psi.shape:
+                psi = file.get_tensor("psi")
+                finalists = tuple(
+                    Finalist(file.get_tensor(f"finalist_{i}"), int(g), float(score), float(near))
+                    for i, (g, score, near) in enumerate(header["finalists"])
+                )
+            records = tuple(GenerationRecord(**record) for record in header["records"])
+            generation, streak = int(header["generation"]), int(header["solved_streak"])
+            shapes = {psi.shape, *(finalist.psi.shape for finalist in finalists)}
+            if generation != len(records) or len(shapes) > 1:
                 raise ValueError("its parts do not fit together")
-            return state
+            return cls(psi, generation, streak, finalists, records)
         except (SafetensorError, OSError, ValueError, TypeError, KeyError) as error:
             raise InvalidInput(f"damaged checkpoint {str(path)!r}: {error}") from None

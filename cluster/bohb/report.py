@@ -18,13 +18,16 @@ from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.search import Job
 from cluster.bohb.searcher import BUDGET_REACHED, OBJECTIVE, BohbSearcher, DriverOnly
 from cluster.bohb.trial import configuration_name, configuration_run
-from cluster.final import BEST_FILE, LAST_FILE, FinalScore, hand_over
+from cluster.final import BEST_FILE, LAST_FILE, Contender, FinalScore, hand_over
 from cluster.nes_loop import NESRun
 from cluster.progress import Terminal, duration
 from cluster.tracking import Tracker, plots
 
 if TYPE_CHECKING:
     from cluster.bohb.study import StudySettings
+
+#: SEs that are retested at the end of a study.
+_CONTENDERS = 6
 
 #: Seconds between refreshed pictures on the parent run.
 _PICTURE_EVERY = 20.0
@@ -36,6 +39,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     def __init__(
         self,
         settings: "StudySettings",
+        identity: str,
         journal: Journal,
         searcher: BohbSearcher,
         tracker: Tracker,
@@ -43,6 +47,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         brackets: int,
     ) -> None:
         self._settings = settings
+        self._identity = identity
         self._journal = journal
         self._searcher = searcher
         self._tracker = tracker
@@ -70,7 +75,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             "base": s.base.to_dict(),
         }
         self._parent = self._tracker.open_run(
-            f"study/{s.name}",
+            self._identity,
             s.name,
             params,
             {"bilevel.kind": "study"},
@@ -89,11 +94,9 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         if self._journal.results:
             line(f"going on: {len(self._journal.results)} results of this study count already")
 
-    def best_se(self) -> tuple[NESRun, NESState] | None:
-        """The SE of all configurations whose own agents scored highest; among equals
-        the one whose run had the better objective."""
-        best: tuple[float, float] | None = None
-        found = None
+    def contenders(self) -> list[Contender]:
+        """The SEs whose own agents scored highest, of all configurations, best first."""
+        found = []
         for line in self._journal.configs:
             run = self._run(line)
             try:
@@ -101,19 +104,20 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             except InvalidInput as error:
                 self._terminal.line(f"{error}; it is left out")
                 continue
-            if state is not None and state.records:
-                rank = (state.best_score, state.objective)
-                if best is None or rank > best:
-                    best, found = rank, (run, state)
-        return found
+            if state is not None:
+                ses = run.finalists(state)
+                found += [
+                    (f.rank, Contender(se, run.hp))
+                    for f, se in zip(state.finalists, ses, strict=True)
+                ]
+        found.sort(key=lambda pair: pair[0], reverse=True)
+        return [contender for _, contender in found[:_CONTENDERS]]
 
-    def finish(self, run: NESRun, state: NESState, score: FinalScore) -> None:
+    def finish(self, best: Contender, score: FinalScore) -> None:
         """Report the incumbent, and the best SE with its fresh score."""
         s = self._settings
         self._pictures(force=True)
-        path, address = hand_over(
-            run.stored_se(state), score, s.folder, self._tracker, self._parent
-        )
+        path, address = hand_over(best.se, score, s.folder, self._tracker, self._parent)
         line = self._terminal.line
         picks = [bool(config.info.get("model_based_pick")) for config in self._journal.configs]
         line(
@@ -151,7 +155,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         name = configuration_name(job.id)
         run = self._run(ConfigLine(job.id, job.configuration, {}))
         self._runs[name] = self._tracker.open_run(
-            f"study/{self._settings.name}/{name}",
+            f"{self._identity}/{name}",
             f"{self._settings.name}/{name}",
             {**run.hp.to_dict(), "seed": run.seed, "task": run.task.id},
             {
@@ -216,8 +220,8 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._tracker.close_run(self._runs[configuration_name(job.id)], status)
 
     def _log_ses(self, run: NESRun, state: NESState, run_id: str) -> None:
-        for name, best in ((BEST_FILE, True), (LAST_FILE, False)):
-            save_se(run.stored_se(state, best), run.folder / name)
+        for name, se in ((BEST_FILE, run.finalists(state)[0]), (LAST_FILE, run.last_se(state))):
+            save_se(se, run.folder / name)
             self._tracker.log_file(run_id, run.folder / name)
         title = f"{self._settings.name}, {run.folder.name}"
         figure = plots.learning_curve(state.records, run.task, title)

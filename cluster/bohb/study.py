@@ -20,7 +20,7 @@ from cluster.bohb.search import BracketSearch
 from cluster.bohb.searcher import BohbSearcher
 from cluster.bohb.stopping import InterruptGuard, StudyStopper
 from cluster.bohb.trial import NESTrial
-from cluster.final import score_anew
+from cluster.final import choose_best, score_anew
 from cluster.home import Home, locked_settings
 from cluster.nes_command import placed_pool
 from cluster.profiles import Profile, base_hyperparameters
@@ -109,11 +109,16 @@ def run_study(settings: StudySettings) -> int:
     with ray_cluster(settings.address):
         trials = concurrency(settings)
         settings.home.prepare()
-        with locked_settings(settings.folder, settings.fixed()), Terminal() as terminal:
-            return _run(settings, trials, deadline, terminal)
+        with (
+            locked_settings(settings.folder, settings.fixed()) as identity,
+            Terminal() as terminal,
+        ):
+            return _run(settings, identity, trials, deadline, terminal)
 
 
-def _run(settings: StudySettings, trials: int, deadline: float, terminal: Terminal) -> int:
+def _run(
+    settings: StudySettings, identity: str, trials: int, deadline: float, terminal: Terminal
+) -> int:
     journal = Journal(settings.folder)
     tracker = Tracker(settings.tracking_uri, settings.task.id, settings.home.artifacts)
     brackets = brackets_to_reach(journal, settings.ladder, settings.profile.brackets)
@@ -126,7 +131,7 @@ def _run(settings: StudySettings, trials: int, deadline: float, terminal: Termin
         settings.model,
     )
     searcher = BohbSearcher(search, trials, deadline)
-    report = StudyReport(settings, journal, searcher, tracker, terminal, brackets)
+    report = StudyReport(settings, identity, journal, searcher, tracker, terminal, brackets)
     report.begin(trials)
     status = "FAILED"
     try:
@@ -138,22 +143,16 @@ def _run(settings: StudySettings, trials: int, deadline: float, terminal: Termin
             return 130
         if searcher.time_is_up and not search.finished:
             terminal.line("the time budget is spent; the same command goes on where it was")
-        best = report.best_se()
-        if best is None:
-            terminal.line("no configuration finished a generation: see the trials' errors above")
+        contenders = report.contenders()
+        if not contenders:
+            terminal.line("no configuration finished a generation: see the errors above")
             return 1
         with placed_pool(settings.workers_per_trial * trials) as pool:
-            run, state = best
-            terminal.line("scoring the best SE anew, with fresh seeds")
-            score = score_anew(
-                settings.task,
-                run.stored_se(state),
-                run.hp.agent,
-                settings.profile.final_agents,
-                settings.seed,
-                pool,
-            )
-        report.finish(run, state, score)
+            terminal.line(f"retesting the {len(contenders)} best SEs with fresh agents")
+            best = choose_best(settings.task, contenders, settings.seed, pool)
+            agents = settings.profile.final_agents
+            score = score_anew(settings.task, best, agents, settings.seed, pool)
+        report.finish(best, score)
         status = "FINISHED"
         return 0 if any(line.loss is not None for line in journal.results) else 1
     finally:

@@ -19,6 +19,8 @@ from bilevel.errors import InvalidInput
 from bilevel.nes import GenerationRecord
 
 _KEY = "bilevel.key"
+#: Makes the UI open the experiment on its runs instead of on a page for chat traces.
+_KIND = "mlflow.experimentKind"
 _CONNECT_TIMEOUT = 5.0  # seconds until a server counts as unreachable
 
 Params = Mapping[str, Any]
@@ -75,7 +77,9 @@ class Tracker:
             self.experiment_id = (
                 found.experiment_id
                 if found is not None
-                else self._client.create_experiment(experiment, artifact_location=location)
+                else self._client.create_experiment(
+                    experiment, artifact_location=location, tags={_KIND: "custom_model_development"}
+                )
             )
         except (MlflowException, OSError) as error:
             reason = str(error).strip().splitlines()[0]

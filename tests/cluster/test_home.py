@@ -19,14 +19,21 @@ def test_task_ids_with_a_namespace_stay_inside(tmp_path: Path) -> None:
 
 
 def test_other_settings_are_refused(tmp_path: Path) -> None:
-    with locked_settings(tmp_path / "run", {"seed": 1, "budgets": (1, 3)}) as existed:
-        assert not existed
-    with locked_settings(tmp_path / "run", {"seed": 1, "budgets": (1, 3)}) as existed:
-        assert existed
+    with locked_settings(tmp_path / "run", {"seed": 1, "budgets": (1, 3)}) as identity:
+        pass
+    with locked_settings(tmp_path / "run", {"seed": 1, "budgets": (1, 3)}) as again:
+        assert identity == again
     with (
         pytest.raises(InvalidInput, match="'run' was begun with seed = 1, not 2"),
         locked_settings(tmp_path / "run", {"seed": 2, "budgets": (1, 3)}),
     ):
+        pass
+
+
+@pytest.mark.parametrize("content", ["", "[]", "{}", "nonsense"])
+def test_damaged_settings_are_told(content: str, tmp_path: Path) -> None:
+    (tmp_path / "settings.json").write_text(content)
+    with pytest.raises(InvalidInput, match="damaged settings"), locked_settings(tmp_path, {}):
         pass
 
 

@@ -19,7 +19,7 @@ from tests.system.conftest import BILEVEL, client, run
 
 pytestmark = pytest.mark.timeout(280)
 
-SMALL = ("nes", "CartPole-v0", "--population", "2", "--name", "run", "--seed", "3")
+SMALL = ("nes", "CartPole-v0", "--population", "2", "--start-candidates", "2", "--name", "run")
 
 
 def scores(home: Path) -> list[dict[str, float]]:

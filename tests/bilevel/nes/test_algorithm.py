@@ -86,10 +86,16 @@ class TestTell:
             results = [answer(r, score + r.index * 1e-3) for r in nes.ask(states[-1])]
             states.append(nes.tell(states[-1], results, 1.0))
         final = states[-1]
-        assert final.best_generation == 1
-        np.testing.assert_array_equal(final.best_psi, states[1].psi)
+        assert [f.generation for f in final.finalists] == [1, 0, 2]
+        np.testing.assert_array_equal(final.finalists[0].psi, states[1].psi)
         assert [s.solved_streak for s in states] == [0, 0, 1, 0]
         assert final.objective == pytest.approx(np.mean([50.001, 199.001, 20.001]))
+
+    def test_only_the_best_few_are_kept(self, nes: NES) -> None:
+        state = nes.start()
+        for score in (3.0, 9.0, 1.0, 7.0, 8.0, 2.0):
+            state = nes.tell(state, [answer(r, score) for r in nes.ask(state)], 1.0)
+        assert [f.score_mean for f in state.finalists] == [9.0, 8.0, 7.0, 3.0]
 
     def test_nan_score_does_not_poison(self, nes: NES) -> None:
         state = nes.start()
@@ -181,6 +187,8 @@ class TestState:
         state.save(tmp_path / "state")
         loaded = NESState.load(tmp_path / "state")
         assert loaded.records == state.records
+        assert [f.rank for f in loaded.finalists] == [f.rank for f in state.finalists]
+        np.testing.assert_array_equal(loaded.finalists[0].psi, state.finalists[0].psi)
         assert (loaded.generation, loaded.best_score) == (1, 1.0)
         np.testing.assert_array_equal(loaded.psi, state.psi)
         assert nes.ask(loaded) == nes.ask(state)
