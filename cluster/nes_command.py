@@ -102,7 +102,7 @@ def _run(
         f"at most {hp.nes.generations} generations, {pool.size} worker(s), "
         f"seed {command.seed}"
     )
-    terminal.line(f"folder {folder}; MLflow {tracker.uri}, experiment {task.id!r}")
+    terminal.line(f"folder {folder}; to look at it: {tracker.address}")
     if loaded is not None:
         terminal.line(f"going on after generation {loaded.generation - 1}")
     status = "KILLED"
@@ -167,6 +167,7 @@ def _finish(
     title = f"{command.name} on {command.task.id}"
     figure = plots.learning_curve(state.records, command.task, title)
     tracker.log_figure(run_id, figure, "learning_curve.png")
+    tracker.log_json(run_id, command.hp.to_dict(), "configuration.json")
     figure.savefig(run.folder / "learning_curve.png", dpi=150)
     tracker.log_metrics(
         run_id, {"objective": state.objective, "budget": state.generation}, state.generation

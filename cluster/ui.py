@@ -22,7 +22,8 @@ def serve_ui(home: Home, host: str, port: int) -> int:
             probe.bind((host, port))
         except OSError as error:
             raise InvalidInput(f"cannot serve on {host}:{port}: {error.strerror}") from None
-    print(f"MLflow UI on http://{host}:{port} (Ctrl-C ends it)", flush=True)
+    address = f"http://{host}:{port}/#/experiments?workflowType=machine_learning"
+    print(f"MLflow UI on {address}  (Ctrl-C ends it)", flush=True)
     # Only errors are worth a line, and jobs for language models are not wanted.
     environment = {
         **os.environ,

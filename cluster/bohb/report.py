@@ -14,7 +14,7 @@ from bilevel.errors import InvalidInput
 from bilevel.nes import GenerationRecord, NESState
 from bilevel.synthetic_env import save_se
 from cluster.bohb.brackets import bracket_table, generations_to_run
-from cluster.bohb.journal import ConfigLine, Journal, ResultLine
+from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, ResultLine
 from cluster.bohb.search import Job
 from cluster.bohb.searcher import BUDGET_REACHED, OBJECTIVE, BohbSearcher, DriverOnly
 from cluster.bohb.trial import configuration_name, configuration_run
@@ -88,9 +88,9 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             f"{'/'.join(map(str, s.ladder))} generations, {trials} trial(s) at a time with "
             f"{s.workers_per_trial} worker(s) each"
         )
-        line(f"folder {s.folder}; MLflow {self._tracker.uri}, experiment {s.task.id!r}")
+        line(f"folder {s.folder}; to look at it: {self._tracker.address}")
         if s.profile.time_budget is not None:
-            line(f"time budget {duration(s.profile.time_budget)}; see it grow with `make ui`")
+            line(f"time budget {duration(s.profile.time_budget)}")
         if self._journal.results:
             line(f"going on: {len(self._journal.results)} results of this study count already")
 
@@ -126,7 +126,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         )
         incumbent = self._incumbent()
         if incumbent is not None:
-            values = next(c.configuration for c in self._journal.configs if c.id == incumbent.id)
+            values = self._configuration(incumbent.id)
             line(
                 f"incumbent {configuration_name(incumbent.id)}: objective "
                 f"{-_loss(incumbent):.1f} over {incumbent.budget} generations"
@@ -194,7 +194,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         assert state is not None
         self._log_ses(run, state, run_id)
         self._close_trial(trial.trial_id, "FINISHED")
-        self._result_line(job, objective, float(result["best_score"]))
+        self._result_line(job, objective, state)
         self._pictures()
 
     def on_trial_error(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
@@ -215,6 +215,9 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         s = self._settings
         return configuration_run(line.id, line.configuration, s.task, s.base, s.seed, s.folder)
 
+    def _configuration(self, config_id: ConfigId) -> Configuration:
+        return next(c.configuration for c in self._journal.configs if c.id == config_id)
+
     def _close_trial(self, trial_id: str, status: str) -> None:
         job = self._jobs.pop(trial_id)
         self._tracker.close_run(self._runs[configuration_name(job.id)], status)
@@ -226,6 +229,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         title = f"{self._settings.name}, {run.folder.name}"
         figure = plots.learning_curve(state.records, run.task, title)
         self._tracker.log_figure(run_id, figure, "learning_curve.png")
+        self._tracker.log_json(run_id, run.hp.to_dict(), "configuration.json")
 
     def _show(self, job: Job, record: GenerationRecord) -> None:
         note = (
@@ -239,14 +243,15 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             f"bracket {job.id[0] + 1}/{self._brackets}", done, total, "results", note
         )
 
-    def _result_line(self, job: Job, objective: float, best_score: float) -> None:
+    def _result_line(self, job: Job, objective: float, state: NESState) -> None:
         rungs = [rung.budget for rung in self._rungs if rung.bracket == job.id[0]]
         incumbent = self._incumbent()
         so_far = f"incumbent {-_loss(incumbent):.1f}" if incumbent is not None else "first result"
         self._terminal.line(
             f"{configuration_name(job.id)}  bracket {job.id[0] + 1}/{self._brackets} rung "
             f"{rungs.index(job.budget) + 1}/{len(rungs)}  {job.budget:3d} generations  "
-            f"objective {objective:7.1f}  best score {best_score:7.1f}  "
+            f"objective {objective:7.1f}  best score {state.best_score:7.1f}  "
+            f"{state.records[-1].env_steps_per_second / 1000:3.0f}k steps/s  "
             f"{'model ' if job.model_based else 'random'}  {so_far}  ETA {self._eta()}"
         )
 
@@ -291,6 +296,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             }
             tracker.log_metrics(parent, values, len(self._journal.results))
             tracker.set_tags(parent, {"bilevel.incumbent": configuration_name(incumbent.id)})
+            tracker.log_json(parent, self._configuration(incumbent.id), "incumbent.json")
 
     def _points(self) -> list[plots.ResultPoint]:
         picks = {line.id: bool(line.info.get("model_based_pick")) for line in self._journal.configs}

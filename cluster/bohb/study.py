@@ -245,7 +245,7 @@ def dry_run(settings: StudySettings, terminal: Terminal) -> None:
     with ray_cluster(settings.address):
         trials = concurrency(settings)
     terminal.line(f"study {settings.name!r} on {settings.task.id}, budgets in generations")
-    terminal.line("bracket   " + "   ".join("configurations x budget" for _ in settings.ladder[:1]))
+    terminal.line("bracket   configurations x budget")
     cycle = len(settings.ladder)
     for bracket in range(min(settings.profile.brackets, cycle)):
         row = " -> ".join(

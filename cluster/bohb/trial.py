@@ -76,7 +76,6 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         records = state.records if first else state.records[-1:]
         return {
             "records": [asdict(record) for record in records],
-            "best_score": state.best_score,
             OBJECTIVE: state.objective,
             BUDGET_REACHED: reached,
             "done": reached,

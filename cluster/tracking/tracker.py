@@ -6,6 +6,7 @@ continued study goes on in the same runs, and a generation that is already there
 not logged twice.
 """
 
+import json
 import logging
 import socket
 import warnings
@@ -86,6 +87,13 @@ class Tracker:
             raise InvalidInput(f"MLflow at {uri!r} cannot be used: {reason}") from None
         self._logged_until: dict[str, int] = {}  # run -> last generation logged
 
+    @property
+    def address(self) -> str:
+        """Where a person looks at the runs."""
+        if self.uri.startswith("http"):
+            return f"{self.uri.rstrip('/')}/#/experiments/{self.experiment_id}/runs"
+        return f"`make ui`, experiment {self.experiment_id}"
+
     def open_run(
         self,
         key: str,
@@ -144,6 +152,10 @@ class Tracker:
     def log_text(self, run_id: str, text: str, name: str) -> None:
         """Store a text as artifact."""
         self._client.log_text(run_id, text, name)
+
+    def log_json(self, run_id: str, values: Params, name: str) -> None:
+        """Store a dictionary as JSON artifact."""
+        self._client.log_text(run_id, json.dumps(values, indent=2), name)
 
     def log_figure(self, run_id: str, figure: Any, name: str) -> None:
         """Store a matplotlib figure as artifact."""

@@ -7,18 +7,13 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 import mlflow
 import pytest
 
 from bilevel.nes import NESState
-from bilevel.tasks import Task, get_task
 from cluster.bohb import Journal
-from cluster.bohb.study import StudySettings, run_study
-from cluster.home import Home
-from cluster.profiles import get_profile
 from tests.system.conftest import BILEVEL, client, run
 
 pytestmark = pytest.mark.timeout(290)
@@ -71,6 +66,7 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
     assert {
         "objective_against_cost.png",
         "brackets.md",
+        "incumbent.json",
         "journal",
         "best_se.safetensors",
         "model",
@@ -82,7 +78,12 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
         mean = sum(metric.value for metric in history) / budget
         assert child.data.metrics["objective"] == pytest.approx(mean)
         names = {file.path for file in mlflow_client.list_artifacts(child.info.run_id)}
-        assert names == {"best_se.safetensors", "last_se.safetensors", "learning_curve.png"}
+        assert names == {
+            "best_se.safetensors",
+            "configuration.json",
+            "last_se.safetensors",
+            "learning_curve.png",
+        }
         assert child.data.params["nes.population_size"] == "2"
     best = mlflow_client.get_model_version_by_alias("SE-CartPole-v0", "best")
     assert best.run_id == parent.info.run_id
@@ -145,12 +146,13 @@ def test_ctrl_c_stops_orderly(tmp_path: Path) -> None:
         [BILEVEL, *SMOKE, "--brackets", "9", "--home", str(tmp_path)],
         stdout=subprocess.PIPE,
         text=True,
+        start_new_session=True,
     )
     assert process.stdout is not None
     for line in process.stdout:
         if "objective" in line:
             break
-    process.send_signal(signal.SIGINT)
+    os.killpg(process.pid, signal.SIGINT)  # to everyone, as a terminal does
     rest, _ = process.communicate(timeout=90)
     assert process.returncode == 130
     assert "the same command goes on where it was" in rest
@@ -169,23 +171,37 @@ def test_time_budget_ends_the_search(tmp_path: Path) -> None:
     assert "fresh agents trained on the best SE" in result.stdout
 
 
-def test_a_study_whose_trials_all_fail_ends_with_1(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """An SE of a wrong size: every evaluation raises, every trial fails."""
-    broken = Task("CartPole-v0", 3, 2, 200, 195.0, 0.0, get_task("CartPole-v0").dynamics)
-    profile = replace(get_profile("smoke"), brackets=1, largest_budget=1, population=1)
-    settings = StudySettings(
-        broken, "broken", "smoke", profile, 0, Home(tmp_path), f"sqlite:///{tmp_path}/mlflow.db"
-    )
-    broken_agent = replace(settings.base.agent, test_episodes=1)
-    assert broken_agent.test_episodes == 1
-    code = run_study(settings)
-    output = capsys.readouterr().out
-    if code == 0:  # the kernel reads three of four numbers and goes on: then it is no failure
-        pytest.skip("a state of a wrong size is not told by the kernel")
-    assert code == 1
-    assert "failed: " in output
+def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(tmp_path: Path) -> None:
+    """A file lies where one configuration wants its folder: that one cannot save."""
+    in_the_way = tmp_path / "CartPole-v0" / "smoke" / "configurations" / "000-0-001"
+    in_the_way.parent.mkdir(parents=True)
+    in_the_way.touch()
+    result = run(*SMOKE, "--brackets", "1", "--home", tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "000-0-001 failed: " in result.stdout
+    losses = results(tmp_path)
+    assert len(losses) == 4
+    assert losses[(0, 0, 1), 1] is None
+    experiment = client(tmp_path).get_experiment_by_name("CartPole-v0")
+    assert experiment is not None
+    (failed,) = [
+        r
+        for r in client(tmp_path).search_runs([experiment.experiment_id])
+        if r.info.status == "FAILED"
+    ]
+    assert failed.info.run_name == "smoke/000-0-001"
+    assert "FileExistsError" in failed.data.tags["bilevel.error"]
+
+
+def test_a_study_whose_trials_all_fail_ends_with_1(tmp_path: Path) -> None:
+    in_the_way = tmp_path / "CartPole-v0" / "smoke" / "configurations"
+    in_the_way.parent.mkdir(parents=True)
+    in_the_way.touch()
+    result = run(*SMOKE, "--brackets", "1", "--home", tmp_path)
+    assert result.returncode == 1
+    assert result.stdout.count(" failed: ") == 4
+    assert "no configuration finished a generation" in result.stdout
+    assert "Traceback" not in result.stderr
 
 
 @pytest.fixture
