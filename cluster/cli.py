@@ -4,7 +4,7 @@ import os
 import re
 import sys
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -54,14 +54,30 @@ def _shared(function: Callable[..., Any]) -> Callable[..., Any]:
     return function
 
 
-def _task(task: str, solved_reward: float | None, step_limit: int | None) -> Task:
-    from bilevel.tasks import get_task
+@dataclass(frozen=True)
+class _Common:
+    """The values of these options."""
 
-    return get_task(task, solved_reward, step_limit)
+    task: str
+    seed: int
+    population: int | None
+    address: str | None
+    tracking_uri: str | None
+    home: Path
+    solved_reward: float | None
+    step_limit: int | None
 
+    def the_task(self) -> Task:
+        from bilevel.tasks import get_task
 
-def _tracking_uri(given: str | None, database_uri: str) -> str:
-    return given or os.environ.get("MLFLOW_TRACKING_URI") or database_uri
+        return get_task(self.task, self.solved_reward, self.step_limit)
+
+    def uri(self) -> str:
+        """The tracking URI: given, of the environment, or the home's database."""
+        from cluster.home import Home
+
+        given = self.tracking_uri or os.environ.get("MLFLOW_TRACKING_URI")
+        return given or Home(self.home).database_uri
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -88,14 +104,6 @@ def cli() -> None:
 )
 @click.option("--name", help="Of the run; the same name goes on where it was.")
 def nes(
-    task: str,
-    seed: int,
-    population: int | None,
-    address: str | None,
-    tracking_uri: str | None,
-    home: Path,
-    solved_reward: float | None,
-    step_limit: int | None,
     preset: str | None,
     agent: str,
     update: str,
@@ -105,6 +113,7 @@ def nes(
     start_candidates: int | None,
     solved_for: int,
     name: str | None,
+    **options: Any,
 ) -> None:
     """One NES run on TASK (CartPole-v0, Acrobot-v1 or another gymnasium id)."""
     from bilevel.agents import AGENTS
@@ -112,34 +121,34 @@ def nes(
     from bilevel.hyperparameters import load_preset
     from cluster.home import Home
 
-    the_task = _task(task, solved_reward, step_limit)
+    common = _Common(**options)
+    task = common.the_task()
     if agent not in AGENTS:
         raise one_of("agent", agent, AGENTS)
-    preset = preset or ("tuned" if task in ("CartPole-v0", "Acrobot-v1") else "default")
-    hp = load_preset(preset, the_task.id, update)
+    preset = preset or ("tuned" if task.id in ("CartPole-v0", "Acrobot-v1") else "default")
+    hp = load_preset(preset, task.id, update)
     changes: dict[str, Any] = {
-        "population_size": population,
+        "population_size": common.population,
         "generations": generations,
         "start_candidates": start_candidates,
     }
     changed = {key: value for key, value in changes.items() if value is not None}
     hp = replace(hp, nes=replace(hp.nes, **changed), vary_agent=vary_hp)
-    the_home = Home(home)
     if name is None:
-        name = f"nes-{preset}-{update}{'-vary-hp' if vary_hp else ''}-seed{seed}"
+        name = f"nes-{preset}-{update}{'-vary-hp' if vary_hp else ''}-seed{common.seed}"
 
     from cluster.nes_command import NESCommand, run_nes
 
     run_nes(
         NESCommand(
-            the_task,
+            task,
             hp,
-            seed,
+            common.seed,
             name,
-            the_home,
-            _tracking_uri(tracking_uri, the_home.database_uri),
+            Home(common.home),
+            common.uri(),
             workers,
-            address,
+            common.address,
             solved_for,
         )
     )
@@ -156,14 +165,6 @@ def nes(
 @click.option("--concurrent-trials", type=click.IntRange(min=1), help="Default: all cores' worth.")
 @click.option("--dry-run", is_flag=True, help="Say what would be run, and run nothing.")
 def bohb(
-    task: str,
-    seed: int,
-    population: int | None,
-    address: str | None,
-    tracking_uri: str | None,
-    home: Path,
-    solved_reward: float | None,
-    step_limit: int | None,
     study: str | None,
     profile: str,
     space: str | None,
@@ -172,6 +173,7 @@ def bohb(
     workers_per_trial: int,
     concurrent_trials: int | None,
     dry_run: bool,
+    **options: Any,
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
     from bilevel.errors import one_of
@@ -179,32 +181,32 @@ def bohb(
     from cluster.profiles import get_profile
     from search_spaces import SPACES
 
-    the_task = _task(task, solved_reward, step_limit)
+    common = _Common(**options)
+    task = common.the_task()
     size = get_profile(profile)
     if space is not None and space not in SPACES:
         raise one_of("search space", space, SPACES)
     changes: dict[str, Any] = {
         "space": space,
-        "population": population,
+        "population": common.population,
         "brackets": brackets,
         "time_budget": time_budget,
     }
     size = replace(size, **{key: value for key, value in changes.items() if value is not None})
-    the_home = Home(home)
     from cluster.bohb import study as studies
     from cluster.progress import Terminal
 
     settings = studies.StudySettings(
-        the_task,
-        study or f"bohb-{profile}-{size.space}-seed{seed}",
+        task,
+        study or f"bohb-{profile}-{size.space}-seed{common.seed}",
         profile,
         size,
-        seed,
-        the_home,
-        _tracking_uri(tracking_uri, the_home.database_uri),
+        common.seed,
+        Home(common.home),
+        common.uri(),
         workers_per_trial,
         concurrent_trials,
-        address,
+        common.address,
     )
     assert settings.folder  # a bad name is told before anything starts
     if dry_run:

@@ -75,21 +75,26 @@ def run_nes(command: NESCommand) -> NESState:
         workers = command.workers or cluster_cores()
         require_capacity(workers)
         command.home.prepare()
-        with (
-            placed_pool(workers) as pool,
-            locked_settings(folder, command.settings()) as identity,
-            Terminal() as terminal,
-        ):
-            return _run(command, folder, identity, pool, terminal)
+        with placed_pool(workers) as pool:
+            tracker = Tracker(command.tracking_uri, command.task.id, command.home.artifacts)
+            with (
+                locked_settings(folder, command.settings()) as identity,
+                Terminal() as terminal,
+            ):
+                return _run(command, folder, identity, pool, tracker, terminal)
 
 
 def _run(
-    command: NESCommand, folder: Path, identity: str, pool: EvaluationPool, terminal: Terminal
+    command: NESCommand,
+    folder: Path,
+    identity: str,
+    pool: EvaluationPool,
+    tracker: Tracker,
+    terminal: Terminal,
 ) -> NESState:
     task, hp = command.task, command.hp
     run = NESRun(task, hp, command.seed, folder)
     loaded = run.load()
-    tracker = Tracker(command.tracking_uri, task.id, command.home.artifacts)
     run_id = tracker.open_run(
         identity,
         command.name,

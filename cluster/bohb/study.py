@@ -109,18 +109,23 @@ def run_study(settings: StudySettings) -> int:
     with ray_cluster(settings.address):
         trials = concurrency(settings)
         settings.home.prepare()
+        tracker = Tracker(settings.tracking_uri, settings.task.id, settings.home.artifacts)
         with (
             locked_settings(settings.folder, settings.fixed()) as identity,
             Terminal() as terminal,
         ):
-            return _run(settings, identity, trials, deadline, terminal)
+            return _run(settings, identity, tracker, trials, deadline, terminal)
 
 
 def _run(
-    settings: StudySettings, identity: str, trials: int, deadline: float, terminal: Terminal
+    settings: StudySettings,
+    identity: str,
+    tracker: Tracker,
+    trials: int,
+    deadline: float,
+    terminal: Terminal,
 ) -> int:
     journal = Journal(settings.folder)
-    tracker = Tracker(settings.tracking_uri, settings.task.id, settings.home.artifacts)
     brackets = brackets_to_reach(journal, settings.ladder, settings.profile.brackets)
     search = BracketSearch(
         search_space(settings.profile.space),

@@ -69,6 +69,7 @@ class Tracker:
             warnings.simplefilter("ignore")
             import mlflow
             from mlflow.exceptions import MlflowException
+            from sqlalchemy.exc import SQLAlchemyError
 
         self.uri = uri
         location = None if uri.startswith("http") else (artifacts / experiment).resolve().as_uri()
@@ -82,7 +83,7 @@ class Tracker:
                     experiment, artifact_location=location, tags={_KIND: "custom_model_development"}
                 )
             )
-        except (MlflowException, OSError) as error:
+        except (MlflowException, SQLAlchemyError, OSError) as error:
             reason = str(error).strip().splitlines()[0]
             raise InvalidInput(f"MLflow at {uri!r} cannot be used: {reason}") from None
         self._logged_until: dict[str, int] = {}  # run -> last generation logged

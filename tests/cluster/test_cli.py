@@ -70,6 +70,15 @@ def test_bad_input_is_one_line_and_exit_code_2(args: list[str], told: str, tmp_p
     assert list(tmp_path.iterdir()) == []
 
 
+def test_a_damaged_database_is_told(tmp_path: Path) -> None:
+    (tmp_path / "mlflow.db").write_text("garbage")
+    result = bilevel("nes", "CartPole-v0", "--home", str(tmp_path), cwd=tmp_path)
+    assert result.returncode == 2
+    assert "cannot be used" in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not (tmp_path / "CartPole-v0").exists()
+
+
 def test_dry_run_says_what_would_be_run_and_writes_nothing(tmp_path: Path) -> None:
     result = bilevel("bohb", "CartPole-v0", "--profile", "smoke", "--dry-run", cwd=tmp_path)
     assert result.returncode == 0, result.stderr

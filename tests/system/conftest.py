@@ -30,3 +30,16 @@ def run(*args: str | Path, timeout: float = 280) -> subprocess.CompletedProcess[
 def client(home: Path) -> mlflow.MlflowClient:
     uri = f"sqlite:///{home}/mlflow.db"
     return mlflow.MlflowClient(uri, registry_uri=uri)
+
+
+def run_until(line: str, *args: str | Path) -> subprocess.Popen[str]:
+    """The console script, left running once it has printed a line with that text;
+    in a session of its own, so that signals reach all of it as from a terminal."""
+    process = subprocess.Popen(
+        [BILEVEL, *map(str, args)], stdout=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert process.stdout is not None
+    for printed in process.stdout:
+        if line in printed:
+            break
+    return process

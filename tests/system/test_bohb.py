@@ -14,7 +14,7 @@ import pytest
 
 from bilevel.nes import NESState
 from cluster.bohb import Journal
-from tests.system.conftest import BILEVEL, client, run
+from tests.system.conftest import client, run, run_until
 
 pytestmark = pytest.mark.timeout(290)
 
@@ -114,16 +114,7 @@ def test_one_worker_and_two_give_identical_scores(
 def test_killed_in_the_middle_it_goes_on(study_home: tuple[Path, str], tmp_path: Path) -> None:
     """SIGKILL takes driver, raylet and actors alike; the same command ends the study
     with the scores of one that was never killed."""
-    process = subprocess.Popen(
-        [BILEVEL, *SMOKE, "--home", str(tmp_path)],
-        stdout=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    assert process.stdout is not None
-    for line in process.stdout:
-        if "objective" in line:
-            break
+    process = run_until("objective", *SMOKE, "--home", tmp_path)
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate(timeout=60)
     assert 1 <= len(results(tmp_path)) < 6
@@ -142,16 +133,7 @@ def test_killed_in_the_middle_it_goes_on(study_home: tuple[Path, str], tmp_path:
 
 
 def test_ctrl_c_stops_orderly(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [BILEVEL, *SMOKE, "--brackets", "9", "--home", str(tmp_path)],
-        stdout=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
-    assert process.stdout is not None
-    for line in process.stdout:
-        if "objective" in line:
-            break
+    process = run_until("objective", *SMOKE, "--brackets", "9", "--home", tmp_path)
     os.killpg(process.pid, signal.SIGINT)  # to everyone, as a terminal does
     rest, _ = process.communicate(timeout=90)
     assert process.returncode == 130

@@ -2,7 +2,6 @@
 
 import os
 import signal
-import subprocess
 import time
 from dataclasses import asdict
 from pathlib import Path
@@ -15,7 +14,7 @@ import pytest
 
 import bilevel  # noqa: F401  (registers the environment)
 from bilevel.nes import NESState
-from tests.system.conftest import BILEVEL, client, run
+from tests.system.conftest import client, run, run_until
 
 pytestmark = pytest.mark.timeout(280)
 
@@ -99,12 +98,7 @@ def test_killed_in_the_middle_it_goes_on(
     number: signal.Signals, whole: Path, tmp_path: Path
 ) -> None:
     parts = tmp_path
-    command = [BILEVEL, *SMALL, "--generations", "4", "--home", str(parts)]
-    process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True)
-    assert process.stdout is not None
-    for line in process.stdout:
-        if line.startswith("generation   1"):
-            break
+    process = run_until("generation   1", *SMALL, "--generations", "4", "--home", parts)
     time.sleep(0.3)
     os.killpg(process.pid, number)  # to everyone, as a terminal does
     rest, _ = process.communicate(timeout=60)
