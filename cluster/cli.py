@@ -98,9 +98,9 @@ def cli() -> None:
 @click.option(
     "--solved-for",
     type=click.IntRange(min=1),
-    default=3,
+    default=5,
     show_default=True,
-    help="Stop early once solved for so many generations in a row.",
+    help="Stop early once solved for so many generations in a row, and confirmed.",
 )
 @click.option("--name", help="Of the run; the same name goes on where it was.")
 def nes(

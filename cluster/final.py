@@ -18,6 +18,9 @@ from search_spaces import vary_agent
 #: Name the fresh seeds apart from all others that a run derives.
 _RETEST, _FINAL = 0x5245_5445, 0x4649_4E41
 
+#: What fresh seeds are derived from: the run's seed, and when in the run.
+Seed = tuple[int, ...]
+
 #: Fresh agents that decide between the contenders for the best SE.
 RETESTS = 16
 
@@ -61,26 +64,26 @@ class Contender:
 
 
 def choose_best(
-    task: Task, contenders: Sequence[Contender], seed: int, pool: EvaluationPool
+    task: Task, contenders: Sequence[Contender], seed: Seed, pool: EvaluationPool
 ) -> Contender:
     """Train `RETESTS` fresh agents on each SE; the best on average, among equals the
     one that took fewer steps. Contenders come best first, so one alone needs no test."""
     if len(contenders) == 1:
         return contenders[0]
-    scores = [_fresh_agents(task, c, RETESTS, (seed, _RETEST), pool) for c in contenders]
+    scores = [_fresh_agents(task, c, RETESTS, (*seed, _RETEST), pool) for c in contenders]
     ranks = [(score.scores.mean(), -score.train_steps.mean()) for score in scores]
     return contenders[ranks.index(max(ranks))]
 
 
 def score_anew(
-    task: Task, contender: Contender, agents: int, seed: int, pool: EvaluationPool
+    task: Task, contender: Contender, agents: int, seed: Seed, pool: EvaluationPool
 ) -> FinalScore:
     """Train `agents` fresh agents on the SE, with seeds nothing was chosen by."""
-    return _fresh_agents(task, contender, agents, (seed, _FINAL), pool)
+    return _fresh_agents(task, contender, agents, (*seed, _FINAL), pool)
 
 
 def _fresh_agents(
-    task: Task, contender: Contender, agents: int, seed: tuple[int, int], pool: EvaluationPool
+    task: Task, contender: Contender, agents: int, seed: Seed, pool: EvaluationPool
 ) -> FinalScore:
     se, hp = contender.se, contender.hp
     words = [int(word) for word in np.random.SeedSequence(seed).generate_state(agents, np.uint64)]

@@ -22,15 +22,17 @@ from cluster.ray_cluster import cluster_cores, ray_cluster, require_capacity
 from cluster.tracking import Tracker, plots
 from cluster.tracking.tracker import check_tracking_uri
 
-#: Fresh agents that score the best SE at the end.
-FINAL_AGENTS = 10
+#: Fresh agents that must solve the task on average for a run to stop early, and
+#: those that score the best SE at the end, with seeds of their own.
+CONFIRMING_AGENTS, FINAL_AGENTS = 32, 10
 
 
 @dataclass(frozen=True)
 class NESCommand:
     """Settings of one NES run besides its hyperparameters.
 
-    `solved_for`: generations in a row it must solve the task before it stops early.
+    `solved_for`: generations in a row that must solve the task before the best SE is
+    tested by agents nothing was chosen by; if these solve it too, the run stops.
     """
 
     task: Task
@@ -41,7 +43,7 @@ class NESCommand:
     tracking_uri: str
     workers: int | None = None  # actors; None: one a core of the cluster
     address: str | None = None
-    solved_for: int = 3
+    solved_for: int = 5
 
     def settings(self) -> dict[str, object]:
         """What must stay the same when the run is continued. The number of
@@ -117,7 +119,12 @@ def _run(
         state = loaded or run.open(pool, lambda result: terminal.step())
         tracker.log_generations(run_id, state.records)
         first = state.generation
-        while not _over(state, command):
+        while True:
+            # Asked before each generation, so that a run that was killed asks again.
+            due = state.solved_streak > 0 and state.solved_streak % command.solved_for == 0
+            best = _confirmed(command, run, state, pool, terminal) if due else None
+            if best is not None or state.generation >= hp.nes.generations:
+                break
             left = hp.nes.generations - state.generation
             rate = (time.monotonic() - started) / max(state.generation - first, 1)
             note = f"ETA at most {duration(rate * left)}" if state.generation > first else ""
@@ -127,7 +134,7 @@ def _run(
             state = run.advance(state, pool, lambda result: terminal.step())
             tracker.log_generations(run_id, state.records[-1:])
             terminal.line(generation_line(state.records[-1], state.best_score))
-        _finish(command, run, state, pool, tracker, run_id, terminal)
+        _finish(command, run, state, best, pool, tracker, run_id, terminal)
         status = "FINISHED"
         return state
     except KeyboardInterrupt:
@@ -140,32 +147,46 @@ def _run(
         tracker.close_run(run_id, status)
 
 
-def _over(state: NESState, command: NESCommand) -> bool:
-    return (
-        state.generation >= command.hp.nes.generations or state.solved_streak >= command.solved_for
-    )
+def _confirmed(
+    command: NESCommand, run: NESRun, state: NESState, pool: EvaluationPool, terminal: Terminal
+) -> Contender | None:
+    """The best SE, if it still solves the task with agents nothing was chosen by.
+
+    Scores that stop a run were lucky more often than not: they are the highest of
+    many samples.
+    """
+    best = _best(command, run, state, pool, terminal)
+    seed = (command.seed, state.generation)
+    score = score_anew(command.task, best, CONFIRMING_AGENTS, seed, pool).scores.mean()
+    solved = bool(score >= command.task.solved_reward)
+    verdict = "solved" if solved else "not yet solved, going on"
+    terminal.line(f"the best SE scores {score:.1f} with {CONFIRMING_AGENTS} others: {verdict}")
+    return best if solved else None
+
+
+def _best(
+    command: NESCommand, run: NESRun, state: NESState, pool: EvaluationPool, terminal: Terminal
+) -> Contender:
+    contenders = [Contender(se, command.hp) for se in run.finalists(state)]
+    terminal.line(f"retesting the {len(contenders)} best SEs with fresh agents")
+    return choose_best(command.task, contenders, (command.seed, state.generation), pool)
 
 
 def _finish(
     command: NESCommand,
     run: NESRun,
     state: NESState,
+    best: Contender | None,
     pool: EvaluationPool,
     tracker: Tracker,
     run_id: str,
     terminal: Terminal,
 ) -> None:
-    reason = (
-        f"solved for {state.solved_streak} generations in a row"
-        if state.solved_streak >= command.solved_for
-        else "all generations done"
-    )
-    minutes = duration(sum(record.generation_seconds for record in state.records))
-    terminal.line(f"{reason}: {state.generation} generations in {minutes}")
-    contenders = [Contender(se, command.hp) for se in run.finalists(state)]
-    terminal.line(f"retesting the {len(contenders)} best SEs with fresh agents")
-    best = choose_best(command.task, contenders, command.seed, pool)
-    score = score_anew(command.task, best, FINAL_AGENTS, command.seed, pool)
+    reason = "all generations done" if best is None else "solved and stayed solved"
+    seconds = duration(sum(record.generation_seconds for record in state.records))
+    terminal.line(f"{reason}: {state.generation} generations in {seconds}")
+    best = best or _best(command, run, state, pool, terminal)
+    score = score_anew(command.task, best, FINAL_AGENTS, (command.seed,), pool)
     last = run.folder / LAST_FILE
     save_se(run.last_se(state), last)
     tracker.log_file(run_id, last)
@@ -193,6 +214,7 @@ def _description(command: NESCommand) -> str:
         f"{nes.population_size}, step size {nes.step_size:g}, std. dev. {nes.std_dev:g}, seed "
         f"{command.seed}). Per generation: `score_*`, `train_*` and `solved_fraction` are of "
         "agents trained on the unperturbed SE. It stops once the task has been solved for "
-        f"{command.solved_for} generations in a row, or after {nes.generations} generations; "
+        f"{command.solved_for} generations in a row and {CONFIRMING_AGENTS} fresh agents confirm "
+        f"it, or after {nes.generations} generations; "
         "`final_*` are of fresh agents trained on the best SE."
     )

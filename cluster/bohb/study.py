@@ -154,9 +154,9 @@ def _run(
             return 1
         with placed_pool(settings.workers_per_trial * trials) as pool:
             terminal.line(f"retesting the {len(contenders)} best SEs with fresh agents")
-            best = choose_best(settings.task, contenders, settings.seed, pool)
+            best = choose_best(settings.task, contenders, (settings.seed,), pool)
             agents = settings.profile.final_agents
-            score = score_anew(settings.task, best, agents, settings.seed, pool)
+            score = score_anew(settings.task, best, agents, (settings.seed,), pool)
         report.finish(best, score)
         status = "FINISHED"
         return 0 if any(line.loss is not None for line in journal.results) else 1

@@ -118,3 +118,12 @@ def test_killed_in_the_middle_it_goes_on(
     assert tracked.info.status == "FINISHED"
     history = mlflow_client.get_metric_history(tracked.info.run_id, "score_mean")
     assert [metric.step for metric in history] == [0, 1, 2, 3]
+
+
+def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path) -> None:
+    easy = ("--solved-reward", "5", "--solved-for", "2", "--generations", "9")
+    result = run(*SMALL, *easy, "--home", tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "with 32 others: solved" in result.stdout
+    assert "solved and stayed solved: 2 generations" in result.stdout
+    assert "10 of 10 agents do" in result.stdout

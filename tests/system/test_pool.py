@@ -32,13 +32,20 @@ def nes(cartpole: Task, small_hp: Hyperparameters) -> NES:
 
 
 def worker_pids() -> list[int]:
-    """Processes of this cluster's evaluation actors, by the title Ray gives them."""
+    """Processes of this cluster's evaluation actors: by the title Ray gives them, and
+    by their raylet, which is a child of this process."""
     pids = []
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
-            if (folder / "cmdline").read_bytes().startswith(b"ray::_Worker"):
+            is_worker = (folder / "cmdline").read_bytes().startswith(b"ray::_Worker")
+            if is_worker and parent(parent(int(folder.name))) == os.getpid():
                 pids.append(int(folder.name))
     return pids
+
+
+def parent(pid: int) -> int:
+    """The parent of a process (fourth field, after a name in parentheses)."""
+    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
 
 def test_any_number_of_actors_gives_what_a_loop_gives(nes: NES) -> None:
