@@ -61,7 +61,34 @@ def nes_seeds() -> str:
     return "\n".join(rows)
 
 
-TABLES = {"inner-loop": inner_loop, "nes-seeds": nes_seeds}
+def bohb() -> str:
+    """One study of the local profile."""
+    result = _load("bohb_CartPole-v0")
+    final = result["best_se"]
+    rows = [
+        "| budget | results | best objective | median objective | median, model's picks | "
+        "median, random picks |",
+        "| --- | --- | --- | --- | --- | --- |",
+    ]
+    for budget, groups in result["objective_by_budget"].items():
+        cells = [groups["all"]["results"], groups["all"]["best"], groups["all"]["median"]]
+        cells += [
+            f"{groups[kind]['median']} (of {groups[kind]['results']})"
+            if groups[kind]["results"]
+            else "-"
+            for kind in ("model", "random")
+        ]
+        rows.append(f"| {budget} | {' | '.join(map(str, cells))} |")
+    rows.append(
+        f"\nOne study, {result['configurations']} configurations, {result['model_based_picks']} of "
+        f"them proposed by the model, {result['failed']} failed. Fresh agents on its best SE score "
+        f"{final['final_score_mean']:.1f} after {final['final_train_steps_mean']:.0f} steps."
+    )
+    rows.append(f"({_where(result)})")
+    return "\n".join(rows)
+
+
+TABLES = {"bohb": bohb, "inner-loop": inner_loop, "nes-seeds": nes_seeds}
 
 
 def filled(text: str) -> str:

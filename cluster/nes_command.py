@@ -73,16 +73,13 @@ def run_nes(command: NESCommand) -> NESState:
     """
     folder = command.home.run_folder(command.task.id, command.name)
     check_tracking_uri(command.tracking_uri)
-    with ray_cluster(command.address):
+    with Terminal() as terminal, ray_cluster(command.address):
         workers = command.workers or cluster_cores()
         require_capacity(workers)
         command.home.prepare()
         with placed_pool(workers) as pool:
             tracker = Tracker(command.tracking_uri, command.task.id, command.home.artifacts)
-            with (
-                locked_settings(folder, command.settings()) as identity,
-                Terminal() as terminal,
-            ):
+            with locked_settings(folder, command.settings()) as identity:
                 return _run(command, folder, identity, pool, tracker, terminal)
 
 
@@ -169,6 +166,7 @@ def _best(
 ) -> Contender:
     contenders = [Contender(se, command.hp) for se in run.finalists(state)]
     terminal.line(f"retesting the {len(contenders)} best SEs with fresh agents")
+    terminal.bar("retesting", 0, 1, "")
     return choose_best(command.task, contenders, (command.seed, state.generation), pool)
 
 

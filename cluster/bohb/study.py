@@ -106,14 +106,11 @@ def run_study(settings: StudySettings) -> int:
         else float("inf")
     )
     check_tracking_uri(settings.tracking_uri)
-    with ray_cluster(settings.address):
+    with Terminal() as terminal, ray_cluster(settings.address):
         trials = concurrency(settings)
         settings.home.prepare()
         tracker = Tracker(settings.tracking_uri, settings.task.id, settings.home.artifacts)
-        with (
-            locked_settings(settings.folder, settings.fixed()) as identity,
-            Terminal() as terminal,
-        ):
+        with locked_settings(settings.folder, settings.fixed()) as identity:
             return _run(settings, identity, tracker, trials, deadline, terminal)
 
 
