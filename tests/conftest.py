@@ -2,11 +2,16 @@
 
 from dataclasses import replace
 
+import hypothesis
 import numpy as np
 import pytest
 
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_preset
 from bilevel.tasks import Task, get_task
+
+# A busy machine is no reason to fail.
+hypothesis.settings.register_profile("no-deadline", deadline=None)
+hypothesis.settings.load_profile("no-deadline")
 
 
 @pytest.fixture

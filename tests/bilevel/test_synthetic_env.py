@@ -120,7 +120,7 @@ class TestFile:
         with pytest.raises(InvalidInput, match="damaged or not an SE file"):
             load_se(path)
 
-    @settings(max_examples=200, deadline=None)
+    @settings(max_examples=200)
     @given(data=st.data())
     def test_damage_anywhere_is_told_or_harmless(
         self, data: st.DataObject, tmp_path_factory: pytest.TempPathFactory

@@ -154,7 +154,7 @@ class TestJournal:
         assert result.get_incumbent_id() == best.id
 
     @given(cut=st.integers(1, 60))
-    @settings(max_examples=30, deadline=None)
+    @settings(max_examples=30)
     def test_a_torn_last_line_is_dropped(
         self, cut: int, tmp_path_factory: pytest.TempPathFactory
     ) -> None:

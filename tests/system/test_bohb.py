@@ -146,7 +146,7 @@ def test_ctrl_c_stops_orderly(tmp_path: Path) -> None:
 
 
 def test_time_budget_ends_the_search(tmp_path: Path) -> None:
-    args = ("--brackets", "99", "--time-budget", "30s")
+    args = ("--brackets", "99", "--time-budget", "70s")
     result = run(*SMOKE, *args, "--home", tmp_path)
     assert result.returncode == 0, result.stderr
     assert "the time budget is spent" in result.stdout
