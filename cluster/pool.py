@@ -12,7 +12,7 @@ from typing import Any, Self
 import numpy as np
 import ray
 from numpy.typing import NDArray
-from ray.exceptions import ActorDiedError, ActorUnavailableError, RayActorError
+from ray.exceptions import RayActorError
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.synthetic_env import Architecture
@@ -106,7 +106,7 @@ class EvaluationPool:
             idle.append(slot)
             try:
                 yield ray.get(done[0])
-            except (ActorDiedError, ActorUnavailableError, RayActorError) as error:
+            except RayActorError as error:
                 deaths[request.index] = deaths.get(request.index, 0) + 1
                 if deaths[request.index] >= MAX_DEATHS:
                     raise RuntimeError(
