@@ -7,12 +7,15 @@ evaluation depends on its request alone.
 
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, Self
 
 import numpy as np
 import ray
 from numpy.typing import NDArray
 from ray.exceptions import RayActorError
+from ray.util.placement_group import placement_group, remove_placement_group
+from ray.util.scheduling_strategies import PlacementGroupSchedulingStrategy
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.synthetic_env import Architecture
@@ -115,3 +118,15 @@ class EvaluationPool:
                 ray.kill(self._actors[slot])
                 self._actors[slot] = self._spawn()
                 waiting.appendleft(request)
+
+
+@contextmanager
+def placed_pool(workers: int) -> Iterator[EvaluationPool]:
+    """A pool in a placement group of its own; both are gone afterwards."""
+    group = placement_group([{"CPU": 1}] * workers, strategy="PACK")
+    try:
+        strategy = PlacementGroupSchedulingStrategy(group)
+        with EvaluationPool(workers, scheduling_strategy=strategy) as pool:
+            yield pool
+    finally:
+        remove_placement_group(group)

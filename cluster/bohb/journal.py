@@ -37,6 +37,11 @@ class ResultLine:
     timestamps: dict[str, float]  # submitted, started, finished; seconds
     exception: str | None = None
 
+    @property
+    def objective(self) -> float | None:
+        """What is maximised: the loss with its sign turned."""
+        return None if self.loss is None else -self.loss
+
 
 class Journal:
     """Reads the two files once, then appends to them."""

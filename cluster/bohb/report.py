@@ -3,7 +3,6 @@
 A Ray Tune callback in the driver, the only one who writes to MLflow.
 """
 
-import io
 import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,10 +12,11 @@ from ray.tune import Callback
 from bilevel.errors import InvalidInput
 from bilevel.nes import GenerationRecord, NESState
 from bilevel.synthetic_env import save_se
-from cluster.bohb.brackets import bracket_table, generations_to_run
-from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, ResultLine
+from cluster.bohb.brackets import bracket_table
+from cluster.bohb.journal import ConfigLine, Journal
 from cluster.bohb.search import Job
 from cluster.bohb.searcher import BUDGET_REACHED, OBJECTIVE, BohbSearcher, DriverOnly
+from cluster.bohb.summary import StudySummary
 from cluster.bohb.trial import configuration_name, configuration_run
 from cluster.final import BEST_FILE, LAST_FILE, Contender, FinalScore, hand_over
 from cluster.nes_loop import NESRun
@@ -53,6 +53,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._tracker = tracker
         self._terminal = terminal
         self._rungs = bracket_table(brackets, settings.ladder)
+        self._summary = StudySummary(journal, self._rungs)
         self._brackets = brackets
         self._jobs: dict[str, Job] = {}  # by trial
         self._runs: dict[str, str] = {}  # MLflow run by configuration name
@@ -119,17 +120,16 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._pictures(force=True)
         path, address = hand_over(best.se, score, s.folder, self._tracker, self._parent)
         line = self._terminal.line
-        picks = [bool(config.info.get("model_based_pick")) for config in self._journal.configs]
         line(
-            f"{len(self._journal.results)} results of {len(picks)} configurations "
-            f"({sum(picks)} proposed by the model)"
+            f"{len(self._journal.results)} results of {len(self._journal.configs)} configurations "
+            f"({self._summary.model_based} proposed by the model)"
         )
-        incumbent = self._incumbent()
+        incumbent = self._summary.incumbent
         if incumbent is not None:
-            values = self._configuration(incumbent.id)
+            values = self._summary.configuration(incumbent.id)
             line(
                 f"incumbent {configuration_name(incumbent.id)}: objective "
-                f"{-_loss(incumbent):.1f} over {incumbent.budget} generations"
+                f"{incumbent.objective:.1f} over {incumbent.budget} generations"
             )
             for name, value in values.items():
                 line(
@@ -215,9 +215,6 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         s = self._settings
         return configuration_run(line.id, line.configuration, s.task, s.base, s.seed, s.folder)
 
-    def _configuration(self, config_id: ConfigId) -> Configuration:
-        return next(c.configuration for c in self._journal.configs if c.id == config_id)
-
     def _close_trial(self, trial_id: str, status: str) -> None:
         job = self._jobs.pop(trial_id)
         self._tracker.close_run(self._runs[configuration_name(job.id)], status)
@@ -245,8 +242,8 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
 
     def _result_line(self, job: Job, objective: float, state: NESState) -> None:
         rungs = [rung.budget for rung in self._rungs if rung.bracket == job.id[0]]
-        incumbent = self._incumbent()
-        so_far = f"incumbent {-_loss(incumbent):.1f}" if incumbent is not None else "first result"
+        incumbent = self._summary.incumbent
+        so_far = "" if incumbent is None else f"incumbent {incumbent.objective:.1f}"
         self._terminal.line(
             f"{configuration_name(job.id)}  bracket {job.id[0] + 1}/{self._brackets} rung "
             f"{rungs.index(job.budget) + 1}/{len(rungs)}  {job.budget:3d} generations  "
@@ -257,24 +254,12 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
 
     def _eta(self) -> str:
         elapsed = time.monotonic() - self._started
-        done = {(line.id[0], line.budget, line.id) for line in self._journal.results}
-        left = generations_to_run(self._rungs) - sum(
-            budget - max((b for _, b, i in done if i == config and b < budget), default=0)
-            for _, budget, config in done
-        )
-        estimate = elapsed / max(self._generations, 1) * max(left, 0)
+        left = self._summary.generations_left()
+        estimate = elapsed / max(self._generations, 1) * left
         budget = self._settings.profile.time_budget
         if budget is not None:
             estimate = min(estimate, budget - elapsed)
         return duration(estimate)
-
-    def _incumbent(self) -> ResultLine | None:
-        """The best result at the largest budget that has one (as hpbandster has it)."""
-        good = [line for line in self._journal.results if line.loss is not None]
-        if not good:
-            return None
-        largest = max(line.budget for line in good)
-        return min((line for line in good if line.budget == largest), key=_loss)
 
     def _pictures(self, force: bool = False) -> None:
         now = time.monotonic()
@@ -282,52 +267,21 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             return
         self._last_picture = now
         tracker, parent = self._tracker, self._parent
-        points = self._points()
+        points = self._summary.points()
         figure = plots.objective_against_cost(points, self._settings.task, self._settings.name)
         tracker.log_figure(parent, figure, "objective_against_cost.png")
-        tracker.log_text(parent, self._bracket_table(), "brackets.md")
+        tracker.log_text(parent, self._summary.bracket_table(), "brackets.md")
         for path in self._journal.paths:
             tracker.log_file(parent, path, "journal")
-        incumbent = self._incumbent()
+        incumbent = self._summary.incumbent
         if incumbent is not None:
             values = {
-                "incumbent_objective": -_loss(incumbent),
+                "incumbent_objective": incumbent.objective or 0.0,
                 "incumbent_budget": incumbent.budget,
             }
             tracker.log_metrics(parent, values, len(self._journal.results))
             tracker.set_tags(parent, {"bilevel.incumbent": configuration_name(incumbent.id)})
-            tracker.log_json(parent, self._configuration(incumbent.id), "incumbent.json")
-
-    def _points(self) -> list[plots.ResultPoint]:
-        picks = {line.id: bool(line.info.get("model_based_pick")) for line in self._journal.configs}
-        reached: dict[Any, int] = {}
-        spent = 0
-        points = []
-        for line in self._journal.results:
-            spent += line.budget - reached.get(line.id, 0)
-            reached[line.id] = line.budget
-            if line.loss is not None:
-                points.append(plots.ResultPoint(spent, line.budget, -line.loss, picks[line.id]))
-        return points
-
-    def _bracket_table(self) -> str:
-        table = io.StringIO()
-        table.write("| bracket | budget | configurations | results | best objective | failed |\n")
-        table.write("| --- | --- | --- | --- | --- | --- |\n")
-        for rung in self._rungs:
-            lines = [
-                line
-                for line in self._journal.results
-                if line.id[0] == rung.bracket and line.budget == rung.budget
-            ]
-            if lines:
-                good = [-line.loss for line in lines if line.loss is not None]
-                best = f"{max(good):.1f}" if good else ""
-                table.write(
-                    f"| {rung.bracket} | {rung.budget} | {rung.configurations} | {len(lines)} | "
-                    f"{best} | {len(lines) - len(good)} |\n"
-                )
-        return table.getvalue()
+            tracker.log_json(parent, self._summary.configuration(incumbent.id), "incumbent.json")
 
     def _description(self) -> str:
         s = self._settings
@@ -339,8 +293,3 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             "area under the learning curve), so that fast and good both count; BOHB maximises "
             "it. `final_*` are of fresh agents trained on the best SE of all configurations."
         )
-
-
-def _loss(line: ResultLine) -> float:
-    assert line.loss is not None
-    return line.loss

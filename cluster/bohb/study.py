@@ -22,7 +22,7 @@ from cluster.bohb.stopping import InterruptGuard, StudyStopper
 from cluster.bohb.trial import NESTrial
 from cluster.final import choose_best, score_anew
 from cluster.home import Home, locked_settings
-from cluster.nes_command import placed_pool
+from cluster.pool import placed_pool
 from cluster.profiles import Profile, base_hyperparameters
 from cluster.progress import Terminal, duration
 from cluster.ray_cluster import cluster_cores, ray_cluster, require_capacity

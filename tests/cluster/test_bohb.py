@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from bilevel import InvalidInput
 from cluster.bohb import BracketSearch, Job, Journal, bracket_table, budget_ladder
 from cluster.bohb.brackets import bracket_rungs, generations_to_run
+from cluster.bohb.summary import StudySummary
 from search_spaces import search_space
 
 
@@ -143,6 +144,28 @@ class TestSearch:
         more = run_to_end(new_search(tmp_path, brackets=9))
         assert {job.id[0] for job in more} == {6, 7, 8}
         assert any(job.model_based for job in more)
+
+
+class TestSummary:
+    def test_of_a_whole_study(self, tmp_path: Path) -> None:
+        jobs = run_to_end(new_search(tmp_path, brackets=4), fail=(1,))
+        journal = Journal(tmp_path)
+        summary = StudySummary(journal, bracket_table(4, [1, 3, 9]))
+        best = min((job for job in jobs if job.budget == 9), key=loss_of)
+        assert summary.incumbent is not None
+        assert summary.incumbent.id == best.id
+        assert summary.configuration(best.id) == best.configuration
+        points = summary.points()
+        assert len(points) == len(jobs) - 1  # one failed
+        assert points[-1].generations_spent == generations_to_run(bracket_table(4, [1, 3, 9]))
+        assert summary.generations_left() == 0
+        assert summary.bracket_table().count("\n") == 2 + len(bracket_table(4, [1, 3, 9]))
+
+    def test_of_nothing(self, tmp_path: Path) -> None:
+        summary = StudySummary(Journal(tmp_path), bracket_table(1, [1, 3]))
+        assert summary.incumbent is None
+        assert summary.points() == []
+        assert summary.generations_left() == 3 + 2
 
 
 class TestJournal:

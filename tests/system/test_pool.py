@@ -16,8 +16,7 @@ from bilevel.evaluation import EvaluationResult, evaluate
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
 from bilevel.tasks import Task
-from cluster.nes_command import placed_pool
-from cluster.pool import EvaluationPool
+from cluster.pool import EvaluationPool, placed_pool
 
 pytestmark = [pytest.mark.timeout(120), pytest.mark.usefixtures("local_ray")]
 

@@ -1,0 +1,73 @@
+"""What a study's journal says so far: incumbent, costs, bracket table."""
+
+from dataclasses import dataclass
+
+from cluster.bohb.brackets import Rung, generations_to_run
+from cluster.bohb.journal import ConfigId, Configuration, Journal, ResultLine
+from cluster.tracking.plots import ResultPoint
+
+
+@dataclass(frozen=True)
+class StudySummary:
+    """Views of a journal, for the brackets `rungs`; they follow it as it grows."""
+
+    journal: Journal
+    rungs: list[Rung]
+
+    @property
+    def incumbent(self) -> ResultLine | None:
+        """The best result at the largest budget that has one (as hpbandster has it)."""
+        good = [line for line in self.journal.results if line.objective is not None]
+        largest = max((line.budget for line in good), default=0)
+        top = [line for line in good if line.budget == largest]
+        return max(top, key=lambda line: line.objective or 0.0, default=None)
+
+    @property
+    def model_based(self) -> int:
+        """Configurations that the model proposed."""
+        return sum(bool(line.info.get("model_based_pick")) for line in self.journal.configs)
+
+    def configuration(self, config_id: ConfigId) -> Configuration:
+        """What was proposed under that id."""
+        return next(c.configuration for c in self.journal.configs if c.id == config_id)
+
+    def points(self) -> list[ResultPoint]:
+        """All results over what the search had spent when they came."""
+        picks = {line.id: bool(line.info.get("model_based_pick")) for line in self.journal.configs}
+        reached: dict[ConfigId, int] = {}
+        spent = 0
+        points = []
+        for line in self.journal.results:
+            spent += line.budget - reached.get(line.id, 0)
+            reached[line.id] = line.budget
+            if line.objective is not None:
+                points.append(ResultPoint(spent, line.budget, line.objective, picks[line.id]))
+        return points
+
+    def generations_left(self) -> int:
+        """Generations that are still to be run until all brackets are done."""
+        reached: dict[ConfigId, int] = {}
+        for line in self.journal.results:
+            reached[line.id] = max(line.budget, reached.get(line.id, 0))
+        return max(generations_to_run(self.rungs) - sum(reached.values()), 0)
+
+    def bracket_table(self) -> str:
+        """Results by bracket and budget, in Markdown."""
+        rows = [
+            "| bracket | budget | configurations | results | best objective | failed |",
+            "| --- | --- | --- | --- | --- | --- |",
+        ]
+        for rung in self.rungs:
+            lines = [
+                line
+                for line in self.journal.results
+                if (line.id[0], line.budget) == (rung.bracket, rung.budget)
+            ]
+            good = [line.objective for line in lines if line.objective is not None]
+            if lines:
+                best = f"{max(good):.1f}" if good else ""
+                rows.append(
+                    f"| {rung.bracket} | {rung.budget} | {rung.configurations} | {len(lines)} | "
+                    f"{best} | {len(lines) - len(good)} |"
+                )
+        return "\n".join(rows) + "\n"
