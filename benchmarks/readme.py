@@ -57,7 +57,9 @@ def nes_seeds() -> str:
         )
     rows.append("\nOne figure a seed, seeds 0, 1, ...; *solved* is a mean test return of at least")
     rows.append("195 (CartPole-v0) and -100 (Acrobot-v1) of ten agents trained with fresh seeds.")
-    rows.append(f"({_where(result)})")
+    commands = [_load(f"nes_seeds_{task}")["command"] for task in ("CartPole-v0", "Acrobot-v1")]
+    machine = result["machine"]
+    rows.append(f"({machine['cores']} cores of {machine['processor']}; `{'`, `'.join(commands)}`)")
     return "\n".join(rows)
 
 
