@@ -118,14 +118,14 @@ def nes(
     """One NES run on TASK (CartPole-v0, Acrobot-v1 or another gymnasium id)."""
     from bilevel.agents import AGENTS
     from bilevel.errors import one_of
-    from bilevel.hyperparameters import load_preset
+    from bilevel.hyperparameters import best_preset, load_preset
     from cluster.home import Home
 
     common = _Common(**options)
     task = common.the_task()
     if agent not in AGENTS:
         raise one_of("agent", agent, AGENTS)
-    preset = preset or ("tuned" if task.id in ("CartPole-v0", "Acrobot-v1") else "default")
+    preset = preset or best_preset(task.id)
     hp = load_preset(preset, task.id, update)
     changes: dict[str, Any] = {
         "population_size": common.population,

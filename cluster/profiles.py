@@ -3,8 +3,7 @@
 from dataclasses import dataclass, replace
 
 from bilevel.errors import one_of
-from bilevel.hyperparameters import Hyperparameters, load_preset
-from bilevel.hyperparameters.presets import PRESETS
+from bilevel.hyperparameters import Hyperparameters, best_preset, load_preset
 from bilevel.tasks import Task
 from search_spaces import SPACES
 
@@ -47,8 +46,7 @@ def get_profile(name: str) -> Profile:
 
 def base_hyperparameters(profile: Profile, task: Task) -> Hyperparameters:
     """What a configuration leaves unsaid: the task's preset, in the profile's size."""
-    tuned = "tuned" if task.id in ("CartPole-v0", "Acrobot-v1") else PRESETS[-1]
-    base = load_preset(tuned, task.id, SPACES[profile.space])
+    base = load_preset(best_preset(task.id), task.id, SPACES[profile.space])
     return replace(
         base,
         nes=replace(

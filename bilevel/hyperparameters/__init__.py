@@ -9,7 +9,7 @@ from bilevel.hyperparameters.definitions import (
     NESHyperparameters,
     SEHyperparameters,
 )
-from bilevel.hyperparameters.presets import PRESETS, load_preset
+from bilevel.hyperparameters.presets import PRESETS, best_preset, load_preset
 
 __all__ = [
     "ACTIVATIONS",
@@ -20,5 +20,6 @@ __all__ = [
     "Hyperparameters",
     "NESHyperparameters",
     "SEHyperparameters",
+    "best_preset",
     "load_preset",
 ]

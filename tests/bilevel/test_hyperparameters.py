@@ -9,6 +9,7 @@ from bilevel.hyperparameters import (
     DDQNHyperparameters,
     Hyperparameters,
     SEHyperparameters,
+    best_preset,
     load_preset,
 )
 
@@ -43,6 +44,11 @@ def test_the_papers_numbers() -> None:
     assert cartpole.agent.batch_size == 199
     assert acrobot.agent.init_episodes == 20
     assert default.agent.hidden_layers == 2
+
+
+def test_tuned_is_best_where_there_is_one() -> None:
+    assert best_preset("CartPole-v0") == best_preset("Acrobot-v1") == "tuned"
+    assert best_preset("MountainCar-v0") == best_preset("../x") == "default"
 
 
 def test_unknown_names() -> None:

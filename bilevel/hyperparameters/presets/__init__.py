@@ -23,6 +23,11 @@ PRESETS = ("tuned", "default")
 DEFAULT_UPDATE = "antithetic"
 
 
+def best_preset(task_id: str) -> str:
+    """`tuned` if the paper tuned for that task, else `default`."""
+    return "tuned" if (files(__name__) / f"tuned-{task_id}.toml").is_file() else "default"
+
+
 def load_preset(name: str, task_id: str, update: str = DEFAULT_UPDATE) -> Hyperparameters:
     """The preset `tuned` or `default` for a task, with the given NES update.
 
