@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from bilevel.kernels.jit import compiled
+from bilevel.kernels.jit import compiled, quotient, square_root
 
 BETA1, BETA2, EPSILON = 0.9, 0.999, 1e-8
 
@@ -22,7 +22,7 @@ def adam_step(params, gradient, first, second, step, learning_rate):
         v = _B2 * second[i] + _C2 * g * g
         first[i] = m
         second[i] = v
-        params[i] -= size * m / (np.sqrt(v) * inverse + _EPSILON)
+        params[i] -= quotient(size * m, square_root(v) * inverse + _EPSILON)
 
 
 @compiled

@@ -8,6 +8,8 @@ symbol   shape            meaning
 theta    (P,) float32     parameters of the Q-network
 target   (P,) float32     parameters of the target network
 B, A     -                batch size, number of actions
+B'       -                batch size, padded to whole vector registers; the added
+                          samples have zero inputs and no part in the loss
 """
 
 from typing import NamedTuple
@@ -18,7 +20,7 @@ from numpy.typing import NDArray
 from bilevel.kernels import dynamics
 from bilevel.kernels.adam import adam_step, soft_update
 from bilevel.kernels.jit import compiled, is_finite
-from bilevel.kernels.mlp import Network, backward, forward, forward_single
+from bilevel.kernels.mlp import Network, backward, forward, forward_single, padded
 from bilevel.kernels.random import below, uniform
 from bilevel.kernels.replay import sample, store
 from bilevel.kernels.stopping import CONVERGED, EPISODES_SPENT, NOT_FINITE, converged
@@ -65,17 +67,17 @@ class Learner(NamedTuple):
     gradient: NDArray[np.float32]
     first: NDArray[np.float32]  # Adam's moments
     second: NDArray[np.float32]
-    states: NDArray[np.float32]  # (S, B)
-    next_states: NDArray[np.float32]  # (S, B)
+    states: NDArray[np.float32]  # (S, B')
+    next_states: NDArray[np.float32]  # (S, B')
     rewards: NDArray[np.float32]  # (B,)
     dones: NDArray[np.float32]  # (B,)
     actions: NDArray[np.int64]  # (B,)
-    h: NDArray[np.float32]  # (depth, H, B) of the states
+    h: NDArray[np.float32]  # (depth, H, B') of the states
     z: NDArray[np.float32]
-    h_next: NDArray[np.float32]  # (depth, H, B) of the next states
+    h_next: NDArray[np.float32]  # (depth, H, B') of the next states
     z_next: NDArray[np.float32]
     delta_h: NDArray[np.float32]
-    q: NDArray[np.float32]  # (A, B)
+    q: NDArray[np.float32]  # (A, B')
     q_next: NDArray[np.float32]
     q_target: NDArray[np.float32]
     delta_q: NDArray[np.float32]
@@ -87,7 +89,7 @@ def new_learner(net: Network, theta: NDArray[np.float32], batch_size: int) -> Le
     depth = net.sizes.size - 2
 
     def batch(*shape: int) -> NDArray[np.float32]:
-        return np.zeros((*shape, batch_size), np.float32)
+        return np.zeros((*shape, padded(batch_size)), np.float32)
 
     return Learner(
         net,
@@ -98,8 +100,8 @@ def new_learner(net: Network, theta: NDArray[np.float32], batch_size: int) -> Le
         np.zeros_like(theta),
         batch(n_in),
         batch(n_in),
-        batch(),
-        batch(),
+        np.zeros(batch_size, np.float32),
+        np.zeros(batch_size, np.float32),
         np.zeros(batch_size, np.int64),
         batch(depth, hidden),
         batch(depth, hidden),
@@ -125,7 +127,7 @@ def gradient_step(learner, step, learning_rate, discount, target_update_rate):
     forward(net, learner.theta, learner.next_states, learner.h_next, learner.z_next, q_next)
     forward(net, learner.target, learner.next_states, learner.h_next, learner.z_next, q_target)
     forward(net, learner.theta, learner.states, learner.h, learner.z, q)
-    n_actions, batch_size = q.shape
+    n_actions, batch_size = q.shape[0], learner.rewards.size
     gamma, one = np.float32(discount), np.float32(1)
     scale = np.float32(2.0 / batch_size)
     loss = np.float32(0)

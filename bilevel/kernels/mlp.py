@@ -14,10 +14,10 @@ h        (depth, H, B)      hidden activations
 z        (depth, H, B)      values before activation (PReLU alone reads them)
 y        (outputs, B)       outputs
 
-Columns are samples because the networks here are narrow at both ends (4 inputs,
-2 outputs) while batches are long: every loop then runs along the batch, in
-vector registers, and the thin products need no BLAS. Products that are wide on
-all sides go to BLAS.
+Columns are samples, so that a bias belongs to a row and every loop runs along the
+batch, in vector registers. All products go to BLAS, whose kernels for small
+matrices are close to the processor's peak even for the thin ones (4 inputs, 2
+outputs); what lies between two products is one pass over the batch.
 """
 
 from typing import NamedTuple
@@ -32,12 +32,14 @@ from bilevel.kernels.activations import (
     PRELU,
     PRELU_INITIAL_SLOPE,
     activate,
-    activate_backward,
+    activate_rows,
+    activate_rows_backward,
 )
 from bilevel.kernels.jit import compiled
 
-#: Products with an outer dimension up to this size are done row by row.
-THIN = 16
+#: Batches are padded to a multiple of so many samples: loops then end with a whole
+#: vector register instead of a rest, which would go sample by sample.
+LANES = 16
 
 _ZERO = np.float32(0)
 _LRELU_SLOPE = np.float32(LRELU_SLOPE)
@@ -63,6 +65,11 @@ def network(
     layer_lengths = sizes[:-1] * sizes[1:] + sizes[1:]
     offsets = np.concatenate([[0], np.cumsum(layer_lengths)]).astype(np.int64)
     return Network(sizes, offsets, CODES[activation])
+
+
+def padded(batch_size: int) -> int:
+    """The batch size, rounded up to whole vector registers."""
+    return -(-batch_size // LANES) * LANES
 
 
 def initial_parameters(net: Network, rng: np.random.Generator) -> NDArray[np.float32]:
@@ -100,97 +107,6 @@ def negative_slope(net, params):
 
 
 @compiled
-def affine(weights, biases, x, out):
-    """out = weights @ x + biases, the biases broadcast along the batch.
-
-    The thin product takes four rows of `x` at a time, so that a row of `out` is
-    read and written a quarter as often. (Loops index matrices rather than slice
-    rows off them: a slice costs more than a short row's arithmetic.)
-    """
-    n_out, n_in = weights.shape
-    batch = out.shape[1]
-    if n_out > THIN and n_in > THIN:
-        np.dot(weights, x, out)
-        for j in range(n_out):
-            bias = biases[j]
-            for i in range(batch):
-                out[j, i] += bias
-        return
-    fours = n_in // 4 * 4
-    for j in range(n_out):
-        bias = biases[j]
-        if fours:
-            w0, w1, w2, w3 = weights[j, 0], weights[j, 1], weights[j, 2], weights[j, 3]
-            for i in range(batch):
-                out[j, i] = bias + w0 * x[0, i] + w1 * x[1, i] + w2 * x[2, i] + w3 * x[3, i]
-        else:
-            for i in range(batch):
-                out[j, i] = bias
-        for k in range(4, fours, 4):
-            w0, w1, w2, w3 = weights[j, k], weights[j, k + 1], weights[j, k + 2], weights[j, k + 3]
-            for i in range(batch):
-                out[j, i] += w0 * x[k, i] + w1 * x[k + 1, i] + w2 * x[k + 2, i] + w3 * x[k + 3, i]
-        rest = fours
-        if n_in - fours >= 2:
-            w0, w1 = weights[j, fours], weights[j, fours + 1]
-            for i in range(batch):
-                out[j, i] += w0 * x[fours, i] + w1 * x[fours + 1, i]
-            rest += 2
-        if rest < n_in:
-            w0 = weights[j, rest]
-            for i in range(batch):
-                out[j, i] += w0 * x[rest, i]
-
-
-@compiled
-def outer_gradient(delta, x, gradient):
-    """gradient = delta @ x.T, the gradient of the weights of `affine`."""
-    n_out, n_in = gradient.shape
-    batch = delta.shape[1]
-    if n_out > THIN and n_in > THIN:
-        np.dot(delta, x.T, gradient)
-        return
-    twos = n_in // 2 * 2
-    for j in range(n_out):
-        for k in range(0, twos, 2):
-            s0 = s1 = _ZERO
-            for i in range(batch):
-                s0 += delta[j, i] * x[k, i]
-                s1 += delta[j, i] * x[k + 1, i]
-            gradient[j, k] = s0
-            gradient[j, k + 1] = s1
-        for k in range(twos, n_in):
-            s0 = _ZERO
-            for i in range(batch):
-                s0 += delta[j, i] * x[k, i]
-            gradient[j, k] = s0
-
-
-@compiled
-def input_gradient(weights, delta, out):
-    """out = weights.T @ delta, the gradient of the inputs of `affine`."""
-    n_out, n_in = weights.shape
-    batch = delta.shape[1]
-    if n_out > THIN:
-        np.dot(weights.T, delta, out)
-        return
-    pairs = n_out // 2 * 2
-    for k in range(n_in):
-        if pairs:
-            w0, w1 = weights[0, k], weights[1, k]
-            for i in range(batch):
-                out[k, i] = w0 * delta[0, i] + w1 * delta[1, i]
-        else:
-            w0 = weights[0, k]
-            for i in range(batch):
-                out[k, i] = w0 * delta[0, i]
-        for j in range(2, n_out):
-            w0 = weights[j, k]
-            for i in range(batch):
-                out[k, i] += w0 * delta[j, i]
-
-
-@compiled
 def forward(net, params, x, h, z, y):
     """Outputs for a batch into `y`; the hidden layers are left in `h` (and `z`)."""
     slope = negative_slope(net, params)
@@ -198,12 +114,15 @@ def forward(net, params, x, h, z, y):
     inputs = x
     for layer in range(depth):
         out = h[layer]
-        affine(layer_weights(net, params, layer), layer_biases(net, params, layer), inputs, out)
-        if net.activation == PRELU:
-            z[layer] = out
-        activate(out, net.activation, slope)
+        np.dot(layer_weights(net, params, layer), inputs, out)
+        activate_rows(out, z[layer], layer_biases(net, params, layer), net.activation, slope)
         inputs = out
-    affine(layer_weights(net, params, depth), layer_biases(net, params, depth), inputs, y)
+    biases = layer_biases(net, params, depth)
+    np.dot(layer_weights(net, params, depth), inputs, y)
+    for a in range(y.shape[0]):
+        bias = biases[a]
+        for i in range(y.shape[1]):
+            y[a, i] += bias
 
 
 @compiled
@@ -213,25 +132,27 @@ def backward(net, params, x, h, z, delta_y, delta_h, gradient):
     slope = negative_slope(net, params)
     slope_gradient = _ZERO
     depth = net.sizes.size - 2
-    delta = delta_y
     bias_gradient = layer_biases(net, gradient, depth)
-    for j in range(delta.shape[0]):
-        bias_gradient[j] = delta[j].sum()
-    for layer in range(depth, -1, -1):
-        inputs = h[layer - 1] if layer > 0 else x
-        outer_gradient(delta, inputs, layer_weights(net, gradient, layer))
-        if layer > 0:
-            below = delta_h[layer - 1]
-            input_gradient(layer_weights(net, params, layer), delta, below)
-            slope_gradient += activate_backward(
-                below,
-                h[layer - 1],
-                z[layer - 1],
-                net.activation,
-                slope,
-                layer_biases(net, gradient, layer - 1),
-            )
-            delta = below
+    for a in range(delta_y.shape[0]):
+        total = _ZERO
+        for i in range(delta_y.shape[1]):
+            total += delta_y[a, i]
+        bias_gradient[a] = total
+    delta = delta_y
+    for layer in range(depth, 0, -1):
+        below = delta_h[layer - 1]
+        np.dot(delta, h[layer - 1].T, layer_weights(net, gradient, layer))
+        np.dot(layer_weights(net, params, layer).T, delta, below)
+        slope_gradient += activate_rows_backward(
+            below,
+            h[layer - 1],
+            z[layer - 1],
+            net.activation,
+            slope,
+            layer_biases(net, gradient, layer - 1),
+        )
+        delta = below
+    np.dot(delta, x.T, layer_weights(net, gradient, 0))
     if net.activation == PRELU:
         gradient[gradient.size - 1] = slope_gradient
 
@@ -253,5 +174,5 @@ def forward_single(net, params, x, work, y):
                 total += weights[j, k] * inputs[k]
             out[j] = total
         if layer < depth:
-            activate(out.reshape(1, n_out), net.activation, slope)
+            activate(out, net.activation, slope)
         inputs = out

@@ -24,8 +24,8 @@ def store(memory, count, state, action, next_state, reward, done):
 
 @compiled
 def sample(memory, count, rng, states, next_states, rewards, dones, actions):
-    """Draw a minibatch with replacement, one column a sample: states and next
-    states (S, B) float32, rewards and dones (B,) float32, actions (B,) int64."""
+    """Draw a minibatch with replacement, one column a sample: rewards and dones
+    (B,) float32, actions (B,) int64, states and next states (S, at least B) float32."""
     size = min(count, memory.shape[0])
     n = states.shape[0]
     for i in range(rewards.size):

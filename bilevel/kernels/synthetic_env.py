@@ -72,7 +72,7 @@ def step(se, state, action, next_state, work):
         x = state[k]
         for j in range(h.size):
             h[j] += x * se.state_weights[k, j]
-    activate(h.reshape(1, h.size), se.activation, se.slope)
+    activate(h, se.activation, se.slope)
 
     n_hidden = se.output_weights.shape[1]
     further = se.hidden_weights.shape[0] // 3
@@ -87,7 +87,7 @@ def step(se, state, action, next_state, work):
                 for j in range(n_hidden):
                     part[j] += x * weights[k, j]
         h = out
-        activate(h.reshape(1, h.size), se.activation, se.slope)
+        activate(h, se.activation, se.slope)
 
     n_states = next_state.size
     reward = se.output_biases[n_states]

