@@ -13,8 +13,14 @@ import scipy.linalg.cython_blas  # noqa: F401  (the BLAS of compiled code, loade
 from numpy.typing import NDArray
 from threadpoolctl import ThreadpoolController
 
-from bilevel.hyperparameters import DDQNHyperparameters
-from bilevel.kernels import ddqn, mlp
+from bilevel.agents import Agent, get_agent
+from bilevel.agents.agent import agent_seeds
+from bilevel.agents.environments import GymnasiumEnvironment, KernelEnvironment
+from bilevel.agents.training import TrainingEnvironment, returns_converged
+from bilevel.agents.training import train as train_in_python
+from bilevel.hyperparameters import AgentHyperparameters
+from bilevel.kernels import training
+from bilevel.kernels.environment import Environment, environment
 from bilevel.kernels.stopping import NOT_FINITE
 from bilevel.synthetic_env import Architecture, kernel_form
 from bilevel.tasks import Task
@@ -29,45 +35,63 @@ class EvaluationRequest:
     """What one evaluation needs besides task, architecture and psi.
 
     The agent trains on the SE psi + sign * eps, eps drawn from `perturbation_seed`;
-    sign 0 is psi itself. A `start_seed` replaces psi by a fresh initialisation.
+    sign 0 is psi itself. A `start_seed` replaces psi by a fresh initialisation; on
+    the `real` task there is no SE at all.
     """
 
     index: int  # position in the generation
     seed: int  # of agent, exploration, minibatches and test episodes
-    agent: DDQNHyperparameters
+    agent: AgentHyperparameters
     sign: int = 0
     perturbation_seed: int = 0
     std_dev: float = 0.0
     start_seed: int | None = None
+    real: bool = False
 
 
 @dataclass(frozen=True)
-class EvaluationResult:
-    """What came of it. `seconds` is the only field that is not determined by the
-    request."""
+class Outcome:
+    """What came of training a fresh agent and testing it."""
 
-    index: int
-    score: float  # mean return of the test episodes on the real task
+    test_returns: tuple[float, ...]  # of the test episodes on the real task
     train_steps: int
     train_episodes: int
-    finite: bool  # False: numbers diverged; the score is the task's worst
+    finite: bool  # False: numbers diverged; the returns are the task's worst
+
+
+@dataclass(frozen=True)
+class EvaluationResult(Outcome):
+    """The outcome of a request. `seconds` is the only field that is not determined
+    by the request."""
+
+    index: int
     seconds: float
+
+    @property
+    def score(self) -> float:
+        """Mean return of the test episodes on the real task."""
+        return float(np.mean(self.test_returns))
 
 
 def evaluate(
     task: Task,
-    architecture: Architecture,
+    architecture: Architecture | None,
     psi: NDArray[np.float32] | None,
     request: EvaluationRequest,
 ) -> EvaluationResult:
     """TrainAgent, then EvaluateAgent (paper, Algorithm 1).
 
-    `psi` (P,) float32 may be None if the request brings a start seed.
+    `psi` (P,) float32 may be None if the request brings a start seed, or asks for
+    training on the real task.
     """
     started = time.perf_counter()
-    se = request_psi(architecture, psi, request)
-    outcome = train_and_test(task, (architecture, se), request.agent, request.seed)
-    return EvaluationResult(request.index, *outcome, time.perf_counter() - started)
+    se = None
+    if not request.real:
+        assert architecture is not None
+        se = (architecture, request_psi(architecture, psi, request))
+    outcome = train_and_test(task, se, request.agent, request.seed)
+    seconds = time.perf_counter() - started
+    return EvaluationResult(**vars(outcome), index=request.index, seconds=seconds)
 
 
 def request_psi(
@@ -83,64 +107,27 @@ def request_psi(
     return psi + np.float32(request.sign) * eps
 
 
+SE = tuple[Architecture, NDArray[np.float32]]
+
+
 def train_and_test(
-    task: Task,
-    se: tuple[Architecture, NDArray[np.float32]] | None,
-    hp: DDQNHyperparameters,
-    seed: int,
-) -> tuple[float, int, int, bool]:
+    task: Task, se: SE | None, hp: AgentHyperparameters, seed: int, compiled: bool = True
+) -> Outcome:
     """Train a fresh agent on an SE, or, without one, on the real task itself, and
-    test it on the real task; returns score, train steps, train episodes and
-    whether all numbers stayed finite.
+    test it on the real task.
 
-    Raises ValueError for training on a real task whose dynamics are not compiled.
+    The compiled twin of the agent is used where there is one (and the real task, if
+    trained on, is compiled), unless `compiled` is False.
     """
-    if se is None and not task.compiled:
-        raise ValueError(f"{task.id} has no compiled dynamics to train on")
-    init_seed, loop_seed, physics_seed, test_seed = np.random.SeedSequence(seed).generate_state(
-        4, np.uint64
+    agent_seed, physics_seed, test_seed = (
+        int(word) for word in np.random.SeedSequence(seed).generate_state(3, np.uint64)
     )
-    net = mlp.network(
-        task.state_size, hp.hidden_size, hp.hidden_layers, task.n_actions, hp.activation
-    )
-    theta = mlp.initial_parameters(net, np.random.default_rng(init_seed))
-    learner = ddqn.new_learner(net, theta, hp.batch_size)
-    architecture, psi = se if se is not None else _NO_SE
-    test_rng = np.random.default_rng(test_seed)
-
-    def environment(physics: NDArray[np.float64]) -> ddqn.Environment:
-        return ddqn.Environment(
-            se is not None,
-            kernel_form(architecture, psi),
-            task.dynamics,
-            task.state_size,
-            task.step_limit,
-            task.solved_reward,
-            physics,
-        )
-
-    physics = task.initial_physics(np.random.default_rng(physics_seed), hp.max_episodes)
-    tests = hp.test_episodes if se is not None else hp.test_episodes * (hp.max_episodes + 1)
-    test_environment = environment(
-        task.initial_physics(test_rng, tests) if task.compiled else physics
-    )
+    run = _Run(task, se, hp, agent_seed, physics_seed, test_seed)
+    has_kernel = get_agent(hp.agent).build_kernel is not None
     with _BLAS.limit(limits=1, user_api="blas"):
-        steps, episodes, outcome = ddqn.train(
-            learner,
-            environment(physics),
-            test_environment,
-            settings(hp),
-            np.array([loop_seed], np.uint64),
-        )
-        if outcome == NOT_FINITE or not np.isfinite(learner.theta).all():
-            return task.worst_score, steps, episodes, False
-        if task.compiled:
-            returns = ddqn.test_returns(
-                net, learner.theta, test_environment, tests - hp.test_episodes, hp.test_episodes
-            )
-        else:
-            returns = _test_with_gymnasium(task, net, learner.theta, hp.test_episodes, test_rng)
-    return float(returns.mean()), steps, episodes, True
+        if compiled and has_kernel and (se is not None or task.compiled):
+            return run.compiled()
+        return run.interpreted()
 
 
 #: Stands where the kernel expects an SE and reads none.
@@ -148,22 +135,147 @@ _SMALLEST = Architecture(1, 1, 1, 1, "tanh")
 _NO_SE = (_SMALLEST, np.zeros(_SMALLEST.parameter_count, np.float32))
 
 
-def settings(hp: DDQNHyperparameters) -> ddqn.Settings:
-    """The hyperparameters as the kernel takes them."""
-    return ddqn.Settings(**{name: getattr(hp, name) for name in ddqn.Settings._fields})
+@dataclass(frozen=True)
+class _Run:
+    """One training and its tests."""
+
+    task: Task
+    se: SE | None
+    hp: AgentHyperparameters
+    agent_seed: int
+    physics_seed: int
+    test_seed: int
+
+    def _environment(self, physics: NDArray[np.float64], synthetic: bool) -> Environment:
+        task = self.task
+        return environment(
+            kernel_form(*(self.se or _NO_SE)),
+            synthetic,
+            task.dynamics,
+            task.state_size,
+            task.step_limit,
+            task.solved_reward,
+            physics,
+        )
+
+    def _training_environment(self) -> Environment:
+        rng = np.random.default_rng(self.physics_seed)
+        physics = self.task.initial_physics(rng, self.hp.max_episodes)
+        return self._environment(physics, self.se is not None)
+
+    def _test_environment(self) -> Environment:
+        """The compiled real task. Training on the real task tests after every episode,
+        on states of their own."""
+        tests = self.hp.test_episodes * (1 if self.se else self.hp.max_episodes + 1)
+        rng = np.random.default_rng(self.test_seed)
+        return self._environment(self.task.initial_physics(rng, tests), False)
+
+    def compiled(self) -> Outcome:
+        """By the agent's kernel."""
+        task, hp, registered = self.task, self.hp, get_agent(self.hp.agent)
+        assert registered.build_kernel is not None
+        assert registered.kernel_parameters is not None
+        initial, loop = agent_seeds(self.agent_seed)
+        agent = registered.build_kernel(
+            hp, task.state_size, task.n_actions, np.random.default_rng(initial)
+        )
+        env = self._training_environment()
+        test_env = self._test_environment() if task.compiled else env
+        rng = np.array([loop], np.uint64)
+        steps, episodes, reason = training.train(agent, env, test_env, schedule(hp), rng)
+        parameters = registered.kernel_parameters(agent)
+        if reason == NOT_FINITE or not all(np.isfinite(p).all() for p in parameters):
+            return self._diverged(steps, episodes)
+        if task.compiled:
+            first = len(test_env.initial_physics) - hp.test_episodes
+            returns = training.test_returns(agent, test_env, first, hp.test_episodes)
+        else:
+            returns = task.test_returns(
+                lambda state: int(training.greedy_action(agent, state)),
+                hp.test_episodes,
+                self.test_seed % 2**31,
+            )
+        return Outcome(tuple(returns.tolist()), steps, episodes, True)
+
+    def interpreted(self) -> Outcome:
+        """By the agent's definition: the same, slower, and for every agent and task."""
+        import torch
+
+        threads = torch.get_num_threads()
+        torch.set_num_threads(1)  # the other cores belong to other evaluations
+        try:
+            return self._interpreted()
+        finally:
+            torch.set_num_threads(threads)
+
+    def _interpreted(self) -> Outcome:
+        task, hp = self.task, self.hp
+        agent = get_agent(hp.agent).build(hp, task.state_size, task.n_actions, self.agent_seed)
+        tests = _PythonTests(task, hp, agent, self._test_environment(), self.test_seed)
+        env: TrainingEnvironment
+        if self.se is not None:
+            env, stop = KernelEnvironment(self._training_environment()), returns_converged(hp)
+        else:
+            env = (
+                KernelEnvironment(self._training_environment())
+                if task.compiled
+                else GymnasiumEnvironment(task, self.physics_seed % 2**31)
+            )
+            stop = tests.solved
+        steps, episodes, finite = train_in_python(agent, hp, env, stop)
+        if not finite:
+            return self._diverged(steps, episodes)
+        return Outcome(tuple(tests.last().tolist()), steps, episodes, True)
+
+    def _diverged(self, steps: int, episodes: int) -> Outcome:
+        return Outcome((self.task.worst_score,) * self.hp.test_episodes, steps, episodes, False)
 
 
-def _test_with_gymnasium(
-    task: Task,
-    net: mlp.Network,
-    theta: NDArray[np.float32],
-    episodes: int,
-    rng: np.random.Generator,
-) -> NDArray[np.float64]:
-    work = np.zeros((2, int(net.sizes[1])), np.float32)
-    q = np.zeros(task.n_actions, np.float32)
+@dataclass(frozen=True)
+class _PythonTests:
+    """EvaluateAgent for an agent in Python."""
 
-    def policy(state: NDArray[np.float32]) -> int:
-        return int(ddqn.greedy_action(net, theta, state, work, q))
+    task: Task
+    hp: AgentHyperparameters
+    agent: Agent
+    env: Environment
+    seed: int
 
-    return task.test_returns(policy, episodes, int(rng.integers(2**31)))
+    def returns(self, first: int) -> NDArray[np.float64]:
+        """Returns of greedy episodes `first`, ... (n_te of them)."""
+        n = self.hp.test_episodes
+        if not self.task.compiled:
+            return self.task.test_returns(self.agent.greedy, n, (self.seed + first) % 2**31)
+        env, returns = KernelEnvironment(self.env), np.zeros(n)
+        for episode in range(n):
+            state = env.reset(first + episode)
+            for _ in range(env.step_limit):
+                state, reward, done = env.step(self.agent.greedy(state))
+                returns[episode] += reward
+                if done > 0.5:
+                    break
+        return returns
+
+    def last(self) -> NDArray[np.float64]:
+        """Returns of the tests that follow training."""
+        return self.returns(len(self.env.initial_physics) - self.hp.test_episodes)
+
+    def solved(self, training_returns: list[float]) -> bool:
+        """The stopping rule on the real task."""
+        episode = len(training_returns) - 1
+        if episode < self.hp.init_episodes:
+            return False
+        tests = self.returns(episode * self.hp.test_episodes)
+        return bool(tests.mean() >= self.task.solved_reward)
+
+
+def schedule(hp: AgentHyperparameters) -> training.Schedule:
+    """How long an agent trains, as the compiled loop takes it."""
+    return training.Schedule(
+        hp.init_episodes,
+        hp.max_episodes,
+        hp.early_out_episodes,
+        hp.early_out_difference,
+        hp.test_episodes,
+        getattr(hp, "replay_capacity", 1),
+    )

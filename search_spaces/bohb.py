@@ -1,18 +1,24 @@
 """What BOHB searches: the paper's Table 1, and a smaller space for short searches.
 
-A dimension is named after the hyperparameter it sets, `section.field`; one that the
+A dimension is named after the hyperparameter it sets, `section.field`, the section
+being `nes`, `se` or an agent's name; one that the
 paper marks "True (inv.)" is named `section.1-field`: one minus the value is sampled
 on the log scale.
 """
 
-from collections.abc import Mapping
-from dataclasses import fields, is_dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, replace
 from typing import Any
 
 import ConfigSpace as CS
 
 from bilevel.errors import InvalidInput, one_of
-from bilevel.hyperparameters import ACTIVATIONS, SCORE_TRANSFORMS, Hyperparameters
+from bilevel.hyperparameters import (
+    ACTIVATIONS,
+    SCORE_TRANSFORMS,
+    Hyperparameters,
+    agent_hyperparameters,
+)
 
 Dimension = CS.hyperparameters.Hyperparameter[Any, Any]
 
@@ -20,7 +26,7 @@ _INVERSE = "1-"
 
 
 def _full() -> list[Dimension]:
-    """The 18 hyperparameters of Table 1, with its ranges and scales."""
+    """NES and SE in Table 1, with its ranges and scales."""
     return [
         CS.Float("nes.step_size", (0.1, 1.0), log=True),
         CS.Float("nes.std_dev", (0.01, 1.0), log=True),
@@ -29,30 +35,46 @@ def _full() -> list[Dimension]:
         CS.Integer("se.hidden_layers", (1, 2)),
         CS.Integer("se.hidden_size", (48, 192), log=True),
         CS.Categorical("se.activation", ACTIVATIONS),
-        CS.Integer("agent.init_episodes", (1, 20), log=True),
-        CS.Integer("agent.batch_size", (64, 256)),
-        CS.Float("agent.learning_rate", (0.0001, 0.005), log=True),
-        CS.Float("agent.target_update_rate", (0.005, 0.05), log=True),
-        CS.Float("agent.1-discount", (0.001, 0.1), log=True),
-        CS.Float("agent.initial_epsilon", (0.8, 1.0), log=True),
-        CS.Float("agent.minimal_epsilon", (0.005, 0.05), log=True),
-        CS.Float("agent.1-epsilon_decay", (0.01, 0.2), log=True),
-        CS.Integer("agent.hidden_layers", (1, 2)),
-        CS.Integer("agent.hidden_size", (48, 192), log=True),
-        CS.Categorical("agent.activation", ACTIVATIONS),
+    ]
+
+
+def _full_agent(agent: str) -> list[Dimension]:
+    """The agent in Table 1; TD3's own hyperparameters, which the table does not have,
+    a factor of about three around their defaults."""
+    return [
+        CS.Integer(f"{agent}.init_episodes", (1, 20), log=True),
+        CS.Integer(f"{agent}.batch_size", (64, 256)),
+        CS.Float(f"{agent}.learning_rate", (0.0001, 0.005), log=True),
+        CS.Float(f"{agent}.target_update_rate", (0.005, 0.05), log=True),
+        CS.Float(f"{agent}.1-discount", (0.001, 0.1), log=True),
+        CS.Float(f"{agent}.initial_epsilon", (0.8, 1.0), log=True),
+        CS.Float(f"{agent}.minimal_epsilon", (0.005, 0.05), log=True),
+        CS.Float(f"{agent}.1-epsilon_decay", (0.01, 0.2), log=True),
+        CS.Integer(f"{agent}.hidden_layers", (1, 2)),
+        CS.Integer(f"{agent}.hidden_size", (48, 192), log=True),
+        CS.Categorical(f"{agent}.activation", ACTIVATIONS),
+        CS.Integer(f"{agent}.policy_delay", (1, 4)),
+        CS.Float(f"{agent}.action_noise", (0.03, 0.3), log=True),
+        CS.Float(f"{agent}.target_noise", (0.07, 0.7), log=True),
+        CS.Float(f"{agent}.initial_temperature", (0.3, 3.0), log=True),
     ]
 
 
 def _core() -> list[Dimension]:
-    """Six that a search of an hour can tell apart: the model needs 2 * (6 + 1)
-    results at one budget. NES ranges are those of the antithetic update."""
+    """With `_core_agent`, six that a search of an hour can tell apart: the model needs
+    2 * (6 + 1) results at one budget. NES ranges are those of the antithetic update."""
     return [
         CS.Float("nes.step_size", (0.02, 0.2), log=True),
         CS.Float("nes.std_dev", (0.005, 0.1), log=True),
         CS.Integer("se.hidden_size", (48, 192), log=True),
-        CS.Integer("agent.init_episodes", (1, 20), log=True),
-        CS.Float("agent.learning_rate", (0.0001, 0.005), log=True),
-        CS.Integer("agent.hidden_size", (48, 192), log=True),
+    ]
+
+
+def _core_agent(agent: str) -> list[Dimension]:
+    return [
+        CS.Integer(f"{agent}.init_episodes", (1, 20), log=True),
+        CS.Float(f"{agent}.learning_rate", (0.0001, 0.005), log=True),
+        CS.Integer(f"{agent}.hidden_size", (48, 192), log=True),
     ]
 
 
@@ -60,11 +82,26 @@ def _core() -> list[Dimension]:
 SPACES = {"full": "paper", "core": "antithetic"}
 
 
-def search_space(name: str, seed: int | None = None) -> CS.ConfigurationSpace:
-    """The space `full` or `core`. Raises InvalidInput for another name."""
+def search_space(
+    name: str, agents: Sequence[str] = ("ddqn",), seed: int | None = None
+) -> CS.ConfigurationSpace:
+    """The space `full` or `core` for NES, SE and these agents: of each, the dimensions
+    whose field it has. For DDQN, `full` has the 18 of Table 1.
+
+    Raises InvalidInput for another name.
+    """
     if name not in SPACES:
         raise one_of("search space", name, SPACES)
-    return CS.ConfigurationSpace(name=name, seed=seed, space=_full() if name == "full" else _core())
+    of_agent = _full_agent if name == "full" else _core_agent
+    space = _full() if name == "full" else _core()
+    for agent in agents:
+        known = {spec.name for spec in fields(agent_hyperparameters(agent))}
+        space += [d for d in of_agent(agent) if _field(d.name) in known]
+    return CS.ConfigurationSpace(name=name, seed=seed, space=space)
+
+
+def _field(dimension: str) -> str:
+    return dimension.partition(".")[2].removeprefix(_INVERSE)
 
 
 def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) -> Hyperparameters:
@@ -74,6 +111,7 @@ def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) 
     Raises InvalidInput for a name or a value that is not allowed.
     """
     changes: dict[str, dict[str, Any]] = {}
+    sections = {"nes": base.nes, "se": base.se, **{hp.agent: hp for hp in base.agents}}
     for name, value in configuration.items():
         section, _, field = name.partition(".")
         plain = value.item() if hasattr(value, "item") else value
@@ -81,11 +119,12 @@ def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) 
             field, plain = field.removeprefix(_INVERSE), 1.0 - plain
         if isinstance(plain, str):
             plain = str(plain)  # np.str_ is a str of another type
-        target = getattr(base, section, None)
-        if not is_dataclass(target) or field not in {spec.name for spec in fields(target)}:
+        if section not in sections or field not in {s.name for s in fields(sections[section])}:
             raise InvalidInput(f"unknown hyperparameter {name!r}")
         changes.setdefault(section, {})[field] = plain
     return replace(
         base,
-        **{section: replace(getattr(base, section), **new) for section, new in changes.items()},
+        nes=replace(base.nes, **changes.get("nes", {})),
+        se=replace(base.se, **changes.get("se", {})),
+        agents=tuple(replace(hp, **changes.get(hp.agent, {})) for hp in base.agents),
     )

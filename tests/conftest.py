@@ -31,7 +31,8 @@ def acrobot() -> Task:
 
 @pytest.fixture
 def small_agent() -> DDQNHyperparameters:
-    agent = load_preset("tuned", "CartPole-v0").agent
+    (agent,) = load_preset("tuned", "CartPole-v0").agents
+    assert isinstance(agent, DDQNHyperparameters)
     return replace(agent, max_episodes=13, batch_size=16, hidden_size=8, test_episodes=2)
 
 
@@ -43,5 +44,5 @@ def small_hp(small_agent: DDQNHyperparameters) -> Hyperparameters:
         hp,
         nes=replace(hp.nes, population_size=3, generations=2, start_candidates=1),
         se=replace(hp.se, hidden_size=8),
-        agent=small_agent,
+        agents=(small_agent,),
     )

@@ -1,5 +1,54 @@
-"""Agents in readable torch: the definitions that the compiled kernels are held to."""
+"""Agents in readable torch: the definitions that the compiled kernels are held to, and
+the place where further agents are registered."""
 
-AGENTS = ("ddqn",)
+from importlib import import_module
+from typing import Any
 
-__all__ = ["AGENTS"]
+from bilevel.agents.agent import (
+    Agent,
+    Build,
+    RegisteredAgent,
+    Transition,
+    get_agent,
+    register_agent,
+    registered_agents,
+)
+from bilevel.hyperparameters import (
+    AgentHyperparameters,
+    DDQNHyperparameters,
+    DuelingDDQNHyperparameters,
+    TD3Hyperparameters,
+)
+from bilevel.hyperparameters.validation import choice, ranged
+from bilevel.kernels import ddqn, td3
+
+
+def _definition(module: str, name: str) -> Build:
+    """The class `name`, imported when it is first built: actors run the compiled twins
+    and never need torch."""
+
+    def build(hp: Any, state_size: int, n_actions: int, seed: int) -> Agent:
+        defined = getattr(import_module(f"bilevel.agents.{module}"), name)
+        agent: Agent = defined(hp, state_size, n_actions, seed)
+        return agent
+
+    return build
+
+
+for _hyperparameters in (DDQNHyperparameters, DuelingDDQNHyperparameters):
+    register_agent(
+        _hyperparameters, _definition("ddqn", "DDQN"), ddqn.new_agent, ddqn.parameters
+    )
+register_agent(TD3Hyperparameters, _definition("td3", "TD3"), td3.new_agent, td3.parameters)
+
+__all__ = [
+    "Agent",
+    "AgentHyperparameters",
+    "RegisteredAgent",
+    "Transition",
+    "choice",
+    "get_agent",
+    "ranged",
+    "register_agent",
+    "registered_agents",
+]

@@ -1,4 +1,5 @@
-"""Double DQN (van Hasselt et al., 2016), the definition.
+"""Double DQN (van Hasselt et al., 2016) and Dueling Double DQN (Wang et al., 2016),
+the definition.
 
     theta <- fresh Q-network; target <- theta
     for each episode:
@@ -12,168 +13,149 @@
                 goal <- reward + discount * (1 - done) * Q_target(next state, a*)
                 Adam step on the mean squared error of Q_theta(state, action) to goal
                 target <- target + target_update_rate * (theta - target)
-        stop if the environment's stopping rule says so
 
 `bilevel.kernels.ddqn` is its compiled twin: both draw the same numbers in the same
 order, and a test holds them together through whole training runs.
 """
 
-from collections.abc import Callable
-from dataclasses import dataclass, field
 from itertools import pairwise
-from typing import Protocol
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from bilevel.agents.agent import Transition, agent_seeds
+from bilevel.agents.replay import ReplayBuffer
 from bilevel.hyperparameters import DDQNHyperparameters
+from bilevel.kernels.ddqn import q_network
+from bilevel.kernels.mlp import initial_parameters
 from bilevel.kernels.random import SplitMix64
 from bilevel.synthetic_env.torch_module import activation_module
 
 
-class QNetwork(nn.Module):
-    """MLP from states (..., S) to action values (..., A); one activation module,
-    and so one PReLU slope, serves all hidden layers."""
+class MLP(nn.Module):
+    """Hidden layers and a linear output; one activation module, and so one PReLU
+    slope, serves all hidden layers."""
 
-    def __init__(self, state_size: int, n_actions: int, hp: DDQNHyperparameters) -> None:
+    def __init__(self, n_in: int, n_out: int, size: int, depth: int, activation: str) -> None:
         super().__init__()
-        sizes = [state_size, *[hp.hidden_size] * hp.hidden_layers, n_actions]
-        self.layers = nn.ModuleList(nn.Linear(n_in, n_out) for n_in, n_out in pairwise(sizes))
-        self.activation = activation_module(hp.activation)
+        sizes = [n_in, *[size] * depth, n_out]
+        self.layers = nn.ModuleList(nn.Linear(n, m) for n, m in pairwise(sizes))
+        self.activation = activation_module(activation)
 
     def forward(self, x: Tensor) -> Tensor:
-        """Action values."""
+        """Outputs (..., n_out) for inputs (..., n_in)."""
         for layer in self.layers[:-1]:
             x = self.activation(layer(x))
         values: Tensor = self.layers[-1](x)
         return values
 
 
-class TrainingEnvironment(Protocol):
-    """What the agent trains on: an SE or a real task."""
+class DuelingNetwork(nn.Module):
+    """Q(s, a) = V(s) + A(s, a) - mean_a' A(s, a').
 
-    def reset(self, episode: int) -> NDArray[np.float32]:
-        """The initial state (S,) of an episode."""
-
-    def step(self, action: int) -> tuple[NDArray[np.float32], float, float]:
-        """Next state (S,), reward, raw done (ends the episode above 0.5)."""
-
-
-#: Told the returns of the episodes so far, decides whether training is over.
-StoppingRule = Callable[[list[float]], bool]
-
-
-@dataclass
-class DDQN:
-    """A DDQN agent.
-
-    `theta` (P,) float32 are the initial parameters; `rng` decides on exploration
-    and minibatches.
+    The paper leaves the sizes open. Here the `hidden_layers` shared layers are followed
+    by a hidden layer in two streams, half of its `hidden_size` units for the value, the
+    other half for the advantages, with a linear output each: streams with a layer of
+    their own as Wang et al. have them, at no more than the cost of one layer.
     """
 
-    hp: DDQNHyperparameters
-    state_size: int
-    n_actions: int
-    theta: NDArray[np.float32]
-    rng: SplitMix64
-    steps: int = field(default=0, init=False)  # environment steps so far
+    def __init__(self, state_size: int, n_actions: int, hp: DDQNHyperparameters) -> None:
+        super().__init__()
+        sizes = [state_size, *[hp.hidden_size] * (hp.hidden_layers + 1)]
+        self.layers = nn.ModuleList(nn.Linear(n, m) for n, m in pairwise(sizes))
+        self.of_value = (hp.hidden_size + 1) // 2
+        self.value = nn.Linear(self.of_value, 1)
+        self.advantage = nn.Linear(hp.hidden_size - self.of_value, n_actions)
+        self.activation = activation_module(hp.activation)
 
-    def __post_init__(self) -> None:
-        self.online = QNetwork(self.state_size, self.n_actions, self.hp)
-        self.target = QNetwork(self.state_size, self.n_actions, self.hp)
-        for net in (self.online, self.target):
-            nn.utils.vector_to_parameters(torch.from_numpy(self.theta.copy()), net.parameters())
-        self.optimizer = torch.optim.Adam(self.online.parameters(), lr=self.hp.learning_rate)
-        self.replay: list[tuple[NDArray[np.float32], int, float, NDArray[np.float32], float]] = []
+    def forward(self, x: Tensor) -> Tensor:
+        """Action values (..., A) of states (..., S)."""
+        for layer in self.layers:
+            x = self.activation(layer(x))
+        advantages: Tensor = self.advantage(x[..., self.of_value :])
+        value: Tensor = self.value(x[..., : self.of_value])
+        return value + advantages - advantages.mean(dim=-1, keepdim=True)
 
-    def parameters(self) -> NDArray[np.float32]:
-        """The online network's parameters (P,), in the twin's order."""
-        vector = nn.utils.parameters_to_vector(self.online.parameters())
-        array: NDArray[np.float32] = vector.detach().numpy()
-        return array
 
-    def act(self, state: NDArray[np.float32]) -> int:
-        """The greedy action."""
+class DDQN:
+    """A DDQN agent, dueling if its hyperparameters say so."""
+
+    def __init__(
+        self, hp: DDQNHyperparameters, state_size: int, n_actions: int, seed: int
+    ) -> None:
+        initial_seed, loop_seed = agent_seeds(seed)
+        self.hp, self.n_actions = hp, n_actions
+        self.rng = SplitMix64(loop_seed)
+        net = q_network(hp, state_size, n_actions)
+        theta = initial_parameters(net, np.random.default_rng(initial_seed))
+        self.online, self.target = (self._network(state_size, theta) for _ in range(2))
+        self.optimizer = torch.optim.Adam(self.online.parameters(), lr=hp.learning_rate)
+        self.replay = ReplayBuffer(hp.replay_capacity)
+        self.epsilon = hp.initial_epsilon
+
+    def _network(self, state_size: int, theta: NDArray[np.float32]) -> nn.Module:
+        hp = self.hp
+        net: nn.Module = (
+            DuelingNetwork(state_size, self.n_actions, hp)
+            if hp.dueling
+            else MLP(state_size, self.n_actions, hp.hidden_size, hp.hidden_layers, hp.activation)
+        )
+        nn.utils.vector_to_parameters(torch.from_numpy(theta.copy()), net.parameters())
+        return net
+
+    def parameters(self) -> list[NDArray[np.float32]]:
+        """The parameters of online and target network, in the twin's order."""
+        nets = (self.online, self.target)
+        vectors = (nn.utils.parameters_to_vector(net.parameters()) for net in nets)
+        return [vector.detach().numpy() for vector in vectors]
+
+    def act(self, state: NDArray[np.float32], exploring: bool) -> int:
+        """Random with probability epsilon, else greedy."""
+        if self.rng.uniform() < self.epsilon:
+            return int(self.rng.below(self.n_actions, 1)[0])
+        return self.greedy(state)
+
+    def greedy(self, state: NDArray[np.float32]) -> int:
+        """The action of the highest value."""
         with torch.no_grad():
             return int(self.online(torch.from_numpy(state)).argmax())
 
-    def store(
-        self,
-        state: NDArray[np.float32],
-        action: int,
-        reward: float,
-        next_state: NDArray[np.float32],
-        done: float,
-    ) -> None:
-        """Remember a transition; the oldest one gives way when the buffer is full."""
-        transition = (state.copy(), action, reward, next_state.copy(), done)
-        if len(self.replay) < self.hp.replay_capacity:
-            self.replay.append(transition)
-        else:
-            self.replay[self.steps % self.hp.replay_capacity] = transition
-        self.steps += 1
+    def observe(self, transition: Transition) -> None:
+        """Store the transition."""
+        state, action, reward, next_state, done = transition
+        self.replay.store(state, np.array([action], np.float32), reward, next_state, done)
 
     def learn(self) -> float:
-        """One gradient step on a minibatch drawn with replacement; returns the loss."""
-        rows = [self.replay[i] for i in self.rng.below(len(self.replay), self.hp.batch_size)]
-        states, actions, rewards, next_states, dones = zip(*rows, strict=True)
-        return self.gradient_step(
-            torch.from_numpy(np.array(states)),
-            torch.tensor(actions),
-            torch.tensor(rewards, dtype=torch.float32),
-            torch.from_numpy(np.array(next_states)),
-            torch.tensor(dones, dtype=torch.float32),
-        )
+        """One gradient step on a minibatch; returns the mean squared error."""
+        return self.gradient_step(*self.replay.sample(self.hp.batch_size, self.rng))
 
     def gradient_step(
         self, states: Tensor, actions: Tensor, rewards: Tensor, next_states: Tensor, dones: Tensor
     ) -> float:
-        """One Adam step and soft update on states (B, S), actions (B,), rewards (B,),
+        """One Adam step and soft update on states (B, S), actions (B, 1), rewards (B,),
         next states (B, S) and raw dones (B,); returns the mean squared error."""
         with torch.no_grad():
             best = self.online(next_states).argmax(dim=1, keepdim=True)
             value = self.target(next_states).gather(1, best).squeeze(1)
             goal = rewards + self.hp.discount * (1 - dones) * value
-        q = self.online(states).gather(1, actions.unsqueeze(1)).squeeze(1)
+        q = self.online(states).gather(1, actions.long()).squeeze(1)
         loss = nn.functional.mse_loss(q, goal)
         self.optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         self.optimizer.step()
-        with torch.no_grad():
-            pairs = zip(self.target.parameters(), self.online.parameters(), strict=True)
-            for target, online in pairs:
-                target.lerp_(online, self.hp.target_update_rate)
+        soft_update(self.target, self.online, self.hp.target_update_rate)
         return float(loss.detach())
 
-    def train(
-        self, environment: TrainingEnvironment, step_limit: int, stop: StoppingRule
-    ) -> list[float]:
-        """Train until `stop` says so, the numbers diverge, or the episodes are
-        spent; returns the episodes' returns."""
-        returns: list[float] = []
-        epsilon = self.hp.initial_epsilon
-        for episode in range(self.hp.max_episodes):
-            state = environment.reset(episode)
-            total = 0.0
-            for _ in range(step_limit):
-                if self.rng.uniform() < epsilon:
-                    action = int(self.rng.below(self.n_actions, 1)[0])
-                else:
-                    action = self.act(state)
-                next_state, reward, done = environment.step(action)
-                if not np.isfinite([*next_state, reward, done]).all():
-                    return returns
-                self.store(state, action, reward, next_state, done)
-                state = next_state
-                total += reward
-                if episode >= self.hp.init_episodes and not np.isfinite(self.learn()):
-                    return returns
-                if done > 0.5:
-                    break
-            returns.append(total)
-            epsilon = max(epsilon * self.hp.epsilon_decay, self.hp.minimal_epsilon)
-            if stop(returns):
-                break
-        return returns
+    def end_episode(self) -> None:
+        """Explore less in the next episode."""
+        self.epsilon = max(self.epsilon * self.hp.epsilon_decay, self.hp.minimal_epsilon)
+
+
+def soft_update(target: nn.Module, online: nn.Module, rate: float) -> None:
+    """target <- target + rate * (online - target)."""
+    with torch.no_grad():
+        pairs = zip(target.parameters(), online.parameters(), strict=True)
+        for old, new in pairs:
+            old.lerp_(new, rate)

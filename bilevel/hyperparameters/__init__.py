@@ -1,10 +1,17 @@
 """Frozen, validated hyperparameters, and the paper's tables as presets."""
 
-from bilevel.hyperparameters.definitions import (
+from bilevel.hyperparameters.agents import (
     ACTIVATIONS,
+    AgentHyperparameters,
+    DDQNHyperparameters,
+    DuelingDDQNHyperparameters,
+    TD3Hyperparameters,
+    agent_hyperparameters,
+    agent_names,
+)
+from bilevel.hyperparameters.definitions import (
     SCORE_TRANSFORMS,
     UPDATES,
-    DDQNHyperparameters,
     Hyperparameters,
     NESHyperparameters,
     SEHyperparameters,
@@ -16,10 +23,15 @@ __all__ = [
     "PRESETS",
     "SCORE_TRANSFORMS",
     "UPDATES",
+    "AgentHyperparameters",
     "DDQNHyperparameters",
+    "DuelingDDQNHyperparameters",
     "Hyperparameters",
     "NESHyperparameters",
     "SEHyperparameters",
+    "TD3Hyperparameters",
+    "agent_hyperparameters",
+    "agent_names",
     "best_preset",
     "load_preset",
 ]

@@ -1,4 +1,4 @@
-"""The hyperparameters of NES, SE and agents, with their ranges and sources.
+"""The hyperparameters of NES and SE, with their ranges and sources, and a whole run's.
 
 Ranges here bound what is *valid*; the (narrower) ranges that are searched stand
 in `search_spaces`. "Table 1" is the paper's table of optimized hyperparameters,
@@ -10,10 +10,12 @@ from dataclasses import asdict, dataclass
 from typing import Any, Self
 
 from bilevel.errors import InvalidInput
+from bilevel.hyperparameters.agents import (
+    ACTIVATIONS,
+    AgentHyperparameters,
+    agent_hyperparameters,
+)
 from bilevel.hyperparameters.validation import Validated, choice, ranged
-from bilevel.kernels.activations import CODES
-
-ACTIVATIONS = tuple(CODES)
 
 #: Of the start candidates one in so many is evaluated again, so many times.
 RETEST_ONE_IN, RETESTS = 8, 8
@@ -72,39 +74,30 @@ class SEHyperparameters(Validated):
 
 
 @dataclass(frozen=True, kw_only=True)
-class DDQNHyperparameters(Validated):
-    """Double DQN (van Hasselt et al., 2016), as the inner loop trains it."""
-
-    init_episodes: int = ranged(0, 1_000_000)  # episodes before the first gradient step
-    batch_size: int = ranged(1, 65536)
-    learning_rate: float = ranged(1e-8, 1.0)  # of Adam
-    target_update_rate: float = ranged(0.0, 1.0)  # of the soft update, per gradient step
-    discount: float = ranged(0.0, 1.0)
-    initial_epsilon: float = ranged(0.0, 1.0)  # in the first episode
-    minimal_epsilon: float = ranged(0.0, 1.0)
-    epsilon_decay: float = ranged(0.0, 1.0)  # factor per episode
-    hidden_layers: int = ranged(1, 3)
-    hidden_size: int = ranged(1, 4096)
-    activation: str = choice(ACTIVATIONS)
-    replay_capacity: int = ranged(1, 100_000_000, 100_000)
-    max_episodes: int = ranged(1, 1_000_000, 1000)  # n_e
-    early_out_episodes: int = ranged(1, 1_000_000, 10)  # d
-    early_out_difference: float = ranged(0.0, 1e6, 0.01)  # C_diff
-    test_episodes: int = ranged(1, 1_000_000, 10)  # n_te
-
-
-@dataclass(frozen=True, kw_only=True)
 class Hyperparameters:
-    """Everything one NES run is given besides task and seed."""
+    """Everything one NES run is given besides task and seed.
+
+    Of several `agents`, every member of a generation draws one.
+    """
 
     nes: NESHyperparameters
     se: SEHyperparameters
-    agent: DDQNHyperparameters
+    agents: tuple[AgentHyperparameters, ...]
     vary_agent: bool = False  # draw lr, batch size and network anew for every member
+
+    def __post_init__(self) -> None:
+        names = [hp.agent for hp in self.agents]
+        if not names or len(set(names)) < len(names):
+            raise InvalidInput(f"agents must be one or more, each once; got {names}")
 
     def to_dict(self) -> dict[str, Any]:
         """Nested dictionary of plain values, for JSON."""
-        return asdict(self)
+        return {
+            "nes": asdict(self.nes),
+            "se": asdict(self.se),
+            "agents": {hp.agent: asdict(hp) for hp in self.agents},
+            "vary_agent": self.vary_agent,
+        }
 
     @classmethod
     def from_dict(cls, values: dict[str, Any]) -> Self:
@@ -113,8 +106,11 @@ class Hyperparameters:
             return cls(
                 nes=NESHyperparameters.from_dict(values["nes"]),
                 se=SEHyperparameters.from_dict(values["se"]),
-                agent=DDQNHyperparameters.from_dict(values["agent"]),
+                agents=tuple(
+                    agent_hyperparameters(name).from_dict(fields)
+                    for name, fields in values["agents"].items()
+                ),
                 vary_agent=bool(values.get("vary_agent", False)),
             )
-        except (KeyError, TypeError) as error:
+        except (KeyError, TypeError, AttributeError) as error:
             raise InvalidInput(f"hyperparameters lack the section {error}") from None

@@ -1,4 +1,5 @@
-"""Double DQN, compiled: the twin of `bilevel.agents.ddqn`, which defines it.
+"""Double DQN and Dueling Double DQN, compiled: the twin of `bilevel.agents.ddqn`,
+which defines them.
 
 Both draw the same numbers from the same generator in the same order, so a
 whole training run can be held side by side.
@@ -7,9 +8,10 @@ symbol   shape            meaning
 ------   --------------   -----------------------------------------
 theta    (P,) float32     parameters of the Q-network
 target   (P,) float32     parameters of the target network
-B, A     -                batch size, number of actions
-B'       -                batch size, padded to whole vector registers; the added
-                          samples have zero inputs and no part in the loss
+y        (O, B')          outputs: action values (O = A), or value and
+                          advantages (O = 1 + A) of a dueling network
+q        (A, B')          action values
+A, B'    -                number of actions; batch size, padded
 """
 
 from typing import NamedTuple
@@ -17,118 +19,177 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.kernels import dynamics
+from bilevel.hyperparameters import DDQNHyperparameters
+from bilevel.kernels import mlp
 from bilevel.kernels.adam import adam_step, soft_update
-from bilevel.kernels.jit import compiled, is_finite
+from bilevel.kernels.jit import compiled
 from bilevel.kernels.mlp import Network, backward, forward, forward_single, padded
 from bilevel.kernels.random import below, uniform
-from bilevel.kernels.replay import sample, store
-from bilevel.kernels.stopping import CONVERGED, EPISODES_SPENT, NOT_FINITE, converged
-from bilevel.kernels.synthetic_env import SEKernel
-from bilevel.kernels.synthetic_env import step as se_step
+from bilevel.kernels.replay import Batch, new_batch
+from bilevel.kernels.training import act, end_episode, greedy, implements, learn
 
 
 class Settings(NamedTuple):
     """Hyperparameters as the kernel takes them (see `DDQNHyperparameters`)."""
 
-    init_episodes: int
-    batch_size: int
     learning_rate: float
     target_update_rate: float
     discount: float
-    initial_epsilon: float
     minimal_epsilon: float
     epsilon_decay: float
-    replay_capacity: int
-    max_episodes: int
-    early_out_episodes: int
-    early_out_difference: float
-    test_episodes: int
+    dueling: bool
 
 
-class Environment(NamedTuple):
-    """What an agent trains on: an SE, or the compiled real task."""
+class DDQNKernel(NamedTuple):
+    """An agent: parameters, optimiser, exploration, and work space."""
 
-    synthetic: bool
-    se: SEKernel  # read only if synthetic
-    dynamics: int  # code of `bilevel.kernels.dynamics`
-    state_size: int
-    step_limit: int
-    solved_reward: float  # read only if not synthetic
-    initial_physics: NDArray[np.float64]  # (episodes, p); episode e starts in row e
-
-
-class Learner(NamedTuple):
-    """The agent's memory: parameters, optimiser, and a batch of work space."""
-
+    settings: Settings
     net: Network
     theta: NDArray[np.float32]
     target: NDArray[np.float32]
     gradient: NDArray[np.float32]
     first: NDArray[np.float32]  # Adam's moments
     second: NDArray[np.float32]
-    states: NDArray[np.float32]  # (S, B')
-    next_states: NDArray[np.float32]  # (S, B')
-    rewards: NDArray[np.float32]  # (B,)
-    dones: NDArray[np.float32]  # (B,)
-    actions: NDArray[np.int64]  # (B,)
+    gradient_steps: NDArray[np.int64]  # (1,)
+    epsilon: NDArray[np.float64]  # (1,)
+    action: NDArray[np.float32]  # (1,) index of the last action
+    batch: Batch
     h: NDArray[np.float32]  # (depth, H, B') of the states
     z: NDArray[np.float32]
     h_next: NDArray[np.float32]  # (depth, H, B') of the next states
     z_next: NDArray[np.float32]
     delta_h: NDArray[np.float32]
+    y: NDArray[np.float32]  # (O, B')
+    delta_y: NDArray[np.float32]
     q: NDArray[np.float32]  # (A, B')
     q_next: NDArray[np.float32]
     q_target: NDArray[np.float32]
     delta_q: NDArray[np.float32]
+    single_h: NDArray[np.float32]  # (2, H), of one state
+    single_y: NDArray[np.float32]  # (O,)
 
 
-def new_learner(net: Network, theta: NDArray[np.float32], batch_size: int) -> Learner:
-    """A learner that starts from `theta` (copied)."""
-    n_in, hidden, n_out = int(net.sizes[0]), int(net.sizes[1]), int(net.sizes[-1])
-    depth = net.sizes.size - 2
-
-    def batch(*shape: int) -> NDArray[np.float32]:
-        return np.zeros((*shape, padded(batch_size)), np.float32)
-
-    return Learner(
-        net,
-        theta.copy(),
-        theta.copy(),
-        np.zeros_like(theta),
-        np.zeros_like(theta),
-        np.zeros_like(theta),
-        batch(n_in),
-        batch(n_in),
-        np.zeros(batch_size, np.float32),
-        np.zeros(batch_size, np.float32),
-        np.zeros(batch_size, np.int64),
-        batch(depth, hidden),
-        batch(depth, hidden),
-        batch(depth, hidden),
-        batch(depth, hidden),
-        batch(depth, hidden),
-        batch(n_out),
-        batch(n_out),
-        batch(n_out),
-        batch(n_out),
+def q_network(hp: DDQNHyperparameters, state_size: int, n_actions: int) -> Network:
+    """The shape of the Q-network. A dueling one has one hidden layer more, half of
+    whose units belong to the value, the other half to the advantages."""
+    if not hp.dueling:
+        return mlp.network(
+            state_size, hp.hidden_size, hp.hidden_layers, n_actions, hp.activation
+        )
+    of_value = (hp.hidden_size + 1) // 2
+    heads = ((of_value, 1), (hp.hidden_size - of_value, n_actions))
+    return mlp.network(
+        state_size, hp.hidden_size, hp.hidden_layers + 1, 1 + n_actions, hp.activation, heads
     )
 
 
+def new_agent(
+    hp: DDQNHyperparameters, state_size: int, n_actions: int, rng: np.random.Generator
+) -> DDQNKernel:
+    """A fresh agent; `rng` draws its initial parameters."""
+    net = q_network(hp, state_size, n_actions)
+    theta = mlp.initial_parameters(net, rng)
+    columns, outputs = padded(hp.batch_size), int(net.sizes[-1])
+    depth = net.sizes.size - 2
+
+    def zeros(*shape: int) -> NDArray[np.float32]:
+        return np.zeros(shape, np.float32)
+
+    def hidden() -> NDArray[np.float32]:
+        return zeros(depth, hp.hidden_size, columns)
+
+    return DDQNKernel(
+        settings=Settings(
+            hp.learning_rate,
+            hp.target_update_rate,
+            hp.discount,
+            hp.minimal_epsilon,
+            hp.epsilon_decay,
+            hp.dueling,
+        ),
+        net=net,
+        theta=theta,
+        target=theta.copy(),
+        gradient=np.zeros_like(theta),
+        first=np.zeros_like(theta),
+        second=np.zeros_like(theta),
+        gradient_steps=np.zeros(1, np.int64),
+        epsilon=np.array([hp.initial_epsilon]),
+        action=zeros(1),
+        batch=new_batch(state_size, 1, hp.batch_size),
+        h=hidden(),
+        z=hidden(),
+        h_next=hidden(),
+        z_next=hidden(),
+        delta_h=hidden(),
+        y=zeros(outputs, columns),
+        delta_y=zeros(outputs, columns),
+        q=zeros(n_actions, columns),
+        q_next=zeros(n_actions, columns),
+        q_target=zeros(n_actions, columns),
+        delta_q=zeros(n_actions, columns),
+        single_h=zeros(2, hp.hidden_size),
+        single_y=zeros(outputs),
+    )
+
+
+def parameters(agent: DDQNKernel) -> list[NDArray[np.float32]]:
+    """The parameters of online and target network."""
+    return [agent.theta, agent.target]
+
+
 @compiled
-def gradient_step(learner, step, learning_rate, discount, target_update_rate):
-    """One gradient step on the minibatch in `learner`; return the mean squared error.
+def action_values(agent, params, states, h, z, q):
+    """Action values of a batch of states into `q` (A, B'). Of a dueling network:
+    the value plus each advantage's difference to their mean (Wang et al., 2016)."""
+    if not agent.settings.dueling:
+        forward(agent.net, params, states, h, z, q)
+        return
+    y = agent.y
+    forward(agent.net, params, states, h, z, y)
+    n_actions, columns = q.shape
+    share = np.float32(1.0 / n_actions)
+    for i in range(columns):
+        mean = np.float32(0)
+        for a in range(n_actions):
+            mean += share * y[1 + a, i]
+        for a in range(n_actions):
+            q[a, i] = y[0, i] + y[1 + a, i] - mean
+
+
+@compiled
+def output_gradient(agent):
+    """The gradient of the network's outputs, from that of the action values."""
+    if not agent.settings.dueling:
+        return agent.delta_q
+    delta_q, delta_y = agent.delta_q, agent.delta_y
+    n_actions, columns = delta_q.shape
+    share = np.float32(1.0 / n_actions)
+    for i in range(columns):
+        total = np.float32(0)
+        for a in range(n_actions):
+            total += delta_q[a, i]
+        delta_y[0, i] = total
+        for a in range(n_actions):
+            delta_y[1 + a, i] = delta_q[a, i] - share * total
+    return delta_y
+
+
+@implements(DDQNKernel, learn)
+@compiled
+def gradient_step(agent, rng):
+    """One gradient step on the minibatch in `agent`; return the mean squared error.
 
     The online network chooses the next action, the target network values it
     (van Hasselt et al., 2016); the raw done output weighs the future.
     """
-    net = learner.net
-    q, q_next, q_target, delta_q = learner.q, learner.q_next, learner.q_target, learner.delta_q
-    forward(net, learner.theta, learner.next_states, learner.h_next, learner.z_next, q_next)
-    forward(net, learner.target, learner.next_states, learner.h_next, learner.z_next, q_target)
-    forward(net, learner.theta, learner.states, learner.h, learner.z, q)
-    n_actions, batch_size = q.shape[0], learner.rewards.size
-    gamma, one = np.float32(discount), np.float32(1)
+    settings, batch = agent.settings, agent.batch
+    q, q_next, q_target, delta_q = agent.q, agent.q_next, agent.q_target, agent.delta_q
+    action_values(agent, agent.theta, batch.next_states, agent.h_next, agent.z_next, q_next)
+    action_values(agent, agent.target, batch.next_states, agent.h_next, agent.z_next, q_target)
+    action_values(agent, agent.theta, batch.states, agent.h, agent.z, q)
+    n_actions, batch_size = q.shape[0], batch.rewards.size
+    gamma, one = np.float32(settings.discount), np.float32(1)
     scale = np.float32(2.0 / batch_size)
     loss = np.float32(0)
     for i in range(batch_size):
@@ -138,29 +199,41 @@ def gradient_step(learner, step, learning_rate, discount, target_update_rate):
                 best = a
             delta_q[a, i] = 0
         delta_q[0, i] = 0
-        goal = learner.rewards[i] + gamma * q_target[best, i] * (one - learner.dones[i])
-        action = learner.actions[i]
+        goal = batch.rewards[i] + gamma * q_target[best, i] * (one - batch.dones[i])
+        action = np.int64(batch.actions[0, i])
         error = q[action, i] - goal
         delta_q[action, i] = scale * error
         loss += error * error
     backward(
-        net,
-        learner.theta,
-        learner.states,
-        learner.h,
-        learner.z,
-        delta_q,
-        learner.delta_h,
-        learner.gradient,
+        agent.net,
+        agent.theta,
+        batch.states,
+        agent.h,
+        agent.z,
+        output_gradient(agent),
+        agent.delta_h,
+        agent.gradient,
     )
-    adam_step(learner.theta, learner.gradient, learner.first, learner.second, step, learning_rate)
-    soft_update(learner.target, learner.theta, np.float32(target_update_rate))
+    agent.gradient_steps[0] += 1
+    adam_step(
+        agent.theta,
+        agent.gradient,
+        agent.first,
+        agent.second,
+        agent.gradient_steps[0],
+        settings.learning_rate,
+    )
+    soft_update(agent.target, agent.theta, np.float32(settings.target_update_rate))
     return loss / batch_size
 
 
+@implements(DDQNKernel, greedy)
 @compiled
-def greedy_action(net, theta, state, work, q):
-    forward_single(net, theta, state, work, q)
+def greedy_action(agent, state):
+    """The action of the highest value. (A dueling network's order of values is that
+    of its advantages.)"""
+    q = agent.single_y[1:] if agent.settings.dueling else agent.single_y
+    forward_single(agent.net, agent.theta, state, agent.single_h, agent.single_y)
     best = 0
     for a in range(1, q.size):
         if q[a] > q[best]:
@@ -168,117 +241,21 @@ def greedy_action(net, theta, state, work, q):
     return best
 
 
+@implements(DDQNKernel, act)
 @compiled
-def test_returns(net, theta, environment, first_episode, episodes):
-    """Returns (episodes,) of greedy episodes on the compiled real task, starting
-    from the rows `first_episode`, ... of its initial physics (`EvaluateAgent`)."""
-    state = np.zeros(environment.state_size, np.float32)
-    work = np.zeros((2, net.sizes[1]), np.float32)
-    q = np.zeros(net.sizes[net.sizes.size - 1], np.float32)
-    returns = np.zeros(episodes)
-    for episode in range(episodes):
-        row = (first_episode + episode) % environment.initial_physics.shape[0]
-        physics = environment.initial_physics[row].copy()
-        for _ in range(environment.step_limit):
-            dynamics.observe(environment.dynamics, physics, state)
-            action = greedy_action(net, theta, state, work, q)
-            reward, done = dynamics.step(environment.dynamics, physics, action)
-            returns[episode] += reward
-            if done:
-                break
-    return returns
+def explore(agent, state, exploring, rng):
+    """The next action, epsilon-greedily."""
+    if uniform(rng) < agent.epsilon[0]:
+        action = below(rng, agent.q.shape[0])
+    else:
+        action = greedy_action(agent, state)
+    agent.action[0] = action
+    return action
 
 
+@implements(DDQNKernel, end_episode)
 @compiled
-def train(learner, environment, test_environment, settings, rng):
-    """Train on `environment` until its stopping rule holds or the episodes are
-    spent (`TrainAgent`); the parameters are left in `learner.theta`.
-
-    for each episode:                            # at most max_episodes
-        for each step:                           # at most step_limit
-            act epsilon-greedily, store the transition
-            gradient step                        # once init_episodes are over
-        stop on an SE: returns have converged
-        stop on the real task: greedy test episodes are solved on average
-
-    Returns environment steps, episodes and why it ended (`stopping`).
-    """
-    net = learner.net
-    n_actions = net.sizes[net.sizes.size - 1]
-    n_states = environment.state_size
-    state = np.zeros(n_states, np.float32)
-    next_state = np.zeros(n_states, np.float32)
-    physics = np.zeros(environment.initial_physics.shape[1])
-    work = np.zeros((2, net.sizes[1]), np.float32)
-    se_work = np.zeros((2, environment.se.action_biases.shape[1]), np.float32)
-    q = np.zeros(n_actions, np.float32)
-    capacity = min(settings.replay_capacity, settings.max_episodes * environment.step_limit)
-    memory = np.empty((capacity, 2 * n_states + 3), np.float32)
-    returns = np.zeros(settings.max_episodes)
-    steps = 0
-    gradient_steps = 0
-    epsilon = settings.initial_epsilon
-
-    for episode in range(settings.max_episodes):
-        physics[:] = environment.initial_physics[episode % environment.initial_physics.shape[0]]
-        dynamics.observe(environment.dynamics, physics, state)
-        for _ in range(environment.step_limit):
-            if uniform(rng) < epsilon:
-                action = below(rng, n_actions)
-            else:
-                action = greedy_action(net, learner.theta, state, work, q)
-            if environment.synthetic:
-                reward, done = se_step(environment.se, state, action, next_state, se_work)
-                terminated = done > 0.5
-            else:
-                real_reward, terminated = dynamics.step(environment.dynamics, physics, action)
-                dynamics.observe(environment.dynamics, physics, next_state)
-                reward = np.float32(real_reward)
-                done = np.float32(1) if terminated else np.float32(0)
-            if not is_finite(reward + done + next_state.sum()):
-                return steps, episode, NOT_FINITE
-            store(memory, steps, state, action, next_state, reward, done)
-            state[:] = next_state
-            steps += 1
-            returns[episode] += reward
-            if episode >= settings.init_episodes:
-                sample(
-                    memory,
-                    steps,
-                    rng,
-                    learner.states,
-                    learner.next_states,
-                    learner.rewards,
-                    learner.dones,
-                    learner.actions,
-                )
-                gradient_steps += 1
-                loss = gradient_step(
-                    learner,
-                    gradient_steps,
-                    settings.learning_rate,
-                    settings.discount,
-                    settings.target_update_rate,
-                )
-                if not is_finite(loss):
-                    return steps, episode, NOT_FINITE
-            if terminated:
-                break
-        epsilon = max(epsilon * settings.epsilon_decay, settings.minimal_epsilon)
-        if environment.synthetic:
-            if converged(
-                returns,
-                episode,
-                settings.init_episodes,
-                settings.early_out_episodes,
-                settings.early_out_difference,
-            ):
-                return steps, episode + 1, CONVERGED
-        elif episode >= settings.init_episodes:
-            first = episode * settings.test_episodes
-            tests = test_returns(
-                net, learner.theta, test_environment, first, settings.test_episodes
-            )
-            if tests.mean() >= environment.solved_reward:
-                return steps, episode + 1, CONVERGED
-    return steps, settings.max_episodes, EPISODES_SPENT
+def decay_epsilon(agent):
+    """Explore less in the next episode."""
+    settings = agent.settings
+    agent.epsilon[0] = max(agent.epsilon[0] * settings.epsilon_decay, settings.minimal_epsilon)

@@ -4,6 +4,8 @@ Its state is one counter, so the compiled loop draws in about a nanosecond and t
 torch definition draws whole minibatches of the very same numbers with numpy.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -39,6 +41,19 @@ def below(state, n):
     return np.int64(((next_uint64(state) >> _S32) * np.uint64(n)) >> _S32)
 
 
+@compiled
+def gumbel(state):
+    """A float32 of the standard Gumbel distribution (one draw)."""
+    return np.float32(-math.log(-math.log(max(uniform(state), _UNIT))))
+
+
+@compiled
+def normal(state):
+    """A float32 of the standard normal distribution (Box and Muller, two draws)."""
+    radius = math.sqrt(-2.0 * math.log(max(uniform(state), _UNIT)))
+    return np.float32(radius * math.cos(2.0 * math.pi * uniform(state)))
+
+
 class SplitMix64:
     """The same generator for Python: draws the same numbers in the same order."""
 
@@ -52,9 +67,23 @@ class SplitMix64:
         z = (z ^ (z >> _S27)) * _MIX2
         return z ^ (z >> _S31)
 
+    def _uniforms(self, size: int) -> NDArray[np.float64]:
+        return (self._bits(size) >> _S11).astype(np.float64) * _UNIT
+
     def uniform(self) -> float:
         """A float in [0, 1)."""
-        return float(self._bits(1)[0] >> _S11) * _UNIT
+        return float(self._uniforms(1)[0])
+
+    def gumbel(self, size: int) -> NDArray[np.float32]:
+        """`size` floats of the standard Gumbel distribution."""
+        u = np.maximum(self._uniforms(size), _UNIT)
+        return (-np.log(-np.log(u))).astype(np.float32)
+
+    def normal(self, size: int) -> NDArray[np.float32]:
+        """`size` floats of the standard normal distribution."""
+        u = self._uniforms(2 * size).reshape(size, 2)
+        radius = np.sqrt(-2.0 * np.log(np.maximum(u[:, 0], _UNIT)))
+        return (radius * np.cos(2.0 * np.pi * u[:, 1])).astype(np.float32)
 
     def below(self, n: int, size: int) -> NDArray[np.int64]:
         """`size` integers in [0, n)."""

@@ -1,16 +1,55 @@
-"""Replay buffer: a ring of rows (state, next state, reward, done, action)."""
+"""Replay buffer: a ring of rows (state, next state, reward, done, action).
+
+symbol   meaning
+------   ------------------------------------------------------------------
+S, M     state size; numbers that an action takes (an index, or a vector)
+B, B'    batch size; padded to whole vector registers (`mlp.padded`)
+"""
+
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bilevel.kernels.jit import compiled
+from bilevel.kernels.mlp import padded
 from bilevel.kernels.random import below
+
+
+class Batch(NamedTuple):
+    """A minibatch, one column a sample; the padding is zero and stays zero.
+
+    States and actions lie in one array, one below the other, as a critic reads them.
+    """
+
+    inputs: NDArray[np.float32]  # (S + M, B')
+    states: NDArray[np.float32]  # (S, B'), a view of `inputs`
+    actions: NDArray[np.float32]  # (M, B'), a view of `inputs`
+    next_states: NDArray[np.float32]  # (S, B')
+    rewards: NDArray[np.float32]  # (B,)
+    dones: NDArray[np.float32]  # (B,) raw outputs
+
+
+def new_batch(state_size: int, action_size: int, batch_size: int) -> Batch:
+    """An empty minibatch."""
+    columns = padded(batch_size)
+    inputs = np.zeros((state_size + action_size, columns), np.float32)
+    return Batch(
+        inputs,
+        inputs[:state_size],
+        inputs[state_size:],
+        np.zeros((state_size, columns), np.float32),
+        np.zeros(batch_size, np.float32),
+        np.zeros(batch_size, np.float32),
+    )
 
 
 @compiled
 def store(memory, count, state, action, next_state, reward, done):
     """Write transition number `count` (from 0); the oldest one gives way.
 
-    `memory` is (capacity, 2S + 3) float32; `done` is the raw output, a float.
+    `memory` is (capacity, 2S + 2 + M) float32, `action` (M,); `done` is the raw
+    output, a float.
     """
     row = memory[count % memory.shape[0]]
     n = state.size
@@ -19,20 +58,21 @@ def store(memory, count, state, action, next_state, reward, done):
         row[n + k] = next_state[k]
     row[2 * n] = reward
     row[2 * n + 1] = done
-    row[2 * n + 2] = action
+    for k in range(action.size):
+        row[2 * n + 2 + k] = action[k]
 
 
 @compiled
-def sample(memory, count, rng, states, next_states, rewards, dones, actions):
-    """Draw a minibatch with replacement, one column a sample: rewards and dones
-    (B,) float32, actions (B,) int64, states and next states (S, at least B) float32."""
+def sample(memory, count, rng, batch):
+    """Draw a minibatch with replacement."""
     size = min(count, memory.shape[0])
-    n = states.shape[0]
-    for i in range(rewards.size):
+    n = batch.states.shape[0]
+    for i in range(batch.rewards.size):
         row = below(rng, size)
         for k in range(n):
-            states[k, i] = memory[row, k]
-            next_states[k, i] = memory[row, n + k]
-        rewards[i] = memory[row, 2 * n]
-        dones[i] = memory[row, 2 * n + 1]
-        actions[i] = np.int64(memory[row, 2 * n + 2])
+            batch.states[k, i] = memory[row, k]
+            batch.next_states[k, i] = memory[row, n + k]
+        batch.rewards[i] = memory[row, 2 * n]
+        batch.dones[i] = memory[row, 2 * n + 1]
+        for k in range(batch.actions.shape[0]):
+            batch.actions[k, i] = memory[row, 2 * n + 2 + k]

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
-from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters
+from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 from bilevel.hyperparameters.definitions import RETEST_ONE_IN, RETESTS
 from bilevel.nes.state import Finalist, GenerationRecord, NESState
 from bilevel.nes.transforms import finite
@@ -30,8 +30,10 @@ from bilevel.nes.updates import MemberScores, update_step
 from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task
 
-#: Draws agent hyperparameters from a seed, around the given ones.
-AgentSampler = Callable[[DDQNHyperparameters, int], DDQNHyperparameters]
+#: Draws one of the agents by a seed, with varied hyperparameters if the flag says so.
+AgentSampler = Callable[
+    [tuple[AgentHyperparameters, ...], bool, int], AgentHyperparameters
+]
 
 # What a derived seed is for; part of the seed, so never renumber.
 _START, _PERTURBATION, _AGENT, _EVALUATION = range(4)
@@ -41,8 +43,8 @@ _START, _PERTURBATION, _AGENT, _EVALUATION = range(4)
 class NES:
     """An NES run as ask and tell; it evaluates nothing itself.
 
-    `sample_agent` is called once a member if the hyperparameters ask for varied
-    agents; a mirrored pair shares the draw.
+    `sample_agent` is called once a member if the hyperparameters ask for varied or
+    for several agents; a mirrored pair shares the draw.
     """
 
     task: Task
@@ -95,7 +97,7 @@ class NES:
         return EvaluationRequest(
             index=index,
             seed=self._seed(_START, candidate, _EVALUATION, repeat),
-            agent=self.hp.agent,
+            agent=self._agent(_START, repeat),  # the same for all candidates
             start_seed=self._seed(_START, candidate),
         )
 
@@ -118,11 +120,11 @@ class NES:
                 )
         return requests
 
-    def _agent(self, generation: int, member: int) -> DDQNHyperparameters:
-        if not self.hp.vary_agent:
-            return self.hp.agent
+    def _agent(self, *path: int) -> AgentHyperparameters:
+        if not self.hp.vary_agent and len(self.hp.agents) == 1:
+            return self.hp.agents[0]
         assert self.sample_agent is not None
-        return self.sample_agent(self.hp.agent, self._seed(generation, member, _AGENT))
+        return self.sample_agent(self.hp.agents, self.hp.vary_agent, self._seed(*path, _AGENT))
 
     def tell(
         self, state: NESState, results: Sequence[EvaluationResult], seconds: float

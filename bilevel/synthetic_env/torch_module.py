@@ -27,9 +27,9 @@ class SEModule(nn.Module):
         parts = se.architecture.split(se.psi)
         for name, net, part in zip(NETWORKS, se.architecture.networks, parts, strict=True):
             layers: list[nn.Module] = []
-            for n_in, n_out in zip(net.sizes[:-1], net.sizes[1:], strict=True):
+            for n_in, n_out in net.shapes:
                 layers += [
-                    nn.Linear(int(n_in), int(n_out)),
+                    nn.Linear(n_in, n_out),
                     activation_module(se.architecture.activation),
                 ]
             module = nn.Sequential(*layers[:-1])

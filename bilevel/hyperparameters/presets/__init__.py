@@ -1,17 +1,19 @@
 """The paper's hyperparameter tables as data files, and what was measured since.
 
 A file holds the columns of the paper's tables as printed, in the sections `nes`,
-`se` and `ddqn`. A section `updates.NAME` replaces values of `nes` when that
+`se` and one an agent; what a file does not tell of an agent, the default table does.
+A section `updates.NAME` replaces values of `nes` when that
 update is asked for: step sizes mean different things to different updates.
 """
 
 import tomllib
+from collections.abc import Sequence
 from importlib.resources import files
 
 from bilevel.errors import InvalidInput, one_of
+from bilevel.hyperparameters.agents import agent_hyperparameters
 from bilevel.hyperparameters.definitions import (
     UPDATES,
-    DDQNHyperparameters,
     Hyperparameters,
     NESHyperparameters,
     SEHyperparameters,
@@ -21,6 +23,7 @@ from bilevel.hyperparameters.definitions import (
 PRESETS = ("tuned", "default")
 
 DEFAULT_UPDATE = "antithetic"
+DEFAULT_AGENT = "ddqn"
 
 
 def best_preset(task_id: str) -> str:
@@ -28,8 +31,15 @@ def best_preset(task_id: str) -> str:
     return "tuned" if (files(__name__) / f"tuned-{task_id}.toml").is_file() else "default"
 
 
-def load_preset(name: str, task_id: str, update: str = DEFAULT_UPDATE) -> Hyperparameters:
-    """The preset `tuned` or `default` for a task, with the given NES update.
+def load_preset(
+    name: str,
+    task_id: str,
+    update: str = DEFAULT_UPDATE,
+    agents: Sequence[str] = (DEFAULT_AGENT,),
+) -> Hyperparameters:
+    """The preset `tuned` or `default` for a task, with the given NES update and agents.
+
+    An agent that no table knows has the defaults of its own fields.
 
     Raises InvalidInput for an unknown name, or a task that has not been tuned.
     """
@@ -40,10 +50,13 @@ def load_preset(name: str, task_id: str, update: str = DEFAULT_UPDATE) -> Hyperp
     file = files(__name__) / ("default.toml" if name == "default" else f"tuned-{task_id}.toml")
     if not file.is_file():
         raise InvalidInput(f"no preset 'tuned' for the task {task_id!r}: allowed is default")
-    values = tomllib.loads(file.read_text())
+    values = tomllib.loads((files(__name__) / "default.toml").read_text())
+    values |= tomllib.loads(file.read_text())
     nes = values["nes"] | values.get("updates", {}).get(update, {}) | {"update": update}
     return Hyperparameters(
         nes=NESHyperparameters.from_dict(nes),
         se=SEHyperparameters.from_dict(values["se"]),
-        agent=DDQNHyperparameters.from_dict(values["ddqn"]),
+        agents=tuple(
+            agent_hyperparameters(agent).from_dict(values.get(agent, {})) for agent in agents
+        ),
     )

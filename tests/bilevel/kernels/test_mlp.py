@@ -2,8 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from bilevel.agents.ddqn import QNetwork
-from bilevel.hyperparameters import ACTIVATIONS, load_preset
+from bilevel.agents.ddqn import MLP
+from bilevel.hyperparameters import ACTIVATIONS
 from bilevel.kernels import mlp
 
 SHAPES = [(4, 8, 1, 2), (6, 24, 2, 3), (3, 20, 3, 5), (30, 40, 2, 18), (1, 1, 1, 1)]
@@ -13,9 +13,7 @@ def networks(shape: tuple[int, int, int, int], activation: str):  # type: ignore
     n_in, hidden, depth, n_out = shape
     net = mlp.network(n_in, hidden, depth, n_out, activation)
     params = mlp.initial_parameters(net, np.random.default_rng(5))
-    agent = load_preset("default", "CartPole-v0").agent
-    values = {"hidden_size": hidden, "hidden_layers": depth, "activation": activation}
-    module = QNetwork(n_in, n_out, type(agent)(**{**agent.__dict__, **values}))
+    module = MLP(n_in, n_out, hidden, depth, activation)
     torch.nn.utils.vector_to_parameters(torch.from_numpy(params.copy()), module.parameters())
     return net, params, module
 

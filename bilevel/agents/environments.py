@@ -1,0 +1,56 @@
+"""Environments as the Python training loop steps them (see `training`)."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.kernels.environment import Environment, reset, step
+from bilevel.tasks import Task
+
+
+@dataclass
+class KernelEnvironment:
+    """An SE or a compiled real task, stepped by the compiled code itself."""
+
+    env: Environment
+    state: NDArray[np.float32] = field(init=False)
+
+    @property
+    def step_limit(self) -> int:
+        """Steps of an episode at most."""
+        return self.env.step_limit
+
+    def reset(self, episode: int) -> NDArray[np.float32]:
+        """The initial state (S,) of an episode."""
+        self.state = np.zeros(self.env.state_size, np.float32)
+        reset(self.env, episode, self.state)
+        return self.state
+
+    def step(self, action: int) -> tuple[NDArray[np.float32], float, float]:
+        """Next state (S,), reward, raw done."""
+        next_state = np.empty_like(self.state)
+        reward, done, _ = step(self.env, self.state, action, next_state)
+        self.state = next_state
+        return next_state, float(reward), float(done)
+
+
+class GymnasiumEnvironment:
+    """A real task that gymnasium runs."""
+
+    def __init__(self, task: Task, seed: int) -> None:
+        self._env: Any = task.make()
+        self._seed: int | None = seed
+        self.step_limit = task.step_limit
+
+    def reset(self, episode: int) -> NDArray[np.float32]:
+        """The initial state (S,) of an episode."""
+        state, _ = self._env.reset(seed=self._seed)
+        self._seed = None
+        return np.asarray(state, np.float32)
+
+    def step(self, action: int) -> tuple[NDArray[np.float32], float, float]:
+        """Next state (S,), reward, and 1 if the episode is over by the task's own rule."""
+        state, reward, terminated, _, _ = self._env.step(self._env.action_space.start + action)
+        return np.asarray(state, np.float32), float(reward), float(terminated)

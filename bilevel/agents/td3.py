@@ -1,0 +1,181 @@
+"""TD3 (Fujimoto et al., 2018) for discrete actions, the definition.
+
+The paper gives its actor "a Gumbel-Softmax distribution with a learned temperature"
+(section on the method). An action is then a vector, a relaxed one-hot drawn as
+softmax((logits + g) / tau) with Gumbel noise g (Jang et al., 2017): differentiable, so
+that the critic's gradient reaches the actor. The environment is given its argmax.
+
+    phi, rho <- fresh actor, log of the temperature; theta_1, theta_2 <- fresh critics
+    targets <- copies of all
+    for each step:
+        action <- any one-hot in the first init_episodes, then
+                  relaxed action of the actor + N(0, action_noise^2)
+        store (state, action, reward, next state, done)
+        once init_episodes are over:
+            minibatch from the replay buffer
+            a' <- relaxed action of the target actor + clipped N(0, target_noise^2)
+            goal <- reward + discount * (1 - done) * min of both target critics (next state, a')
+            Adam step of both critics on their mean squared errors to goal
+            every policy_delay steps:
+                Adam step of phi and rho, uphill on critic 1 of the actor's relaxed actions
+                targets <- targets + target_update_rate * (parameters - targets)
+
+What the paper leaves open, and what is done here: noise, its clipping and the delay are
+those of Fujimoto et al.; the temperature is learned as rho = log tau, so that it stays
+positive, and kept in [0.1, 10], since gradients vanish below and actions are all alike
+above; a test acts by the highest logit, the most probable action.
+
+`bilevel.kernels.td3` is its compiled twin.
+"""
+
+import math
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from bilevel.agents.agent import Transition, agent_seeds
+from bilevel.agents.ddqn import MLP, soft_update
+from bilevel.agents.replay import ReplayBuffer
+from bilevel.hyperparameters import TD3Hyperparameters
+from bilevel.kernels.mlp import Network, initial_parameters
+from bilevel.kernels.random import SplitMix64
+from bilevel.kernels.td3 import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE, networks
+
+
+class Actor(nn.Module):
+    """Logits of the actions, and the logarithm of their temperature."""
+
+    def __init__(self, net: MLP, temperature: float) -> None:
+        super().__init__()
+        self.net = net
+        self.rho = nn.Parameter(torch.tensor([math.log(temperature)], dtype=torch.float32))
+
+    def relaxed(self, states: Tensor, gumbel: Tensor) -> Tensor:
+        """Relaxed one-hot actions (B, A) of states (B, S), given the noise (B, A)."""
+        logits: Tensor = self.net(states)
+        return torch.softmax((logits + gumbel) / self.rho.exp(), dim=-1)
+
+
+class TD3:
+    """A TD3 agent on discrete actions."""
+
+    def __init__(self, hp: TD3Hyperparameters, state_size: int, n_actions: int, seed: int) -> None:
+        initial_seed, loop_seed = agent_seeds(seed)
+        self.hp, self.n_actions = hp, n_actions
+        self.rng = SplitMix64(loop_seed)
+        actor, critic = networks(hp, state_size, n_actions)
+        initial = np.random.default_rng(initial_seed)
+        vectors = [initial_parameters(net, initial) for net in (actor, critic, critic)]
+
+        def copies() -> tuple[Actor, MLP, MLP]:
+            return (
+                Actor(self._network(actor, vectors[0]), hp.initial_temperature),
+                self._network(critic, vectors[1]),
+                self._network(critic, vectors[2]),
+            )
+
+        self.actor, *self.critics = copies()
+        self.target_actor, *self.target_critics = copies()
+        of_critics = [p for critic in self.critics for p in critic.parameters()]
+        self.critic_optimizer = torch.optim.Adam(of_critics, lr=hp.learning_rate)
+        self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), lr=hp.learning_rate)
+        self.replay = ReplayBuffer(hp.replay_capacity)
+        self.last_action = np.zeros(n_actions, np.float32)
+        self.gradient_steps = 0
+
+    def _network(self, shape: Network, vector: NDArray[np.float32]) -> MLP:
+        hp, n_in, n_out = self.hp, int(shape.sizes[0]), int(shape.sizes[-1])
+        net = MLP(n_in, n_out, hp.hidden_size, hp.hidden_layers, hp.activation)
+        nn.utils.vector_to_parameters(torch.from_numpy(vector.copy()), net.parameters())
+        return net
+
+    def parameters(self) -> list[NDArray[np.float32]]:
+        """Parameters of actor, rho, critics, and of their targets, in the twin's order."""
+        groups = (
+            (self.actor, *self.critics),
+            (self.target_actor, *self.target_critics),
+        )
+        return [
+            vector.detach().numpy()
+            for actor, *critics in groups
+            for vector in (
+                nn.utils.parameters_to_vector(actor.net.parameters()),
+                actor.rho,
+                *(nn.utils.parameters_to_vector(critic.parameters()) for critic in critics),
+            )
+        ]
+
+    def _gumbel(self, rows: int) -> Tensor:
+        noise = self.rng.gumbel(rows * self.n_actions)
+        return torch.from_numpy(noise.reshape(rows, self.n_actions))
+
+    def act(self, state: NDArray[np.float32], exploring: bool) -> int:
+        """Any action while exploring, then the largest component of a relaxed one
+        with noise, which is remembered as a whole."""
+        if exploring:
+            self.last_action = np.zeros(self.n_actions, np.float32)
+            self.last_action[self.rng.below(self.n_actions, 1)[0]] = 1
+        else:
+            with torch.no_grad():
+                soft = self.actor.relaxed(torch.from_numpy(state)[None], self._gumbel(1))[0]
+            noise = np.float32(self.hp.action_noise) * self.rng.normal(self.n_actions)
+            self.last_action = soft.numpy() + noise
+        return int(self.last_action.argmax())
+
+    def greedy(self, state: NDArray[np.float32]) -> int:
+        """The action of the highest logit."""
+        with torch.no_grad():
+            return int(self.actor.net(torch.from_numpy(state)).argmax())
+
+    def observe(self, transition: Transition) -> None:
+        """Store the transition with the whole action vector."""
+        state, _, reward, next_state, done = transition
+        self.replay.store(state, self.last_action, reward, next_state, done)
+
+    def learn(self) -> float:
+        """One gradient step on a minibatch; returns the critics' loss."""
+        return self.gradient_step(*self.replay.sample(self.hp.batch_size, self.rng))
+
+    def gradient_step(
+        self, states: Tensor, actions: Tensor, rewards: Tensor, next_states: Tensor, dones: Tensor
+    ) -> float:
+        """One step of the critics, and of the actor when it is due, on states (B, S),
+        action vectors (B, A), rewards (B,), next states (B, S) and raw dones (B,)."""
+        hp, rows = self.hp, len(states)
+        with torch.no_grad():
+            smooth = self.target_actor.relaxed(next_states, self._gumbel(rows))
+            noise = np.float32(hp.target_noise) * self.rng.normal(rows * self.n_actions)
+            noise = noise.clip(-hp.target_noise_clip, hp.target_noise_clip)
+            smooth += torch.from_numpy(noise.astype(np.float32)).view(rows, self.n_actions)
+            inputs = torch.cat([next_states, smooth], dim=1)
+            one, two = (critic(inputs).squeeze(1) for critic in self.target_critics)
+            goal = rewards + hp.discount * (1 - dones) * torch.minimum(one, two)
+        inputs = torch.cat([states, actions], dim=1)
+        errors = [
+            nn.functional.mse_loss(critic(inputs).squeeze(1), goal) for critic in self.critics
+        ]
+        loss = errors[0] + errors[1]
+        self.critic_optimizer.zero_grad()
+        loss.backward()  # type: ignore[no-untyped-call]
+        self.critic_optimizer.step()
+        self.gradient_steps += 1
+        if self.gradient_steps % hp.policy_delay == 0:
+            self._actor_step(states)
+        return float(loss.detach())
+
+    def _actor_step(self, states: Tensor) -> None:
+        soft = self.actor.relaxed(states, self._gumbel(len(states)))
+        value = self.critics[0](torch.cat([states, soft], dim=1))
+        self.actor_optimizer.zero_grad()
+        (-value.mean()).backward()
+        self.actor_optimizer.step()
+        with torch.no_grad():
+            self.actor.rho.clamp_(math.log(LOWEST_TEMPERATURE), math.log(HIGHEST_TEMPERATURE))
+        targets = (self.target_actor, *self.target_critics)
+        for target, online in zip(targets, (self.actor, *self.critics), strict=True):
+            soft_update(target, online, self.hp.target_update_rate)
+
+    def end_episode(self) -> None:
+        """Nothing changes between episodes."""

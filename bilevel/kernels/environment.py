@@ -1,0 +1,66 @@
+"""What an agent trains on, compiled: an SE, or a real task's dynamics."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.kernels import dynamics, synthetic_env
+from bilevel.kernels.jit import compiled
+from bilevel.kernels.synthetic_env import SEKernel
+
+
+class Environment(NamedTuple):
+    """An SE or a real task; episodes of both start from the real task's states."""
+
+    synthetic: bool
+    se: SEKernel  # read only if synthetic
+    dynamics: int  # code of `bilevel.kernels.dynamics`
+    state_size: int
+    step_limit: int
+    solved_reward: float  # read only if not synthetic
+    initial_physics: NDArray[np.float64]  # (rows, p); episode e starts in row e mod rows
+    physics: NDArray[np.float64]  # (p,) of the episode under way
+    work: NDArray[np.float32]  # (2, 3H) of the SE's networks
+
+
+def environment(
+    se: SEKernel,
+    synthetic: bool,
+    dynamics_code: int,
+    state_size: int,
+    step_limit: int,
+    solved_reward: float,
+    initial_physics: NDArray[np.float64],
+) -> Environment:
+    """An environment with its work space."""
+    return Environment(
+        synthetic,
+        se,
+        dynamics_code,
+        state_size,
+        step_limit,
+        solved_reward,
+        initial_physics,
+        np.zeros(initial_physics.shape[1]),
+        np.zeros((2, se.action_biases.shape[1]), np.float32),
+    )
+
+
+@compiled
+def reset(env, episode, state):
+    """Begin an episode: its first state into `state` (S,)."""
+    env.physics[:] = env.initial_physics[episode % env.initial_physics.shape[0]]
+    dynamics.observe(env.dynamics, env.physics, state)
+
+
+@compiled
+def step(env, state, action, next_state):
+    """Write the next state into `next_state` (S,); return the reward, the raw done
+    output (0 or 1 of a real task) and whether the episode is over."""
+    if env.synthetic:
+        reward, done = synthetic_env.step(env.se, state, action, next_state, env.work)
+        return reward, done, done > 0.5
+    real_reward, over = dynamics.step(env.dynamics, env.physics, action)
+    dynamics.observe(env.dynamics, env.physics, next_state)
+    return np.float32(real_reward), np.float32(1) if over else np.float32(0), over

@@ -1,0 +1,162 @@
+"""TrainAgent and EvaluateAgent (paper, Algorithm 1), compiled, for every compiled agent.
+
+An agent is a NamedTuple of its parameters and work space, with the fields `batch`
+(`replay.Batch`) and `action` ((M,) float32: what is remembered of the last action).
+Its module tells with `implements` what the calls below do for that type; the compiler
+resolves them, so that nothing is looked up while training.
+
+    act(agent, state, exploring, rng)   the next action in training; `exploring` while
+                                        the initial episodes last
+    greedy(agent, state)                the action in tests
+    learn(agent, rng)                   one gradient step on `agent.batch`; its loss
+    end_episode(agent)
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+from numba.core import types
+from numba.extending import overload
+
+from bilevel.kernels.environment import reset, step
+from bilevel.kernels.jit import compiled, is_finite
+from bilevel.kernels.replay import sample, store
+from bilevel.kernels.stopping import CONVERGED, EPISODES_SPENT, NOT_FINITE, converged
+
+
+class Schedule(NamedTuple):
+    """How long an agent trains (see `AgentHyperparameters`)."""
+
+    init_episodes: int
+    max_episodes: int
+    early_out_episodes: int
+    early_out_difference: float
+    test_episodes: int
+    replay_capacity: int
+
+
+def act(agent: Any, state: Any, exploring: Any, rng: Any) -> Any:
+    """The next action in training."""
+    raise NotImplementedError
+
+
+def greedy(agent: Any, state: Any) -> Any:
+    """The action in tests."""
+    raise NotImplementedError
+
+
+def learn(agent: Any, rng: Any) -> Any:
+    """One gradient step; returns the loss."""
+    raise NotImplementedError
+
+
+def end_episode(agent: Any) -> Any:
+    """Told at the end of every training episode."""
+    raise NotImplementedError
+
+
+def implements(
+    agent_type: type,
+    call: Callable[..., Any],
+) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
+    """Decorator: the compiled function is `call` for agents of that type."""
+
+    def register(function: Callable[..., Any]) -> Callable[..., Any]:
+        # Numba wants the very parameter names of the stub.
+        implementation = {
+            "act": lambda agent, state, exploring, rng: function(agent, state, exploring, rng),
+            "greedy": lambda agent, state: function(agent, state),
+            "learn": lambda agent, rng: function(agent, rng),
+            "end_episode": lambda agent: function(agent),
+        }[call.__name__]
+
+        def resolve(agent: Any, *others: Any) -> Callable[..., Any] | None:
+            named = isinstance(agent, types.BaseNamedTuple)
+            return implementation if named and agent.instance_class is agent_type else None
+
+        overload(call, strict=False)(resolve)
+        return function
+
+    return register
+
+
+@compiled
+def train(agent, env, test_env, schedule, rng):
+    """Train on `env` until its stopping rule holds or the episodes are spent.
+
+    for each episode:                            # at most max_episodes
+        for each step:                           # at most step_limit
+            act, store the transition
+            gradient step                        # once init_episodes are over
+        stop on an SE: returns have converged
+        stop on the real task: greedy test episodes are solved on average
+
+    Returns environment steps, episodes and why it ended (`stopping`).
+    """
+    n_states = env.state_size
+    state = np.zeros(n_states, np.float32)
+    next_state = np.zeros(n_states, np.float32)
+    capacity = min(schedule.replay_capacity, schedule.max_episodes * env.step_limit)
+    memory = np.empty((capacity, 2 * n_states + 2 + agent.action.size), np.float32)
+    returns = np.zeros(schedule.max_episodes)
+    steps = 0
+
+    for episode in range(schedule.max_episodes):
+        exploring = episode < schedule.init_episodes
+        reset(env, episode, state)
+        for _ in range(env.step_limit):
+            action = act(agent, state, exploring, rng)
+            reward, done, over = step(env, state, action, next_state)
+            if not is_finite(reward + done + next_state.sum()):
+                return steps, episode, NOT_FINITE
+            store(memory, steps, state, agent.action, next_state, reward, done)
+            state[:] = next_state
+            steps += 1
+            returns[episode] += reward
+            if not exploring:
+                sample(memory, steps, rng, agent.batch)
+                if not is_finite(learn(agent, rng)):
+                    return steps, episode, NOT_FINITE
+            if over:
+                break
+        end_episode(agent)
+        if env.synthetic:
+            if converged(
+                returns,
+                episode,
+                schedule.init_episodes,
+                schedule.early_out_episodes,
+                schedule.early_out_difference,
+            ):
+                return steps, episode + 1, CONVERGED
+        elif not exploring:
+            first = episode * schedule.test_episodes
+            tests = test_returns(agent, test_env, first, schedule.test_episodes)
+            if tests.mean() >= env.solved_reward:
+                return steps, episode + 1, CONVERGED
+    return steps, schedule.max_episodes, EPISODES_SPENT
+
+
+@compiled
+def test_returns(agent, env, first_episode, episodes):
+    """Returns (episodes,) of greedy episodes on the compiled real task, episodes
+    `first_episode`, ... of its initial states (`EvaluateAgent`)."""
+    state = np.zeros(env.state_size, np.float32)
+    next_state = np.zeros(env.state_size, np.float32)
+    returns = np.zeros(episodes)
+    for episode in range(episodes):
+        reset(env, first_episode + episode, state)
+        for _ in range(env.step_limit):
+            reward, _, over = step(env, state, greedy(agent, state), next_state)
+            returns[episode] += reward
+            if over:
+                break
+            state[:] = next_state
+    return returns
+
+
+@compiled
+def greedy_action(agent, state):
+    """`greedy`, for callers in Python."""
+    return greedy(agent, state)
