@@ -1,0 +1,37 @@
+"""The console script `bilevel`: a module a group of commands."""
+
+import sys
+
+import click
+
+from bilevel.errors import InvalidInput
+from cluster.cli.runs import bohb, nes
+from cluster.cli.services import ui
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(package_name="bilevel")
+def cli() -> None:
+    """Learn synthetic environments for reinforcement learning."""
+
+
+for command in (nes, bohb, ui):
+    cli.add_command(command)
+
+
+def main() -> None:
+    """Entry point: an error of the user's is one line and exit code 2."""
+    try:
+        code = cli.main(standalone_mode=False)
+        sys.exit(code if isinstance(code, int) else 0)
+    except click.ClickException as error:
+        _fail(error.format_message())
+    except InvalidInput as error:
+        _fail(str(error))
+    except (KeyboardInterrupt, click.Abort):
+        sys.exit(130)
+
+
+def _fail(message: str) -> None:
+    click.echo(f"bilevel: {' '.join(message.split())}", err=True)
+    sys.exit(2)

@@ -1,0 +1,82 @@
+"""Options that several commands share, and what becomes of them."""
+
+import os
+import re
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import click
+
+from bilevel.tasks import Task
+
+_SECONDS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
+
+
+class Duration(click.ParamType[float]):
+    """`90s`, `45m`, `2h`, or plain seconds; a float of seconds."""
+
+    name = "duration"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> float:
+        match = re.fullmatch(r"(\d+(?:\.\d+)?)([smh]?)", str(value))
+        if match is None or float(match[1]) == 0:
+            self.fail(f"{value!r} is not a duration: allowed are 90s, 45m, 2h")
+        return float(match[1]) * _SECONDS[match[2]]
+
+
+#: Where everything lies.
+home_option = click.option(
+    "--home",
+    type=click.Path(path_type=Path),
+    default="runs",
+    show_default=True,
+    help="Folder for checkpoints, journals, and MLflow's database.",
+)
+
+
+def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Options that the commands which run something have in common."""
+    positive = click.IntRange(min=1)
+    options = [
+        click.argument("task"),
+        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True),
+        click.option("--population", type=positive, help="NES members a generation."),
+        click.option("--address", help="Ray cluster to join (host:port, auto); else a local one."),
+        click.option("--tracking-uri", help="MLflow server or database; else one in the home."),
+        home_option,
+        click.option("--solved-reward", type=float, help="For tasks whose spec has none."),
+        click.option("--step-limit", type=positive, help="For tasks whose spec has none."),
+    ]
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """The values of these options."""
+
+    task: str
+    seed: int
+    population: int | None
+    address: str | None
+    tracking_uri: str | None
+    home: Path
+    solved_reward: float | None
+    step_limit: int | None
+
+    def the_task(self) -> Task:
+        from bilevel.tasks import get_task
+
+        return get_task(self.task, self.solved_reward, self.step_limit)
+
+    def uri(self) -> str:
+        """The tracking URI: given, of the environment, or the home's database."""
+        from cluster.home import Home
+
+        given = self.tracking_uri or os.environ.get("MLFLOW_TRACKING_URI")
+        return given or Home(self.home).database_uri
