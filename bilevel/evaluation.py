@@ -16,7 +16,7 @@ from threadpoolctl import ThreadpoolController
 from bilevel.agents import Agent, get_agent
 from bilevel.agents.agent import agent_seeds
 from bilevel.agents.environments import GymnasiumEnvironment, KernelEnvironment
-from bilevel.agents.training import TrainingEnvironment, returns_converged
+from bilevel.agents.training import TrainingEnvironment, returns_converged, task_solved
 from bilevel.agents.training import train as train_in_python
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.kernels import training
@@ -164,11 +164,10 @@ class _Run:
         return self._environment(physics, self.se is not None)
 
     def _test_environment(self) -> Environment:
-        """The compiled real task. Training on the real task tests after every episode,
-        on states of their own."""
-        tests = self.hp.test_episodes * (1 if self.se else self.hp.max_episodes + 1)
+        """The compiled real task."""
         rng = np.random.default_rng(self.test_seed)
-        return self._environment(self.task.initial_physics(rng, tests), False)
+        physics = self.task.initial_physics(rng, self.hp.test_episodes)
+        return self._environment(physics, False)
 
     def compiled(self) -> Outcome:
         """By the agent's kernel."""
@@ -180,15 +179,13 @@ class _Run:
             hp, task.state_size, task.n_actions, np.random.default_rng(initial)
         )
         env = self._training_environment()
-        test_env = self._test_environment() if task.compiled else env
         rng = np.array([loop], np.uint64)
-        steps, episodes, reason = training.train(agent, env, test_env, schedule(hp), rng)
+        steps, episodes, reason = training.train(agent, env, schedule(hp), rng)
         parameters = registered.kernel_parameters(agent)
         if reason == NOT_FINITE or not all(np.isfinite(p).all() for p in parameters):
             return self._diverged(steps, episodes)
         if task.compiled:
-            first = len(test_env.initial_physics) - hp.test_episodes
-            returns = training.test_returns(agent, test_env, first, hp.test_episodes)
+            returns = training.test_returns(agent, self._test_environment(), hp.test_episodes)
         else:
             returns = task.test_returns(
                 lambda state: int(training.greedy_action(agent, state)),
@@ -211,62 +208,35 @@ class _Run:
     def _interpreted(self) -> Outcome:
         task, hp = self.task, self.hp
         agent = get_agent(hp.agent).build(hp, task.state_size, task.n_actions, self.agent_seed)
-        tests = _PythonTests(task, hp, agent, self._test_environment(), self.test_seed)
         env: TrainingEnvironment
-        if self.se is not None:
-            env, stop = KernelEnvironment(self._training_environment()), returns_converged(hp)
+        if self.se is not None or task.compiled:
+            env = KernelEnvironment(self._training_environment())
         else:
-            env = (
-                KernelEnvironment(self._training_environment())
-                if task.compiled
-                else GymnasiumEnvironment(task, self.physics_seed % 2**31)
-            )
-            stop = tests.solved
+            env = GymnasiumEnvironment(task, self.physics_seed % 2**31)
+        stop = returns_converged(hp) if self.se else task_solved(hp, task.solved_reward)
         steps, episodes, finite = train_in_python(agent, hp, env, stop)
         if not finite:
             return self._diverged(steps, episodes)
-        return Outcome(tuple(tests.last().tolist()), steps, episodes, True)
+        return Outcome(self._tested(agent), steps, episodes, True)
+
+    def _tested(self, agent: Agent) -> tuple[float, ...]:
+        """EvaluateAgent for an agent in Python: the returns of greedy episodes."""
+        n = self.hp.test_episodes
+        if not self.task.compiled:
+            returns = self.task.test_returns(agent.greedy, n, self.test_seed % 2**31)
+            return tuple(returns.tolist())
+        env, totals = KernelEnvironment(self._test_environment()), [0.0] * n
+        for episode in range(n):
+            state = env.reset(episode)
+            for _ in range(env.step_limit):
+                state, reward, done = env.step(agent.greedy(state))
+                totals[episode] += reward
+                if done > 0.5:
+                    break
+        return tuple(totals)
 
     def _diverged(self, steps: int, episodes: int) -> Outcome:
         return Outcome((self.task.worst_score,) * self.hp.test_episodes, steps, episodes, False)
-
-
-@dataclass(frozen=True)
-class _PythonTests:
-    """EvaluateAgent for an agent in Python."""
-
-    task: Task
-    hp: AgentHyperparameters
-    agent: Agent
-    env: Environment
-    seed: int
-
-    def returns(self, first: int) -> NDArray[np.float64]:
-        """Returns of greedy episodes `first`, ... (n_te of them)."""
-        n = self.hp.test_episodes
-        if not self.task.compiled:
-            return self.task.test_returns(self.agent.greedy, n, (self.seed + first) % 2**31)
-        env, returns = KernelEnvironment(self.env), np.zeros(n)
-        for episode in range(n):
-            state = env.reset(first + episode)
-            for _ in range(env.step_limit):
-                state, reward, done = env.step(self.agent.greedy(state))
-                returns[episode] += reward
-                if done > 0.5:
-                    break
-        return returns
-
-    def last(self) -> NDArray[np.float64]:
-        """Returns of the tests that follow training."""
-        return self.returns(len(self.env.initial_physics) - self.hp.test_episodes)
-
-    def solved(self, training_returns: list[float]) -> bool:
-        """The stopping rule on the real task."""
-        episode = len(training_returns) - 1
-        if episode < self.hp.init_episodes:
-            return False
-        tests = self.returns(episode * self.hp.test_episodes)
-        return bool(tests.mean() >= self.task.solved_reward)
 
 
 def schedule(hp: AgentHyperparameters) -> training.Schedule:
@@ -276,6 +246,5 @@ def schedule(hp: AgentHyperparameters) -> training.Schedule:
         hp.max_episodes,
         hp.early_out_episodes,
         hp.early_out_difference,
-        hp.test_episodes,
         getattr(hp, "replay_capacity", 1),
     )

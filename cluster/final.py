@@ -13,7 +13,7 @@ from bilevel.synthetic_env import StoredSE, save_se
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool
 from cluster.tracking import Tracker
-from search_spaces import vary_agent
+from search_spaces import draw_agent
 
 #: Name the fresh seeds apart from all others that a run derives.
 _RETEST, _FINAL = 0x5245_5445, 0x4649_4E41
@@ -88,7 +88,7 @@ def _fresh_agents(
     se, hp = contender.se, contender.hp
     words = [int(word) for word in np.random.SeedSequence(seed).generate_state(agents, np.uint64)]
     requests = [
-        EvaluationRequest(i, word, vary_agent(hp.agent, word) if hp.vary_agent else hp.agent)
+        EvaluationRequest(i, word, draw_agent(hp.agents, hp.vary_agent, word))
         for i, word in enumerate(words)
     ]
     results = sorted(

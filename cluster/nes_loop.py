@@ -15,7 +15,7 @@ from bilevel.nes import NES, NESState
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool
-from search_spaces import vary_agent
+from search_spaces import draw_agent
 
 STATE_FILE = "state.safetensors"
 
@@ -35,7 +35,7 @@ class NESRun:
     @property
     def nes(self) -> NES:
         """The algorithm."""
-        return NES(self.task, self.hp, self.seed, vary_agent)
+        return NES(self.task, self.hp, self.seed, draw_agent)
 
     def load(self) -> NESState | None:
         """The state on disk, if there is one. Raises InvalidInput if damaged."""

@@ -32,7 +32,7 @@ class _Worker:
     def evaluate(
         self,
         task: Task,
-        architecture: Architecture,
+        architecture: Architecture | None,
         psi: NDArray[np.float32] | None,
         request: EvaluationRequest,
     ) -> EvaluationResult:
@@ -72,7 +72,7 @@ class EvaluationPool:
     def run(
         self,
         task: Task,
-        architecture: Architecture,
+        architecture: Architecture | None,
         psi: NDArray[np.float32] | None,
         requests: Sequence[EvaluationRequest],
         on_result: Callable[[EvaluationResult], None] = lambda result: None,
@@ -90,7 +90,7 @@ class EvaluationPool:
     def _results(
         self,
         task: Task,
-        architecture: Architecture,
+        architecture: Architecture | None,
         psi: NDArray[np.float32] | None,
         requests: Sequence[EvaluationRequest],
     ) -> Iterator[EvaluationResult]:

@@ -1,5 +1,6 @@
 """How large a search is: named sets of settings, each overridable on the command line."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from bilevel.errors import one_of
@@ -44,9 +45,11 @@ def get_profile(name: str) -> Profile:
     return PROFILES[name]
 
 
-def base_hyperparameters(profile: Profile, task: Task) -> Hyperparameters:
+def base_hyperparameters(
+    profile: Profile, task: Task, agents: Sequence[str] = ("ddqn",)
+) -> Hyperparameters:
     """What a configuration leaves unsaid: the task's preset, in the profile's size."""
-    base = load_preset(best_preset(task.id), task.id, SPACES[profile.space])
+    base = load_preset(best_preset(task.id), task.id, SPACES[profile.space], agents)
     return replace(
         base,
         nes=replace(
@@ -55,5 +58,5 @@ def base_hyperparameters(profile: Profile, task: Task) -> Hyperparameters:
             generations=profile.largest_budget,
             start_candidates=profile.start_candidates,
         ),
-        agent=replace(base.agent, max_episodes=profile.max_episodes),
+        agents=tuple(replace(hp, max_episodes=profile.max_episodes) for hp in base.agents),
     )

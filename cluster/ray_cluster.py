@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import ray
 
 from bilevel.errors import InvalidInput
+from cluster.agent_files import runtime_env
 
 _CONNECT_TIMEOUT = 5.0  # seconds until an address counts as unreachable
 
@@ -30,6 +31,7 @@ def ray_cluster(address: str | None) -> Iterator[None]:
             include_dashboard=False if address in (None, "local") else None,
             log_to_driver=False,
             logging_level=logging.ERROR,
+            runtime_env=runtime_env(),
         )
     except (ConnectionError, ValueError, RuntimeError) as error:
         reason = str(error).strip().splitlines()[0]

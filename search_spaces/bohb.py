@@ -111,7 +111,11 @@ def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) 
     Raises InvalidInput for a name or a value that is not allowed.
     """
     changes: dict[str, dict[str, Any]] = {}
-    sections = {"nes": base.nes, "se": base.se, **{hp.agent: hp for hp in base.agents}}
+    sections: dict[str, Any] = {
+        "nes": base.nes,
+        "se": base.se,
+        **{hp.agent: hp for hp in base.agents},
+    }
     for name, value in configuration.items():
         section, _, field = name.partition(".")
         plain = value.item() if hasattr(value, "item") else value

@@ -14,6 +14,13 @@ hypothesis.settings.register_profile("no-deadline", deadline=None)
 hypothesis.settings.load_profile("no-deadline")
 
 
+def ddqn(hp: Hyperparameters) -> DDQNHyperparameters:
+    """The agent of a run of DDQN alone."""
+    (agent,) = hp.agents
+    assert isinstance(agent, DDQNHyperparameters)
+    return agent
+
+
 @pytest.fixture
 def rng() -> np.random.Generator:
     return np.random.default_rng(0)
@@ -31,8 +38,7 @@ def acrobot() -> Task:
 
 @pytest.fixture
 def small_agent() -> DDQNHyperparameters:
-    (agent,) = load_preset("tuned", "CartPole-v0").agents
-    assert isinstance(agent, DDQNHyperparameters)
+    agent = ddqn(load_preset("tuned", "CartPole-v0"))
     return replace(agent, max_episodes=13, batch_size=16, hidden_size=8, test_episodes=2)
 
 

@@ -36,9 +36,7 @@ def _definition(module: str, name: str) -> Build:
 
 
 for _hyperparameters in (DDQNHyperparameters, DuelingDDQNHyperparameters):
-    register_agent(
-        _hyperparameters, _definition("ddqn", "DDQN"), ddqn.new_agent, ddqn.parameters
-    )
+    register_agent(_hyperparameters, _definition("ddqn", "DDQN"), ddqn.new_agent, ddqn.parameters)
 register_agent(TD3Hyperparameters, _definition("td3", "TD3"), td3.new_agent, td3.parameters)
 
 __all__ = [

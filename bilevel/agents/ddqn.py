@@ -82,9 +82,7 @@ class DuelingNetwork(nn.Module):
 class DDQN:
     """A DDQN agent, dueling if its hyperparameters say so."""
 
-    def __init__(
-        self, hp: DDQNHyperparameters, state_size: int, n_actions: int, seed: int
-    ) -> None:
+    def __init__(self, hp: DDQNHyperparameters, state_size: int, n_actions: int, seed: int) -> None:
         initial_seed, loop_seed = agent_seeds(seed)
         self.hp, self.n_actions = hp, n_actions
         self.rng = SplitMix64(loop_seed)

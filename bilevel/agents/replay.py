@@ -18,7 +18,7 @@ class ReplayBuffer:
     an index, or a vector."""
 
     capacity: int
-    rows: list[tuple[NDArray[np.float32], ...]] = field(default_factory=list)
+    rows: list[tuple[NDArray[np.float32] | np.float32, ...]] = field(default_factory=list)
     count: int = 0
 
     def store(

@@ -47,6 +47,8 @@ from bilevel.kernels.td3 import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE, network
 class Actor(nn.Module):
     """Logits of the actions, and the logarithm of their temperature."""
 
+    net: MLP
+
     def __init__(self, net: MLP, temperature: float) -> None:
         super().__init__()
         self.net = net
@@ -69,15 +71,12 @@ class TD3:
         initial = np.random.default_rng(initial_seed)
         vectors = [initial_parameters(net, initial) for net in (actor, critic, critic)]
 
-        def copies() -> tuple[Actor, MLP, MLP]:
-            return (
-                Actor(self._network(actor, vectors[0]), hp.initial_temperature),
-                self._network(critic, vectors[1]),
-                self._network(critic, vectors[2]),
-            )
+        def copies() -> tuple[Actor, list[MLP]]:
+            critics = [self._network(critic, vector) for vector in vectors[1:]]
+            return Actor(self._network(actor, vectors[0]), hp.initial_temperature), critics
 
-        self.actor, *self.critics = copies()
-        self.target_actor, *self.target_critics = copies()
+        self.actor, self.critics = copies()
+        self.target_actor, self.target_critics = copies()
         of_critics = [p for critic in self.critics for p in critic.parameters()]
         self.critic_optimizer = torch.optim.Adam(of_critics, lr=hp.learning_rate)
         self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), lr=hp.learning_rate)
@@ -93,13 +92,10 @@ class TD3:
 
     def parameters(self) -> list[NDArray[np.float32]]:
         """Parameters of actor, rho, critics, and of their targets, in the twin's order."""
-        groups = (
-            (self.actor, *self.critics),
-            (self.target_actor, *self.target_critics),
-        )
+        groups = ((self.actor, self.critics), (self.target_actor, self.target_critics))
         return [
             vector.detach().numpy()
-            for actor, *critics in groups
+            for actor, critics in groups
             for vector in (
                 nn.utils.parameters_to_vector(actor.net.parameters()),
                 actor.rho,

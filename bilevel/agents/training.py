@@ -11,13 +11,15 @@ from numpy.typing import NDArray
 
 from bilevel.agents.agent import Agent, Transition
 from bilevel.hyperparameters import AgentHyperparameters
-from bilevel.kernels.stopping import converged
+from bilevel.kernels.stopping import converged, solved
 
 
 class TrainingEnvironment(Protocol):
     """What the agent trains on: an SE or a real task."""
 
-    step_limit: int
+    @property
+    def step_limit(self) -> int:
+        """Steps of an episode at most."""
 
     def reset(self, episode: int) -> NDArray[np.float32]:
         """The initial state (S,) of an episode."""
@@ -41,6 +43,23 @@ def returns_converged(hp: AgentHyperparameters) -> StoppingRule:
                 hp.init_episodes,
                 hp.early_out_episodes,
                 hp.early_out_difference,
+            )
+        )
+
+    return stop
+
+
+def task_solved(hp: AgentHyperparameters, solved_reward: float) -> StoppingRule:
+    """The rule on the real task (see `bilevel.kernels.stopping`)."""
+
+    def stop(returns: list[float]) -> bool:
+        return bool(
+            solved(
+                np.array(returns),
+                len(returns) - 1,
+                hp.init_episodes,
+                hp.early_out_episodes,
+                solved_reward,
             )
         )
 

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+from bilevel.agents import get_agent, registered_agents
 from bilevel.evaluation import EvaluationRequest, evaluate, train_and_test
 from bilevel.hyperparameters import load_preset
 from bilevel.synthetic_env import Architecture
@@ -9,13 +10,16 @@ from bilevel.tasks import get_task
 
 
 def main() -> None:
-    """Run the smallest evaluation that goes through every kernel."""
+    """Run the smallest evaluation of every agent that goes through every kernel."""
     task = get_task("CartPole-v0")
-    hp = load_preset("tuned", task.id)
-    agent = replace(hp.agent, max_episodes=2, init_episodes=0, test_episodes=1)
-    request = EvaluationRequest(0, 0, agent, start_seed=0)
-    evaluate(task, Architecture.of(task, hp.se), None, request)
-    train_and_test(task, None, agent, 0)
+    for name in registered_agents():
+        if get_agent(name).build_kernel is None:
+            continue
+        hp = load_preset("default", task.id, agents=(name,))
+        agent = replace(hp.agents[0], max_episodes=2, init_episodes=0, test_episodes=1)
+        request = EvaluationRequest(0, 0, agent, start_seed=0)
+        evaluate(task, Architecture.of(task, hp.se), None, request)
+        train_and_test(task, None, agent, 0)
 
 
 if __name__ == "__main__":

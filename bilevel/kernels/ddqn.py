@@ -73,9 +73,7 @@ def q_network(hp: DDQNHyperparameters, state_size: int, n_actions: int) -> Netwo
     """The shape of the Q-network. A dueling one has one hidden layer more, half of
     whose units belong to the value, the other half to the advantages."""
     if not hp.dueling:
-        return mlp.network(
-            state_size, hp.hidden_size, hp.hidden_layers, n_actions, hp.activation
-        )
+        return mlp.network(state_size, hp.hidden_size, hp.hidden_layers, n_actions, hp.activation)
     of_value = (hp.hidden_size + 1) // 2
     heads = ((of_value, 1), (hp.hidden_size - of_value, n_actions))
     return mlp.network(

@@ -23,3 +23,17 @@ def converged(returns, episode, init_episodes, window, difference):
     recent = returns[start : episode + 1].mean()
     earlier = returns[before:start].mean()
     return abs(recent - earlier) <= difference * abs(earlier)
+
+
+@compiled
+def solved(returns, episode, init_episodes, window, solved_reward):
+    """The rule on the real task: the mean return of the last `window` (d) episodes
+    reaches the solved reward, once the initial episodes are over.
+
+    The paper speaks of test episodes here; the authors' code (`env_solved` in
+    agents/base_agent.py of automl/learning_environments) takes the training episodes,
+    and only that comes near the steps they report. Fewer episodes than d do not count.
+    """
+    if episode < init_episodes or episode + 1 < window:
+        return False
+    return returns[episode + 1 - window : episode + 1].mean() >= solved_reward

@@ -95,9 +95,7 @@ class TD3Kernel(NamedTuple):
     single_logits: NDArray[np.float32]  # (A,)
 
 
-def networks(
-    hp: TD3Hyperparameters, state_size: int, n_actions: int
-) -> tuple[Network, Network]:
+def networks(hp: TD3Hyperparameters, state_size: int, n_actions: int) -> tuple[Network, Network]:
     """The shapes of actor and critic."""
     shape = (hp.hidden_size, hp.hidden_layers)
     return (
@@ -295,9 +293,7 @@ def actor_step(agent, rng):
 
 @compiled
 def _descend(learned, step, learning_rate):
-    adam_step(
-        learned.online, learned.gradient, learned.first, learned.second, step, learning_rate
-    )
+    adam_step(learned.online, learned.gradient, learned.first, learned.second, step, learning_rate)
 
 
 @implements(TD3Kernel, learn)

@@ -16,13 +16,13 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core import types
+from numba.core.types.containers import BaseNamedTuple
 from numba.extending import overload
 
 from bilevel.kernels.environment import reset, step
 from bilevel.kernels.jit import compiled, is_finite
 from bilevel.kernels.replay import sample, store
-from bilevel.kernels.stopping import CONVERGED, EPISODES_SPENT, NOT_FINITE, converged
+from bilevel.kernels.stopping import CONVERGED, EPISODES_SPENT, NOT_FINITE, converged, solved
 
 
 class Schedule(NamedTuple):
@@ -32,7 +32,6 @@ class Schedule(NamedTuple):
     max_episodes: int
     early_out_episodes: int
     early_out_difference: float
-    test_episodes: int
     replay_capacity: int
 
 
@@ -64,15 +63,16 @@ def implements(
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
         # Numba wants the very parameter names of the stub.
-        implementation = {
+        implementations: dict[str, Callable[..., Any]] = {
             "act": lambda agent, state, exploring, rng: function(agent, state, exploring, rng),
             "greedy": lambda agent, state: function(agent, state),
             "learn": lambda agent, rng: function(agent, rng),
             "end_episode": lambda agent: function(agent),
-        }[call.__name__]
+        }
+        implementation = implementations[call.__name__]
 
         def resolve(agent: Any, *others: Any) -> Callable[..., Any] | None:
-            named = isinstance(agent, types.BaseNamedTuple)
+            named = isinstance(agent, BaseNamedTuple)
             return implementation if named and agent.instance_class is agent_type else None
 
         overload(call, strict=False)(resolve)
@@ -82,7 +82,7 @@ def implements(
 
 
 @compiled
-def train(agent, env, test_env, schedule, rng):
+def train(agent, env, schedule, rng):
     """Train on `env` until its stopping rule holds or the episodes are spent.
 
     for each episode:                            # at most max_episodes
@@ -90,7 +90,7 @@ def train(agent, env, test_env, schedule, rng):
             act, store the transition
             gradient step                        # once init_episodes are over
         stop on an SE: returns have converged
-        stop on the real task: greedy test episodes are solved on average
+        stop on the real task: returns are solved on average
 
     Returns environment steps, episodes and why it ended (`stopping`).
     """
@@ -130,23 +130,25 @@ def train(agent, env, test_env, schedule, rng):
                 schedule.early_out_difference,
             ):
                 return steps, episode + 1, CONVERGED
-        elif not exploring:
-            first = episode * schedule.test_episodes
-            tests = test_returns(agent, test_env, first, schedule.test_episodes)
-            if tests.mean() >= env.solved_reward:
-                return steps, episode + 1, CONVERGED
+        elif solved(
+            returns,
+            episode,
+            schedule.init_episodes,
+            schedule.early_out_episodes,
+            env.solved_reward,
+        ):
+            return steps, episode + 1, CONVERGED
     return steps, schedule.max_episodes, EPISODES_SPENT
 
 
 @compiled
-def test_returns(agent, env, first_episode, episodes):
-    """Returns (episodes,) of greedy episodes on the compiled real task, episodes
-    `first_episode`, ... of its initial states (`EvaluateAgent`)."""
+def test_returns(agent, env, episodes):
+    """Returns (episodes,) of greedy episodes on the compiled real task (`EvaluateAgent`)."""
     state = np.zeros(env.state_size, np.float32)
     next_state = np.zeros(env.state_size, np.float32)
     returns = np.zeros(episodes)
     for episode in range(episodes):
-        reset(env, first_episode + episode, state)
+        reset(env, episode, state)
         for _ in range(env.step_limit):
             reward, _, over = step(env, state, greedy(agent, state), next_state)
             returns[episode] += reward

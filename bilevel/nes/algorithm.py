@@ -31,9 +31,7 @@ from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task
 
 #: Draws one of the agents by a seed, with varied hyperparameters if the flag says so.
-AgentSampler = Callable[
-    [tuple[AgentHyperparameters, ...], bool, int], AgentHyperparameters
-]
+AgentSampler = Callable[[tuple[AgentHyperparameters, ...], bool, int], AgentHyperparameters]
 
 # What a derived seed is for; part of the seed, so never renumber.
 _START, _PERTURBATION, _AGENT, _EVALUATION = range(4)

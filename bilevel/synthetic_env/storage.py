@@ -5,6 +5,7 @@ header tells task, architecture, hyperparameters, scores and versions. Reading o
 executes nothing, and believes nothing: names, shapes, types and numbers are checked.
 """
 
+import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -40,6 +41,11 @@ class StoredSE:
     step_limit: int
     solved_reward: float
     info: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def digest(self) -> str:
+        """A short name of the SE's parameters: equal for equal ones alone."""
+        return hashlib.sha256(self.psi.tobytes()).hexdigest()[:16]
 
 
 def save_se(se: StoredSE, path: Path) -> None:

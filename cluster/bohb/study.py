@@ -53,6 +53,7 @@ class StudySettings:
     concurrent_trials: int | None = None  # None: as many as the cluster's cores hold
     address: str | None = None
     model: bool = True
+    agents: tuple[str, ...] = ("ddqn",)
 
     @property
     def folder(self) -> Path:
@@ -67,7 +68,7 @@ class StudySettings:
     @property
     def base(self) -> Hyperparameters:
         """What a configuration leaves unsaid."""
-        return base_hyperparameters(self.profile, self.task)
+        return base_hyperparameters(self.profile, self.task, self.agents)
 
     def fixed(self) -> dict[str, Any]:
         """What must stay the same when the study is continued."""
@@ -125,7 +126,7 @@ def _run(
     journal = Journal(settings.folder)
     brackets = brackets_to_reach(journal, settings.ladder, settings.profile.brackets)
     search = BracketSearch(
-        search_space(settings.profile.space),
+        search_space(settings.profile.space, settings.agents),
         settings.ladder,
         brackets,
         settings.seed,
@@ -257,12 +258,14 @@ def dry_run(settings: StudySettings, terminal: Terminal) -> None:
     if settings.profile.brackets > cycle:
         terminal.line(f"    ...   and so on in turn, {settings.profile.brackets} brackets in all")
 
-    samples = search_space(settings.profile.space, settings.seed).sample_configuration(6)
+    space = search_space(settings.profile.space, settings.agents, settings.seed)
+    samples = space.sample_configuration(6)
     seconds, evaluations = [], []
     for i, sample in enumerate(samples):
         hp = to_hyperparameters(settings.base, dict(sample))
         architecture = Architecture.of(settings.task, hp.se)
-        request = EvaluationRequest(0, i, hp.agent, start_seed=i)
+        agent = hp.agents[i % len(hp.agents)]
+        request = EvaluationRequest(0, i, agent, start_seed=i)
         if i == 0:
             evaluate(settings.task, architecture, None, request)  # compiles, untimed
         seconds.append(evaluate(settings.task, architecture, None, request).seconds)

@@ -5,6 +5,7 @@ import sys
 import click
 
 from bilevel.errors import InvalidInput
+from cluster.cli.evaluate import evaluate
 from cluster.cli.runs import bohb, nes
 from cluster.cli.services import ui
 
@@ -15,7 +16,7 @@ def cli() -> None:
     """Learn synthetic environments for reinforcement learning."""
 
 
-for command in (nes, bohb, ui):
+for command in (nes, bohb, evaluate, ui):
     cli.add_command(command)
 
 

@@ -38,22 +38,43 @@ home_option = click.option(
 )
 
 
-def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Options that the commands which run something have in common."""
-    positive = click.IntRange(min=1)
+def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Options that all commands which train agents have in common."""
     options = [
-        click.argument("task"),
         click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True),
-        click.option("--population", type=positive, help="NES members a generation."),
+        click.option(
+            "--agent",
+            "agents",
+            default="ddqn",
+            show_default=True,
+            help="Agent to train; several, comma-separated: each evaluation draws one.",
+        ),
+        click.option(
+            "--agent-file",
+            "agent_files",
+            type=click.Path(exists=True, dir_okay=False, path_type=Path),
+            multiple=True,
+            help="Python file that registers an agent (docs/agents.md).",
+        ),
         click.option("--address", help="Ray cluster to join (host:port, auto); else a local one."),
         click.option("--tracking-uri", help="MLflow server or database; else one in the home."),
         home_option,
         click.option("--solved-reward", type=float, help="For tasks whose spec has none."),
-        click.option("--step-limit", type=positive, help="For tasks whose spec has none."),
+        click.option(
+            "--step-limit", type=click.IntRange(min=1), help="For tasks whose spec has none."
+        ),
     ]
     for option in reversed(options):
         function = option(function)
     return function
+
+
+def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Options that the commands which learn SEs have in common."""
+    population = click.option(
+        "--population", type=click.IntRange(min=1), help="NES members a generation."
+    )
+    return click.argument("task")(population(common_options(function)))
 
 
 @dataclass(frozen=True)
@@ -62,17 +83,31 @@ class RunOptions:
 
     task: str
     seed: int
-    population: int | None
+    agents: str
+    agent_files: tuple[Path, ...]
     address: str | None
     tracking_uri: str | None
     home: Path
     solved_reward: float | None
     step_limit: int | None
+    population: int | None = None
 
     def the_task(self) -> Task:
         from bilevel.tasks import get_task
 
         return get_task(self.task, self.solved_reward, self.step_limit)
+
+    def the_agents(self) -> tuple[str, ...]:
+        """Names of the agents, each of them known. Raises InvalidInput."""
+        from bilevel.agents import get_agent
+        from cluster.agent_files import load_agent_file
+
+        for file in self.agent_files:
+            load_agent_file(file)
+        names = tuple(name.strip() for name in self.agents.split(","))
+        for name in names:
+            get_agent(name)
+        return names
 
     def uri(self) -> str:
         """The tracking URI: given, of the environment, or the home's database."""
@@ -80,3 +115,8 @@ class RunOptions:
 
         given = self.tracking_uri or os.environ.get("MLFLOW_TRACKING_URI")
         return given or Home(self.home).database_uri
+
+
+def agent_suffix(agents: tuple[str, ...]) -> str:
+    """What the agents add to a default name: nothing for the paper's."""
+    return "" if agents == ("ddqn",) else f"-{'+'.join(agents)}"

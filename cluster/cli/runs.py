@@ -6,13 +6,12 @@ from typing import Any
 
 import click
 
-from cluster.cli.options import Duration, RunOptions, run_options
+from cluster.cli.options import Duration, RunOptions, agent_suffix, run_options
 
 
 @click.command()
 @run_options
 @click.option("--preset", default=None, help="tuned (the paper's Table 1) or default.")
-@click.option("--agent", default="ddqn", show_default=True, help="Agent of the inner loop.")
 @click.option("--update", default="antithetic", show_default=True, help="NES update rule.")
 @click.option("--generations", type=click.IntRange(min=1), help="At most; default 200.")
 @click.option("--workers", type=click.IntRange(min=1), help="Actors; default all cores.")
@@ -28,7 +27,6 @@ from cluster.cli.options import Duration, RunOptions, run_options
 @click.option("--name", help="Of the run; the same name goes on where it was.")
 def nes(
     preset: str | None,
-    agent: str,
     update: str,
     generations: int | None,
     workers: int | None,
@@ -39,17 +37,14 @@ def nes(
     **options: Any,
 ) -> None:
     """One NES run on TASK (CartPole-v0, Acrobot-v1 or another gymnasium id)."""
-    from bilevel.agents import AGENTS
-    from bilevel.errors import one_of
     from bilevel.hyperparameters import best_preset, load_preset
     from cluster.home import Home
 
     common = RunOptions(**options)
     task = common.the_task()
-    if agent not in AGENTS:
-        raise one_of("agent", agent, AGENTS)
+    agents = common.the_agents()
     preset = preset or best_preset(task.id)
-    hp = load_preset(preset, task.id, update)
+    hp = load_preset(preset, task.id, update, agents)
     changes: dict[str, Any] = {
         "population_size": common.population,
         "generations": generations,
@@ -58,7 +53,8 @@ def nes(
     changed = {key: value for key, value in changes.items() if value is not None}
     hp = replace(hp, nes=replace(hp.nes, **changed), vary_agent=vary_hp)
     if name is None:
-        name = f"nes-{preset}-{update}{'-vary-hp' if vary_hp else ''}-seed{common.seed}"
+        varied = "-vary-hp" if vary_hp else ""
+        name = f"nes-{preset}{agent_suffix(agents)}-{update}{varied}-seed{common.seed}"
 
     from cluster.nes_command import NESCommand, run_nes
 
@@ -106,6 +102,7 @@ def bohb(
 
     common = RunOptions(**options)
     task = common.the_task()
+    agents = common.the_agents()
     size = get_profile(profile)
     if space is not None and space not in SPACES:
         raise one_of("search space", space, SPACES)
@@ -121,7 +118,7 @@ def bohb(
 
     settings = studies.StudySettings(
         task,
-        study or f"bohb-{profile}-{size.space}-seed{common.seed}",
+        study or f"bohb-{profile}-{size.space}{agent_suffix(agents)}-seed{common.seed}",
         profile,
         size,
         common.seed,
@@ -130,6 +127,7 @@ def bohb(
         workers_per_trial,
         concurrent_trials,
         common.address,
+        agents=agents,
     )
     assert settings.folder  # a bad name is told before anything starts
     if dry_run:

@@ -19,7 +19,7 @@ def test_result_depends_on_the_request_alone(
 ) -> None:
     psi = architecture.initialize(np.random.default_rng(0))
     requests = [
-        EvaluationRequest(i, 100 + i, small_hp.agent, sign, 7, 0.05)
+        EvaluationRequest(i, 100 + i, small_hp.agents[0], sign, 7, 0.05)
         for i, sign in enumerate((0, 1, -1, 1))
     ]
     forwards = [evaluate(cartpole, architecture, psi, r) for r in requests]
@@ -33,7 +33,7 @@ def test_result_depends_on_the_request_alone(
 def test_signs_mirror_each_other(architecture: Architecture, small_hp: Hyperparameters) -> None:
     psi = architecture.initialize(np.random.default_rng(0))
     plus, minus, none = (
-        request_psi(architecture, psi, EvaluationRequest(0, 0, small_hp.agent, sign, 7, 0.05))
+        request_psi(architecture, psi, EvaluationRequest(0, 0, small_hp.agents[0], sign, 7, 0.05))
         for sign in (1, -1, 0)
     )
     np.testing.assert_array_equal(none, psi)
@@ -44,7 +44,7 @@ def test_signs_mirror_each_other(architecture: Architecture, small_hp: Hyperpara
 def test_divergence_scores_worst_and_is_told(acrobot: Task, small_hp: Hyperparameters) -> None:
     architecture = Architecture.of(acrobot, small_hp.se)
     psi = np.full(architecture.parameter_count, 1e20, np.float32)
-    result = evaluate(acrobot, architecture, psi, EvaluationRequest(0, 0, small_hp.agent))
+    result = evaluate(acrobot, architecture, psi, EvaluationRequest(0, 0, small_hp.agents[0]))
     assert not result.finite
     assert result.score == acrobot.worst_score == -500.0
 
@@ -52,7 +52,7 @@ def test_divergence_scores_worst_and_is_told(acrobot: Task, small_hp: Hyperparam
 def test_task_that_gymnasium_runs(small_hp: Hyperparameters) -> None:
     task = get_task("MountainCar-v0")
     architecture = Architecture.of(task, small_hp.se)
-    request = EvaluationRequest(0, 3, small_hp.agent, start_seed=1)
+    request = EvaluationRequest(0, 3, small_hp.agents[0], start_seed=1)
     one, two = (evaluate(task, architecture, None, request) for _ in range(2))
     assert replace(one, seconds=0.0) == replace(two, seconds=0.0)
     assert -200.0 <= one.score <= 0.0
@@ -63,10 +63,11 @@ def test_compiled_test_episodes_equal_gymnasiums(cartpole: Task, small_hp: Hyper
     up to the episodes' initial states."""
     architecture = Architecture.of(cartpole, small_hp.se)
     psi = architecture.initialize(np.random.default_rng(0))
-    agent = replace(small_hp.agent, test_episodes=50)
+    agent = replace(small_hp.agents[0], test_episodes=50)
     by_gymnasium = replace(cartpole, dynamics=0)
     compiled, real = (
-        train_and_test(task, (architecture, psi), agent, 5)[0] for task in (cartpole, by_gymnasium)
+        np.mean(train_and_test(task, (architecture, psi), agent, 5).test_returns)
+        for task in (cartpole, by_gymnasium)
     )
     assert compiled == pytest.approx(real, abs=1.5)
 
@@ -75,6 +76,6 @@ def test_learning_on_the_real_task_is_possible(cartpole: Task) -> None:
     """DDQN with the paper's default hyperparameters does learn CartPole itself."""
     from bilevel.hyperparameters import load_preset
 
-    agent = replace(load_preset("default", "CartPole-v0").agent, max_episodes=300)
-    scores = [train_and_test(cartpole, None, agent, seed)[0] for seed in range(2)]
-    assert max(scores) > 150
+    agent = replace(load_preset("default", "CartPole-v0").agents[0], max_episodes=300)
+    outcomes = [train_and_test(cartpole, None, agent, seed) for seed in range(2)]
+    assert max(np.mean(outcome.test_returns) for outcome in outcomes) > 150

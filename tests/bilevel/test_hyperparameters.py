@@ -9,9 +9,11 @@ from bilevel.hyperparameters import (
     DDQNHyperparameters,
     Hyperparameters,
     SEHyperparameters,
+    TD3Hyperparameters,
     best_preset,
     load_preset,
 )
+from tests.conftest import ddqn
 
 TASKS = ("CartPole-v0", "Acrobot-v1")
 
@@ -19,10 +21,12 @@ TASKS = ("CartPole-v0", "Acrobot-v1")
 @pytest.mark.parametrize("update", UPDATES)
 @pytest.mark.parametrize("task_id", TASKS)
 @pytest.mark.parametrize("preset", PRESETS)
+@pytest.mark.parametrize("agents", [("ddqn",), ("dueling-ddqn",), ("td3", "ddqn")])
 def test_every_preset_builds_and_survives_a_round_trip(
-    preset: str, task_id: str, update: str
+    preset: str, task_id: str, update: str, agents: tuple[str, ...]
 ) -> None:
-    hp = load_preset(preset, task_id, update)
+    hp = load_preset(preset, task_id, update, agents)
+    assert tuple(agent.agent for agent in hp.agents) == agents
     assert hp.nes.update == update
     assert Hyperparameters.from_dict(hp.to_dict()) == hp
 
@@ -39,11 +43,28 @@ def test_the_papers_numbers() -> None:
     for hp in (cartpole, acrobot, default):
         assert hp.nes.score_transform == "better-average"
         assert (hp.nes.population_size, hp.nes.generations) == (16, 200)
-        assert hp.agent.max_episodes == 1000
-        assert (hp.agent.early_out_episodes, hp.agent.early_out_difference) == (10, 0.01)
-    assert cartpole.agent.batch_size == 199
-    assert acrobot.agent.init_episodes == 20
-    assert default.agent.hidden_layers == 2
+        assert hp.agents[0].max_episodes == 1000
+        assert (hp.agents[0].early_out_episodes, hp.agents[0].early_out_difference) == (10, 0.01)
+    assert ddqn(cartpole).batch_size == 199
+    assert acrobot.agents[0].init_episodes == 20
+    assert ddqn(default).hidden_layers == 2
+    td3 = load_preset("tuned", "CartPole-v0", agents=("td3",)).agents[0]
+    assert isinstance(td3, TD3Hyperparameters)
+    assert (td3.learning_rate, td3.activation, td3.initial_temperature) == (0.0005, "tanh", 1.0)
+
+
+def test_what_a_run_trains_is_at_least_one_agent_each_once() -> None:
+    hp = load_preset("default", "CartPole-v0")
+    for agents in ((), (*hp.agents, *hp.agents)):
+        with pytest.raises(InvalidInput, match="one or more, each once"):
+            replace(hp, agents=agents)
+
+
+def test_a_dueling_network_needs_a_unit_a_stream() -> None:
+    (agent,) = load_preset("default", "CartPole-v0", agents=("dueling-ddqn",)).agents
+    assert isinstance(agent, DDQNHyperparameters)
+    with pytest.raises(InvalidInput, match="hidden_size must be at least 2"):
+        replace(agent, hidden_size=1)
 
 
 def test_tuned_is_best_where_there_is_one() -> None:

@@ -60,7 +60,7 @@ def loss_of(job: Job) -> float:
     from math import log
 
     values = job.configuration
-    step, rate = values["nes.step_size"], values["agent.learning_rate"]
+    step, rate = values["nes.step_size"], values["ddqn.learning_rate"]
     return log(step / 0.06) ** 2 + log(rate / 0.0005) ** 2 - 0.01 * job.budget
 
 

@@ -7,7 +7,8 @@ from scipy.stats import kstest
 
 from bilevel import InvalidInput
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_preset
-from search_spaces import SPACES, search_space, to_hyperparameters, vary_agent
+from search_spaces import SPACES, draw_agent, search_space, to_hyperparameters
+from tests.conftest import ddqn
 
 SAMPLES = 300
 
@@ -17,16 +18,16 @@ TABLE_1 = {
     "nes.std_dev": (0.01, 1, "log"),
     "se.hidden_layers": (1, 2, "linear"),
     "se.hidden_size": (48, 192, "log"),
-    "agent.init_episodes": (1, 20, "log"),
-    "agent.batch_size": (64, 256, "linear"),
-    "agent.learning_rate": (0.0001, 0.005, "log"),
-    "agent.target_update_rate": (0.005, 0.05, "log"),
-    "agent.discount": (0.9, 0.999, "inverse"),
-    "agent.initial_epsilon": (0.8, 1, "log"),
-    "agent.minimal_epsilon": (0.005, 0.05, "log"),
-    "agent.epsilon_decay": (0.8, 0.99, "inverse"),
-    "agent.hidden_layers": (1, 2, "linear"),
-    "agent.hidden_size": (48, 192, "log"),
+    "ddqn.init_episodes": (1, 20, "log"),
+    "ddqn.batch_size": (64, 256, "linear"),
+    "ddqn.learning_rate": (0.0001, 0.005, "log"),
+    "ddqn.target_update_rate": (0.005, 0.05, "log"),
+    "ddqn.discount": (0.9, 0.999, "inverse"),
+    "ddqn.initial_epsilon": (0.8, 1, "log"),
+    "ddqn.minimal_epsilon": (0.005, 0.05, "log"),
+    "ddqn.epsilon_decay": (0.8, 0.99, "inverse"),
+    "ddqn.hidden_layers": (1, 2, "linear"),
+    "ddqn.hidden_size": (48, 192, "log"),
 }
 
 
@@ -50,9 +51,10 @@ def test_full_is_table_1() -> None:
     hps = drawn("full")
     for name, (low, high, scale) in TABLE_1.items():
         section, field = name.split(".")
-        values = np.array([float(getattr(getattr(hp, section), field)) for hp in hps])
+        parts = [ddqn(hp) if section == "ddqn" else getattr(hp, section) for hp in hps]
+        values = np.array([float(getattr(part, field)) for part in parts])
         assert low - 1e-9 <= values.min() <= values.max() <= high + 1e-9
-        if isinstance(getattr(getattr(hps[0], section), field), float):
+        if isinstance(getattr(parts[0], field), float):
             ends = np.array([low, high], float)
             if scale == "inverse":
                 values, ends = 1 - values, 1 - ends[::-1]
@@ -63,7 +65,7 @@ def test_full_is_table_1() -> None:
             assert {low, high} <= set(values.astype(int)) or high > 2
     assert {hp.nes.mirrored_sampling for hp in hps} == {True, False}
     assert len({hp.nes.score_transform for hp in hps}) == 8
-    assert len({hp.se.activation for hp in hps}) == len({hp.agent.activation for hp in hps}) == 4
+    assert len({hp.se.activation for hp in hps}) == len({ddqn(hp).activation for hp in hps}) == 4
 
 
 def test_core_is_small_and_for_the_antithetic_update() -> None:
@@ -75,28 +77,54 @@ def test_numpy_scalars_are_taken() -> None:
     values = {
         "se.activation": np.str_("tanh"),
         "nes.mirrored_sampling": np.bool_(True),
-        "agent.batch_size": np.int64(70),
-        "agent.1-discount": np.float64(0.02),
+        "ddqn.batch_size": np.int64(70),
+        "ddqn.1-discount": np.float64(0.02),
     }
     hp = to_hyperparameters(base("full"), values)
-    assert (hp.se.activation, hp.agent.batch_size) == ("tanh", 70)
-    assert hp.agent.discount == pytest.approx(0.98)
+    assert (hp.se.activation, ddqn(hp).batch_size) == ("tanh", 70)
+    assert ddqn(hp).discount == pytest.approx(0.98)
     assert type(hp.nes.mirrored_sampling) is bool
 
 
 def test_unknown_names_and_values() -> None:
     with pytest.raises(InvalidInput, match="unknown search space 'huge'"):
         search_space("huge")
-    with pytest.raises(InvalidInput, match=r"unknown hyperparameter 'agent\.width'"):
-        to_hyperparameters(base("core"), {"agent.width": 1})
+    with pytest.raises(InvalidInput, match=r"unknown hyperparameter 'ddqn\.width'"):
+        to_hyperparameters(base("core"), {"ddqn.width": 1})
     with pytest.raises(InvalidInput, match="batch_size"):
-        to_hyperparameters(base("core"), {"agent.batch_size": -1})
+        to_hyperparameters(base("core"), {"ddqn.batch_size": -1})
+
+
+class TestOtherAgents:
+    def test_the_space_has_the_fields_of_the_agent(self) -> None:
+        names = set(search_space("full", ("td3",)))
+        assert "td3.policy_delay" in names
+        assert "td3.initial_epsilon" not in names
+        assert {"td3.learning_rate", "dueling-ddqn.learning_rate"} <= set(
+            search_space("core", ("td3", "dueling-ddqn"))
+        )
+
+    @pytest.mark.parametrize("space", SPACES)
+    def test_every_sample_builds_valid_hyperparameters(self, space: str) -> None:
+        agents = ("dueling-ddqn", "td3")
+        hp = load_preset("tuned", "CartPole-v0", SPACES[space], agents)
+        for sample in search_space(space, agents, seed=0).sample_configuration(50):
+            built = to_hyperparameters(hp, dict(sample))
+            assert Hyperparameters.from_dict(built.to_dict()) == built
+
+
+def test_several_agents_are_drawn_about_equally() -> None:
+    hp = load_preset("default", "CartPole-v0", agents=("ddqn", "dueling-ddqn", "td3"))
+    names = [draw_agent(hp.agents, True, seed).agent for seed in range(300)]
+    assert all(70 < names.count(name) < 130 for name in ("ddqn", "dueling-ddqn", "td3"))
+    rates = [vars(draw_agent(hp.agents[2:], True, s))["learning_rate"] for s in range(100)]
+    assert 5e-4 / 3 <= min(rates) < max(rates) <= 15e-4
 
 
 class TestAgentVariation:
     def test_ranges_of_the_paper(self) -> None:
-        agent = load_preset("default", "CartPole-v0").agent
-        agents = [vary_agent(agent, seed) for seed in range(SAMPLES)]
+        agent = ddqn(load_preset("default", "CartPole-v0"))
+        agents = [draw_agent((agent,), True, seed) for seed in range(SAMPLES)]
         for name, low, high in (
             ("learning_rate", 1e-3 / 3, 3e-3),
             ("batch_size", 42, 384),
@@ -105,15 +133,15 @@ class TestAgentVariation:
         ):
             values = [getattr(a, name) for a in agents]
             assert low <= min(values) < max(values) <= high
-        assert {a.hidden_layers for a in agents} == {1, 2, 3}
-        sizes = np.log([a.hidden_size for a in agents])
+        assert {vars(a)["hidden_layers"] for a in agents} == {1, 2, 3}
+        sizes = np.log([vars(a)["hidden_size"] for a in agents])
         uniform = (sizes - np.log(42)) / np.log(384 / 42)
         assert kstest(uniform, "uniform").pvalue > 1e-3
 
     def test_only_four_are_varied_and_only_by_the_seed(
         self, small_agent: DDQNHyperparameters
     ) -> None:
-        one, two = vary_agent(small_agent, 2**63 + 5), vary_agent(small_agent, 2**63 + 5)
+        one, two = (draw_agent((small_agent,), True, 2**63 + 5) for _ in range(2))
         assert one == two
         varied = {"learning_rate", "batch_size", "hidden_size", "hidden_layers"}
         for spec in fields(small_agent):

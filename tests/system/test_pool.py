@@ -17,6 +17,7 @@ from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool, placed_pool
+from tests.conftest import ddqn
 
 pytestmark = [pytest.mark.timeout(120), pytest.mark.usefixtures("local_ray")]
 
@@ -60,7 +61,7 @@ def test_any_number_of_actors_gives_what_a_loop_gives(nes: NES) -> None:
 def test_killed_actors_are_replaced_and_nothing_is_lost(
     nes: NES, small_hp: Hyperparameters
 ) -> None:
-    agent = replace(small_hp.agent, max_episodes=60, hidden_size=64, batch_size=128)
+    agent = replace(ddqn(small_hp), max_episodes=60, hidden_size=64, batch_size=128)
     state = nes.start()
     requests = [replace(r, agent=agent) for r in nes.ask(state) * 3]
     requests = [replace(r, index=i) for i, r in enumerate(requests)]

@@ -25,7 +25,7 @@ from bilevel.hyperparameters import (
 from bilevel.kernels import ddqn, td3, training
 from bilevel.kernels.environment import Environment, environment
 from bilevel.kernels.random import SplitMix64
-from bilevel.kernels.stopping import CONVERGED, NOT_FINITE, converged
+from bilevel.kernels.stopping import CONVERGED, NOT_FINITE, converged, solved
 from bilevel.synthetic_env import Architecture, kernel_form
 from bilevel.tasks import Task
 
@@ -86,7 +86,7 @@ def difference_after_gradient_steps(agent: str, hp: Any, data_seed: int) -> floa
         if step < 10:
             assert loss == pytest.approx(expected, rel=2e-5)
     for before, after in zip(start, parameters(agent, kernel), strict=True):
-        assert abs(after - before).max() > 5e-4  # all of it did learn
+        assert abs(after - before).max() > 1e-4  # all of it did learn
     return largest_difference(definition, kernel, agent)
 
 
@@ -113,7 +113,7 @@ def test_parameters_hold_together_over_hundreds_of_gradient_steps(
 def test_a_prelu_slope_is_learned() -> None:
     for agent in BUILT_IN:
         hp = small(agent, activation="prelu")
-        definition, kernel, rng = twins(hp, 4, 2)
+        _definition, kernel, rng = twins(hp, 4, 2)
         kernel.batch.states[:] = np.random.default_rng(0).normal(0, 1, kernel.batch.states.shape)
         for _ in range(4):
             (td3 if agent == "td3" else ddqn).gradient_step(kernel, rng)
@@ -129,7 +129,7 @@ def test_the_value_of_a_dueling_network_is_shared_by_all_actions() -> None:
     kernel.theta[-3:] += 1.0  # biases of the advantages
     ddqn.action_values(kernel, kernel.theta, states, kernel.h, kernel.z, after)
     np.testing.assert_allclose(after, before, atol=1e-6)
-    kernel.theta[kernel.net.offsets[3] - 1] += 1.0  # bias of the value
+    kernel.theta[kernel.net.offsets[4] - 1] += 1.0  # bias of the value
     ddqn.action_values(kernel, kernel.theta, states, kernel.h, kernel.z, after)
     np.testing.assert_allclose(after, before + 1.0, atol=1e-6)
 
@@ -167,7 +167,7 @@ class TestGumbelSoftmax:
             for _ in range(40):
                 td3.gradient_step(kernel, rng)
             temperature = np.exp(kernel.rho.online[0])
-            assert td3.LOWEST_TEMPERATURE * 0.999 <= temperature
+            assert temperature >= td3.LOWEST_TEMPERATURE * 0.999
             assert temperature <= td3.HIGHEST_TEMPERATURE * 1.001
 
 
@@ -193,7 +193,7 @@ def test_whole_training_runs_are_the_same(seed: int, agent: str, cartpole: Task)
     steps, episodes, finite = train_in_python(
         definition, hp, KernelEnvironment(env), returns_converged(hp)
     )
-    compiled = training.train(kernel, env, env, schedule(hp), rng)
+    compiled = training.train(kernel, env, schedule(hp), rng)
     assert finite
     assert compiled[:2] == (steps, episodes)
     assert steps > 100
@@ -206,7 +206,7 @@ def test_diverging_numbers_end_training(agent: str, cartpole: Task) -> None:
     env = se_environment(cartpole, 0, hp.max_episodes, 50)
     env.se.output_weights[:] = 1e30
     _, kernel, rng = twins(hp, 4, 2)
-    assert training.train(kernel, env, env, schedule(hp), rng)[2] == NOT_FINITE
+    assert training.train(kernel, env, schedule(hp), rng)[2] == NOT_FINITE
 
 
 @pytest.mark.parametrize("agent", BUILT_IN)
@@ -215,7 +215,7 @@ def test_nan_in_the_se_ends_training(agent: str, cartpole: Task) -> None:
     env = se_environment(cartpole, 0, hp.max_episodes, 50)
     env.se.output_biases[-1] = np.nan  # the done output
     _, kernel, rng = twins(hp, 4, 2)
-    assert training.train(kernel, env, env, schedule(hp), rng) == (0, 0, NOT_FINITE)
+    assert training.train(kernel, env, schedule(hp), rng) == (0, 0, NOT_FINITE)
 
 
 class TestStoppingRule:
@@ -243,9 +243,17 @@ def test_training_on_the_real_task_stops_when_solved() -> None:
     env = se_environment(task, 0, 10, 200)._replace(synthetic=False)
     hp: DDQNHyperparameters = small("ddqn", init_episodes=2)
     _, kernel, rng = twins(hp, 4, 2)
-    _, episodes, outcome = training.train(kernel, env, env, schedule(hp), rng)
+    _, episodes, outcome = training.train(kernel, env, schedule(hp), rng)
     assert outcome == CONVERGED
-    assert episodes == hp.init_episodes + 1
+    assert episodes == hp.early_out_episodes  # a mean of fewer does not count
+
+
+def test_solved_is_a_mean_of_the_last_d_episodes() -> None:
+    returns = np.array([0.0, 0.0, 10.0, 10.0, 12.0])
+    assert solved(returns, 4, 2, 3, 10.0)
+    assert not solved(returns, 4, 2, 3, 10.7)
+    assert not solved(returns, 4, 5, 3, 10.0)  # initial episodes
+    assert not solved(returns, 1, 0, 3, -1.0)  # too few
 
 
 @pytest.mark.parametrize("name", ["gumbel", "normal"])

@@ -6,14 +6,20 @@ import pytest
 
 from bilevel import InvalidInput
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
-from bilevel.hyperparameters import SCORE_TRANSFORMS, UPDATES, Hyperparameters
+from bilevel.hyperparameters import (
+    SCORE_TRANSFORMS,
+    UPDATES,
+    AgentHyperparameters,
+    Hyperparameters,
+)
 from bilevel.nes import NES, NESState
 from bilevel.nes.updates import MemberScores, update_step
 from bilevel.tasks import Task
+from tests.conftest import ddqn
 
 
 def answer(request: EvaluationRequest, score: float, finite: bool = True) -> EvaluationResult:
-    return EvaluationResult(request.index, score, 100, 10, finite, 0.01)
+    return EvaluationResult((score,), 100, 10, finite, index=request.index, seconds=0.01)
 
 
 @pytest.fixture
@@ -48,9 +54,15 @@ class TestAsk:
         self, cartpole: Task, small_hp: Hyperparameters
     ) -> None:
         hp = replace(small_hp, vary_agent=True)
-        sample = lambda agent, seed: replace(agent, batch_size=1 + seed % 1000)  # noqa: E731
+
+        def sample(
+            agents: tuple[AgentHyperparameters, ...], vary: bool, seed: int
+        ) -> AgentHyperparameters:
+            assert vary
+            return replace(agents[0], test_episodes=1 + seed % 1000)
+
         nes = NES(cartpole, hp, 0, sample)
-        sizes = [r.agent.batch_size for r in nes.ask(nes.start())]
+        sizes = [r.agent.test_episodes for r in nes.ask(nes.start())]
         assert sizes[:3] == sizes[3:6] == sizes[6:]
         assert len(set(sizes)) == 3
 
@@ -205,7 +217,7 @@ def test_nes_improves_a_real_score(cartpole: Task, small_hp: Hyperparameters) ->
     hp = replace(
         small_hp,
         nes=replace(small_hp.nes, population_size=8, step_size=0.2, std_dev=0.1),
-        agent=replace(small_hp.agent, learning_rate=3e-3, max_episodes=30),
+        agents=(replace(ddqn(small_hp), learning_rate=3e-3, max_episodes=30),),
     )
     nes = NES(cartpole, hp, seed=0)
     state = nes.start()

@@ -1,0 +1,66 @@
+"""Agents with varied hyperparameters trained on the real task: the baseline that SEs are
+compared with, and the check that the agents are right, beside the authors' figures.
+
+    python -m benchmarks.baseline CartPole-v0 --agents 40 --home FOLDER
+    python -m benchmarks.baseline Acrobot-v1 --agents 40 --kinds ddqn,dueling-ddqn --home FOLDER
+"""
+
+import argparse
+import sys
+from pathlib import Path
+
+from benchmarks.machine import write_result
+from bilevel.hyperparameters import load_preset
+from bilevel.tasks import get_task
+from cluster.evaluate_command import EvaluateCommand, run_evaluate
+from cluster.evaluation_report import as_json
+from cluster.home import Home
+
+#: Mean and standard deviation of train steps and mean test return on the real task, 40
+#: times 10 agents: constants of the plotting scripts in the authors' repository
+#: (automl/learning_environments).
+AUTHORS = {
+    "CartPole-v0": {
+        "ddqn": (16888, 24925, 190.67),
+        "dueling-ddqn": (12745, 14972, 179.07),
+        "td3": (17875, 17835, 187.86),
+    },
+    "Acrobot-v1": {"ddqn": (15389, 12820, None), "dueling-ddqn": (29531, 79219, None)},
+}
+
+
+def main() -> None:
+    """Train the agents, write `results/baseline_TASK.json`."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("task", choices=AUTHORS)
+    parser.add_argument("--agents", type=int, default=40)
+    parser.add_argument("--kinds", default="ddqn,dueling-ddqn,td3")
+    parser.add_argument("--home", type=Path, required=True)
+    options = parser.parse_args()
+    task = get_task(options.task)
+    kinds = tuple(options.kinds.split(","))
+    home = Home(options.home)
+    groups = run_evaluate(
+        EvaluateCommand(
+            task,
+            {"real": None},
+            load_preset("default", task.id, agents=kinds).agents,
+            options.agents,
+            True,
+            0,
+            "baseline",
+            home,
+            home.database_uri,
+        )
+    )
+    rows = as_json(groups)
+    for row in rows:
+        steps, spread, score = AUTHORS[task.id][row["agent"]]
+        row["authors"] = {"train_steps_mean": steps, "train_steps_std": spread, "score": score}
+    arguments = [argument for argument in sys.argv[1:] if argument != str(options.home)]
+    command = f"python -m benchmarks.baseline {' '.join(arguments)} FOLDER"
+    print(f"written to {write_result(f'baseline_{task.id}', command, {'groups': rows})}")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,42 @@
+"""Agents of the user's own, from a Python file: imported here and by every actor."""
+
+import importlib
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+from bilevel.errors import InvalidInput
+
+_FOLDERS: list[str] = []
+
+
+def load_agent_file(file: Path) -> None:
+    """Import a file that registers an agent.
+
+    Its folder goes to the front of the search path, here and by `runtime_env` in the
+    actors: one imports the file when the first request names its class.
+    Raises InvalidInput if the file cannot be imported.
+    """
+    if not file.stem.isidentifier() or file.suffix != ".py":
+        raise InvalidInput(f"agent file {str(file)!r} must be a Python file, NAME.py")
+    folder = str(file.resolve().parent)
+    sys.path.insert(0, folder)
+    _FOLDERS.append(folder)
+    others = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
+    os.environ["PYTHONPATH"] = os.pathsep.join([folder, *others])
+    try:
+        module = importlib.import_module(file.stem)
+    except Exception as error:
+        raise InvalidInput(f"agent file {str(file)!r}: {type(error).__name__}: {error}") from None
+    if Path(module.__file__ or "").resolve() != file.resolve():
+        raise InvalidInput(
+            f"agent file {str(file)!r} has the name of another module, {module.__file__}: rename it"
+        )
+
+
+def runtime_env() -> dict[str, Any] | None:
+    """What Ray has to tell the actors: nothing unless agent files were loaded."""
+    if not _FOLDERS:
+        return None
+    return {"env_vars": {"PYTHONPATH": os.environ["PYTHONPATH"]}}
