@@ -19,7 +19,7 @@ from cluster.home import Home
 #: Mean and standard deviation of train steps and mean test return on the real task, 40
 #: times 10 agents: constants of the plotting scripts in the authors' repository
 #: (automl/learning_environments).
-AUTHORS = {
+AUTHORS: dict[str, dict[str, tuple[int, int, float | None]]] = {
     "CartPole-v0": {
         "ddqn": (16888, 24925, 190.67),
         "dueling-ddqn": (12745, 14972, 179.07),

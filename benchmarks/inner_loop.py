@@ -1,93 +1,124 @@
-"""One inner-loop step (environment step plus gradient step) of DDQN on an SE: the
-compiled kernel against the torch definition, in turn, in one process, on one core.
+"""One inner-loop step (environment step plus gradient step) of every built-in agent on an
+SE: the compiled kernel against the torch definition, in turn, in one process, on one core;
+and how far the kernel is from the least time its arithmetic can take (`bound`).
 
     python -m benchmarks.inner_loop
 """
 
 import statistics
 import time
-from dataclasses import replace
+from dataclasses import asdict, replace
+from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from benchmarks.bound import Core, measure_core, step_work
 from benchmarks.machine import write_result
-from bilevel.agents.ddqn import DDQN
-from bilevel.evaluation import settings
-from bilevel.hyperparameters import Hyperparameters, load_preset
-from bilevel.kernels import ddqn, mlp
-from bilevel.kernels.random import SplitMix64
-from bilevel.kernels.synthetic_env import step
+from bilevel.agents import get_agent
+from bilevel.agents.agent import agent_seeds
+from bilevel.agents.environments import KernelEnvironment
+from bilevel.agents.training import train as train_in_python
+from bilevel.evaluation import schedule
+from bilevel.hyperparameters import load_preset
+from bilevel.kernels import training
+from bilevel.kernels.environment import environment
 from bilevel.synthetic_env import Architecture, kernel_form
-from bilevel.tasks import Task, get_task
+from bilevel.tasks import get_task
 
 REPEATS = 7
-#: Training episodes of one measurement (each of 200 steps or more, as the SE's done
-#: output is silenced); every episode learns.
-KERNEL_EPISODES, TORCH_EPISODES = 60, 3
-EPISODE_STEPS = 200
+#: Seconds of one measurement, about; every step of it learns, and every episode has as
+#: many steps, as the SE's done output is silenced.
+SECONDS = 0.25
+EPISODE_STEPS = 50
+
+#: Name: task, preset, agent, and what differs from the preset. The last ones lie in the
+#: ranges of varied hyperparameters.
+CASES: dict[str, tuple[str, str, str, dict[str, int]]] = {
+    "CartPole, DDQN, Table 1": ("CartPole-v0", "tuned", "ddqn", {}),
+    "Acrobot, DDQN, Table 1": ("Acrobot-v1", "tuned", "ddqn", {}),
+    "CartPole, DDQN, default (2 x 128)": ("CartPole-v0", "default", "ddqn", {}),
+    "CartPole, Dueling DDQN, default": ("CartPole-v0", "default", "dueling-ddqn", {}),
+    "CartPole, TD3, default": ("CartPole-v0", "default", "td3", {}),
+    "CartPole, DDQN, 1 x 42, batch 42": (
+        "CartPole-v0",
+        "default",
+        "ddqn",
+        {"hidden_layers": 1, "hidden_size": 42, "batch_size": 42},
+    ),
+    "CartPole, DDQN, 1 x 384": (
+        "CartPole-v0",
+        "default",
+        "ddqn",
+        {"hidden_layers": 1, "hidden_size": 384},
+    ),
+    "CartPole, DDQN, 3 x 384, batch 384": (
+        "CartPole-v0",
+        "default",
+        "ddqn",
+        {"hidden_layers": 3, "hidden_size": 384, "batch_size": 384},
+    ),
+}
 
 
-class TorchSE:
-    """The SE as the definition trains on it."""
-
-    def __init__(self, environment: ddqn.Environment) -> None:
-        self.environment = environment
-        self.state = np.zeros(environment.state_size, np.float32)
-        self.work = np.zeros((2, environment.se.action_biases.shape[1]), np.float32)
-
-    def reset(self, episode: int) -> NDArray[np.float32]:
-        self.state = np.zeros_like(self.state) + np.float32(episode * 1e-3)
-        return self.state
-
-    def step(self, action: int) -> tuple[NDArray[np.float32], float, float]:
-        next_state = np.empty_like(self.state)
-        reward, done = step(self.environment.se, self.state, action, next_state, self.work)
-        self.state = next_state
-        return next_state, float(reward), float(done)
-
-
-def measure(task: Task, hp: Hyperparameters) -> dict[str, object]:
-    """Microseconds per step of both, and their ratio, over `REPEATS` pairs."""
-    agent = replace(hp.agent, init_episodes=0)
-    architecture = Architecture.of(task, hp.se)
-    psi = architecture.initialize(np.random.default_rng(0)) * np.float32(0.3)
-    kernel_se = kernel_form(architecture, psi)
-    kernel_se.output_biases[-1] = -10.0  # never done: all episodes have the same length
-    physics = task.initial_physics(np.random.default_rng(1), KERNEL_EPISODES)
-    environment = ddqn.Environment(
-        True, kernel_se, task.dynamics, task.state_size, EPISODE_STEPS, 0.0, physics
+def measure(
+    core: Core, task_id: str, preset: str, agent: str, changes: dict[str, int]
+) -> dict[str, Any]:
+    """Microseconds per step of both, their ratio over `REPEATS` pairs, and the bound."""
+    task = get_task(task_id)
+    preset_hp = load_preset(preset, task_id, agents=(agent,))
+    hp: Any = replace(preset_hp.agents[0], init_episodes=0, early_out_episodes=10**6)
+    hp = replace(hp, **changes)
+    architecture = Architecture.of(task, preset_hp.se)
+    se = kernel_form(
+        architecture, architecture.initialize(np.random.default_rng(0)) * np.float32(0.3)
     )
-    net = mlp.network(
-        task.state_size, agent.hidden_size, agent.hidden_layers, task.n_actions, agent.activation
+    se.output_biases[-1] = -10.0
+    env = environment(
+        se,
+        True,
+        task.dynamics,
+        task.state_size,
+        EPISODE_STEPS,
+        0.0,
+        task.initial_physics(np.random.default_rng(1), 100),
     )
-    theta = mlp.initial_parameters(net, np.random.default_rng(2))
+    registered = get_agent(agent)
+    assert registered.build_kernel is not None
+    initial, loop = agent_seeds(0)
 
     def kernel(episodes: int) -> float:
-        never = replace(agent, max_episodes=episodes, early_out_episodes=10**6)
-        learner = ddqn.new_learner(net, theta, agent.batch_size)
-        started = time.perf_counter()
-        steps, _, _ = ddqn.train(
-            learner, environment, environment, settings(never), np.array([0], np.uint64)
+        assert registered.build_kernel is not None
+        fresh = registered.build_kernel(
+            hp, task.state_size, task.n_actions, np.random.default_rng(initial)
         )
+        plan = schedule(replace(hp, max_episodes=episodes))
+        started = time.perf_counter()
+        steps, _, _ = training.train(fresh, env, plan, np.array([loop], np.uint64))
         return (time.perf_counter() - started) / int(steps) * 1e6
 
     def definition(episodes: int) -> float:
-        never = replace(agent, max_episodes=episodes)
-        learner = DDQN(never, task.state_size, task.n_actions, theta, SplitMix64(0))
+        fresh = registered.build(hp, task.state_size, task.n_actions, 0)
+        plan = replace(hp, max_episodes=episodes)
         started = time.perf_counter()
-        learner.train(TorchSE(environment), EPISODE_STEPS, lambda returns: False)
-        return (time.perf_counter() - started) / learner.steps * 1e6
+        steps, _, _ = train_in_python(fresh, plan, KernelEnvironment(env), lambda returns: False)
+        return (time.perf_counter() - started) / steps * 1e6
+
+    def episodes_for(microseconds: float) -> int:
+        return max(round(SECONDS * 1e6 / microseconds / EPISODE_STEPS), 1)
 
     kernel(2)
     definition(1)
-    pairs = [(kernel(KERNEL_EPISODES), definition(TORCH_EPISODES)) for _ in range(REPEATS)]
+    n_kernel, n_definition = episodes_for(kernel(2)), episodes_for(definition(1))
+    pairs = [(kernel(n_kernel), definition(n_definition)) for _ in range(REPEATS)]
+    bound = step_work(hp, architecture).microseconds(core)
     return {
         "kernel_us": spread([k for k, _ in pairs]),
         "torch_us": spread([t for _, t in pairs]),
         "ratio": spread([t / k for k, t in pairs]),
+        "bound_us": round(bound, 2),
+        "over_bound": spread([k / bound for k, _ in pairs]),
     }
 
 
@@ -100,28 +131,31 @@ def spread(values: list[float]) -> dict[str, float]:
     }
 
 
+def _cell(value: dict[str, float]) -> str:
+    return f"{value['median']} ({value['low']} to {value['high']})"
+
+
 def main() -> None:
-    """Measure all agents, print a table, write `results/inner_loop.json`."""
+    """Measure all cases, print a table, write `results/inner_loop.json`."""
     torch.set_num_threads(1)
-    cases = {
-        "CartPole, Table 1": ("CartPole-v0", "tuned"),
-        "Acrobot, Table 1": ("Acrobot-v1", "tuned"),
-        "CartPole, default (2 x 128)": ("CartPole-v0", "default"),
-    }
     results = {}
-    print("| agent | kernel us/step | torch us/step | ratio |\n| --- | --- | --- | --- |")
+    print("| agent | kernel us/step | torch us/step | ratio | times the bound |")
+    print("| --- | --- | --- | --- | --- |")
     with threadpool_limits(1):
-        for name, (task_id, preset) in cases.items():
-            results[name] = measure(get_task(task_id), load_preset(preset, task_id))
-            cells = [
-                f"{v['median']} ({v['low']} to {v['high']})"  # type: ignore[index]
-                for v in results[name].values()
-            ]
+        core = measure_core()
+        for name, case in CASES.items():
+            result = results[name] = measure(core, *case)
+            cells = [_cell(result[key]) for key in ("kernel_us", "torch_us", "ratio", "over_bound")]
             print(f"| {name} | {' | '.join(cells)} |", flush=True)
     path = write_result(
         "inner_loop",
         "python -m benchmarks.inner_loop",
-        {"repeats": REPEATS, "unit": "microseconds per step, one core", "results": results},
+        {
+            "repeats": REPEATS,
+            "unit": "microseconds per step, one core",
+            "core": asdict(core),
+            "results": results,
+        },
     )
     print(f"written to {path}")
 
