@@ -3,6 +3,7 @@
 import json
 import os
 import platform
+import re
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ from typing import Any
 RESULTS = Path(__file__).parent / "results"
 
 _PACKAGES = ("bilevel", "numpy", "numba", "torch", "ray", "gymnasium", "hpbandster", "mlflow")
+
+_PLAIN_LIST = re.compile(r"\[[^\[\]{}]*\]")
 
 
 def machine() -> dict[str, Any]:
@@ -28,9 +31,9 @@ def machine() -> dict[str, Any]:
 
 
 def write_result(name: str, command: str, values: dict[str, Any]) -> Path:
-    """Write `results/NAME.json`."""
+    """Write `results/NAME.json`, a list of plain values on one line."""
     RESULTS.mkdir(exist_ok=True)
     path = RESULTS / f"{name}.json"
-    content = {"command": command, "machine": machine(), **values}
-    path.write_text(json.dumps(content, indent=2) + "\n")
+    content = json.dumps({"command": command, "machine": machine(), **values}, indent=2)
+    path.write_text(_PLAIN_LIST.sub(lambda match: " ".join(match[0].split()), content) + "\n")
     return path

@@ -1,16 +1,18 @@
-"""Write the tables of README.md from the committed results.
+"""Write the tables of README.md and of docs from the committed results.
 
 python -m benchmarks.readme
 """
 
 import json
 import re
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from benchmarks.machine import RESULTS
+from benchmarks.scaling import tables as scaling
 
-README = Path(__file__).parent.parent / "README.md"
+ROOT = Path(__file__).parent.parent
 
 
 def _load(name: str) -> dict[str, Any]:
@@ -90,12 +92,16 @@ def bohb() -> str:
     return "\n".join(rows)
 
 
-TABLES = {"bohb": bohb, "inner-loop": inner_loop, "nes-seeds": nes_seeds}
+#: The documents, and the tables in each by the name of their place in it.
+DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
+    ROOT / "README.md": {"bohb": bohb, "inner-loop": inner_loop, "nes-seeds": nes_seeds},
+    ROOT / "docs" / "scaling.md": scaling.TABLES,
+}
 
 
-def filled(text: str) -> str:
-    """README's text with all tables made anew."""
-    for name, table in TABLES.items():
+def filled(text: str, tables: dict[str, Callable[[], str]]) -> str:
+    """A document's text with all tables made anew."""
+    for name, table in tables.items():
         block = f"<!-- {name} -->\n{table()}\n<!-- /{name} -->"
         pattern = rf"<!-- {name} -->(?:.*?<!-- /{name} -->)?"
         text = re.sub(pattern, lambda _, block=block: block, text, flags=re.DOTALL)  # type: ignore[misc]
@@ -103,4 +109,5 @@ def filled(text: str) -> str:
 
 
 if __name__ == "__main__":
-    README.write_text(filled(README.read_text()))
+    for document, tables in DOCUMENTS.items():
+        document.write_text(filled(document.read_text(), tables))

@@ -1,8 +1,13 @@
-from benchmarks.readme import README, TABLES, filled
+from pathlib import Path
+
+import pytest
+
+from benchmarks.readme import DOCUMENTS, filled
 
 
-def test_readme_shows_the_committed_results() -> None:
-    text = README.read_text()
-    for name in TABLES:
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda path: path.name)
+def test_documents_show_the_committed_results(document: Path) -> None:
+    text, tables = document.read_text(), DOCUMENTS[document]
+    for name in tables:
         assert f"<!-- {name} -->" in text
-    assert filled(text) == text, "run `python -m benchmarks.readme`"
+    assert filled(text, tables) == text, "run `python -m benchmarks.readme`"
