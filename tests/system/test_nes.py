@@ -51,7 +51,7 @@ def test_a_run_its_tracking_and_its_continuation(
     (tracked,) = mlflow_client.search_runs([experiment.experiment_id])
     assert tracked.info.status == "FINISHED"
     assert tracked.data.params["nes.population_size"] == "2"
-    assert tracked.data.params["ddqn.batch_size"] == "199"
+    assert tracked.data.params["agents.ddqn.batch_size"] == "199"
     for name, values in {
         key: [record[key] for record in scores(tmp_path)] for key in scores(tmp_path)[0]
     }.items():

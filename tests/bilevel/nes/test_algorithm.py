@@ -214,10 +214,14 @@ class TestState:
 
 def test_nes_improves_a_real_score(cartpole: Task, small_hp: Hyperparameters) -> None:
     """A few generations of real evaluations raise the perturbed members' scores."""
+    agent = replace(
+        ddqn(small_hp), learning_rate=3e-3, max_episodes=25, batch_size=32, hidden_size=32
+    )
     hp = replace(
         small_hp,
-        nes=replace(small_hp.nes, population_size=8, step_size=0.2, std_dev=0.1),
-        agents=(replace(ddqn(small_hp), learning_rate=3e-3, max_episodes=30),),
+        nes=replace(small_hp.nes, population_size=8, step_size=0.1, std_dev=0.05),
+        se=replace(small_hp.se, hidden_size=32),
+        agents=(replace(agent, test_episodes=4),),
     )
     nes = NES(cartpole, hp, seed=0)
     state = nes.start()
@@ -226,4 +230,4 @@ def test_nes_improves_a_real_score(cartpole: Task, small_hp: Hyperparameters) ->
         results = [evaluate(cartpole, nes.architecture, state.psi, r) for r in requests]
         state = nes.tell(state, results, 1.0)
     scores = [record.perturbed_score_mean for record in state.records]
-    assert max(scores[4:]) > scores[0]
+    assert np.mean(scores[-3:]) > 1.3 * scores[0]

@@ -1,0 +1,151 @@
+"""One suite for every agent: the built-in ones, and the one that docs/agents.md walks through."""
+
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bilevel import InvalidInput
+from bilevel.agents import agent as registry
+from bilevel.agents import get_agent, registered_agents
+from bilevel.evaluation import train_and_test
+from bilevel.hyperparameters import Hyperparameters, agent_hyperparameters, load_preset
+from bilevel.nes import NES, NESState
+from bilevel.synthetic_env import Architecture
+from bilevel.tasks import Task, get_task
+from cluster.agent_files import load_agent_file
+from search_spaces import draw_agent, search_space
+
+DOCUMENT = Path(__file__).parents[2] / "docs" / "agents.md"
+AGENTS = ("ddqn", "dueling-ddqn", "td3", "reinforce")
+
+
+def documented_agent() -> str:
+    """The code of docs/agents.md."""
+    found = re.search(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
+    assert found is not None
+    return found[1]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _documented_agent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "path", [*sys.path])
+        patch.setenv("PYTHONPATH", "")
+        file = tmp_path_factory.mktemp("agents") / "reinforce.py"
+        file.write_text(documented_agent())
+        load_agent_file(file)
+        yield
+
+
+def small(name: str, **changes: Any) -> Any:
+    (hp,) = load_preset("default", "CartPole-v0", agents=(name,)).agents
+    sizes = {"max_episodes": 14, "init_episodes": 2, "hidden_size": 8, "batch_size": 16}
+    known = {spec.name for spec in fields(hp)}
+    return replace(hp, **({k: v for k, v in sizes.items() if k in known} | changes))
+
+
+@pytest.fixture
+def se(cartpole: Task) -> tuple[Architecture, np.ndarray[Any, Any]]:
+    hp = load_preset("tuned", "CartPole-v0").se
+    architecture = Architecture.of(cartpole, replace(hp, hidden_size=8))
+    return architecture, architecture.initialize(np.random.default_rng(0))
+
+
+def test_all_agents_are_registered() -> None:
+    assert set(AGENTS) <= set(registered_agents())
+
+
+@pytest.mark.parametrize("name", AGENTS)
+class TestEveryAgent:
+    def test_an_evaluation_depends_on_its_request_alone(self, name: str, se: Any) -> None:
+        task, hp = get_task("CartPole-v0"), small(name)
+        one = train_and_test(task, se, hp, 7)
+        np.random.default_rng(3).random()
+        two = train_and_test(task, se, hp, 7)
+        assert one == two
+        assert train_and_test(task, se, hp, 8).train_steps > 0
+        assert one.finite
+        assert len(one.test_returns) == hp.test_episodes
+
+    def test_kernel_and_definition_agree_on_a_whole_evaluation(self, name: str, se: Any) -> None:
+        task, hp = get_task("CartPole-v0"), small(name, max_episodes=12, test_episodes=3)
+        fast = train_and_test(task, se, hp, 7)
+        slow = train_and_test(task, se, hp, 7, compiled=False)
+        assert fast == slow
+
+    def test_trains_on_the_real_task(self, name: str) -> None:
+        outcome = train_and_test(get_task("CartPole-v0"), None, small(name, max_episodes=4), 1)
+        assert outcome.train_episodes == 4
+        assert all(1 <= value <= 200 for value in outcome.test_returns)
+
+    def test_trains_on_a_real_task_that_gymnasium_runs(self, name: str) -> None:
+        hp = small(name, max_episodes=2, test_episodes=1)
+        outcome = train_and_test(get_task("MountainCar-v0"), None, hp, 1)
+        assert outcome == train_and_test(get_task("MountainCar-v0"), None, hp, 1)
+        assert outcome.train_steps == 400
+
+    def test_numbers_that_diverge_score_worst(self, name: str, acrobot: Task, se: Any) -> None:
+        architecture = replace(se[0], state_size=6, n_actions=3)
+        psi = np.full(architecture.parameter_count, 1e20, np.float32)
+        outcome = train_and_test(acrobot, (architecture, psi), small(name), 0)
+        assert not outcome.finite
+        assert set(outcome.test_returns) == {-500.0}
+
+    def test_hyperparameters_vary_and_are_searched(self, name: str) -> None:
+        hp = small(name)
+        drawn = [draw_agent((hp,), True, seed) for seed in range(5)]
+        assert len({vars(agent)["learning_rate"] for agent in drawn}) == 5
+        assert f"{name}.learning_rate" in search_space("core", (name,))
+
+    def test_hyperparameters_survive_json(self, name: str) -> None:
+        hp = load_preset("default", "CartPole-v0", agents=(name,))
+        assert Hyperparameters.from_dict(hp.to_dict()) == hp
+        with pytest.raises(InvalidInput, match="max_episodes"):
+            agent_hyperparameters(name).from_dict({**vars(hp.agents[0]), "max_episodes": 0})
+
+
+def test_a_mixture_draws_an_agent_a_member_the_same_for_a_pair(cartpole: Task) -> None:
+    hp = load_preset("tuned", cartpole.id, agents=AGENTS)
+    nes = NES(cartpole, hp, 0, draw_agent)
+    requests = nes.ask(NESState(np.zeros(nes.architecture.parameter_count, np.float32)))
+    kinds = [request.agent.agent for request in requests]
+    assert kinds[:16] == kinds[16:32] == kinds[32:]
+    assert set(kinds) == set(AGENTS)
+    retests = [request.agent.agent for request in nes.screening_requests()]
+    assert len(set(retests)) == 1  # candidates are compared with the same agent
+
+
+def test_an_agent_without_a_name_or_file_is_told(tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="unknown agent 'sarsa': allowed are ddqn"):
+        get_agent("sarsa")
+    broken = tmp_path / "broken_agent.py"
+    broken.write_text("import nothing_of_that_name")
+    with pytest.raises(InvalidInput, match=r"broken_agent.*nothing_of_that_name"):
+        load_agent_file(broken)
+    twice = tmp_path / "json.py"
+    twice.write_text("")
+    with pytest.raises(InvalidInput, match="name of another module"):
+        load_agent_file(twice)
+    with pytest.raises(InvalidInput, match=r"must be a Python file"):
+        load_agent_file(tmp_path / "not-a-module.py")
+
+
+def test_entry_points_of_installed_packages_are_loaded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A real distribution on the path, as pip would leave it."""
+    info = tmp_path / "my_agents-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-agents\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text("[bilevel.agents]\nmine = my_agents_module\n")
+    code = documented_agent().replace('agent="reinforce"', 'agent="installed-reinforce"')
+    (tmp_path / "my_agents_module.py").write_text(code)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    assert get_agent("installed-reinforce").name == "installed-reinforce"
+    monkeypatch.delitem(registry._AGENTS, "installed-reinforce")

@@ -1,0 +1,136 @@
+"""`bilevel evaluate`, and agents of the user's own, as a user runs them: real Ray, real
+MLflow, killed for real."""
+
+import json
+import os
+import signal
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from bilevel.hyperparameters import SEHyperparameters
+from bilevel.nes import NESState
+from bilevel.synthetic_env import Architecture, StoredSE, save_se
+from bilevel.tasks import get_task
+from tests.bilevel.test_agents import documented_agent
+from tests.system.conftest import client, run, run_until
+
+pytestmark = pytest.mark.timeout(280)
+
+FEW = ("--max-episodes", "13", "--name", "few")
+
+
+@pytest.fixture
+def se_file(tmp_path: Path) -> Path:
+    task = get_task("CartPole-v0")
+    hp = SEHyperparameters(hidden_layers=1, hidden_size=16, activation="lrelu")
+    architecture = Architecture.of(task, hp)
+    psi = architecture.initialize(np.random.default_rng(0))
+    path = tmp_path / "my_se.safetensors"
+    save_se(StoredSE(architecture, psi, task.id, task.step_limit, task.solved_reward), path)
+    return path
+
+
+def results(home: Path) -> dict[tuple[str, str, int], dict[str, Any]]:
+    """What is on disk, less the measured times."""
+    lines = (home / "CartPole-v0" / "few" / "results.jsonl").read_text().splitlines()
+    rows = [json.loads(line) for line in lines]
+    assert len({tuple(row[:3]) for row in rows}) == len(rows)  # none twice
+    timeless = {"seconds": 0.0, "index": 0}
+    return {(label, agent, i): {**fields, **timeless} for label, agent, i, fields in rows}
+
+
+def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path) -> None:
+    both = ("evaluate", se_file, "--real", "CartPole-v0", "--agent", "ddqn,td3", *FEW)
+    first = run(*both, "--agents", "1", "--home", tmp_path)
+    assert first.returncode == 0, first.stderr
+    more = run(*both, "--agents", "3", "--home", tmp_path, "--workers", "1")
+    assert more.returncode == 0, more.stderr
+    rows = [line.split() for line in more.stdout.splitlines() if line.startswith(("my_se", "real"))]
+    assert [row[:3] for row in rows] == [
+        [source, agent, "3"] for source in ("my_se", "real") for agent in ("ddqn", "td3")
+    ]
+
+    at_once = run(*both, "--agents", "3", "--home", tmp_path / "other")
+    assert at_once.returncode == 0, at_once.stderr
+    assert results(tmp_path) == results(tmp_path / "other")  # continued or not, 1 or 2 workers
+
+    folder = tmp_path / "CartPole-v0" / "few"
+    report = json.loads((folder / "report.json").read_text())
+    scores = [
+        np.mean(value["test_returns"])
+        for (label, agent, _), value in results(tmp_path).items()
+        if (label, agent) == ("my_se", "td3")
+    ]
+    (group,) = [g for g in report if (g["source"], g["agent"]) == ("my_se", "td3")]
+    assert group["test_returns_mean"] == pytest.approx(np.mean(scores))
+    assert group["agents"] == 3
+    assert (folder / "violins.png").read_bytes().startswith(b"\x89PNG")
+
+    mlflow_client = client(tmp_path)
+    experiment = mlflow_client.get_experiment_by_name("CartPole-v0")
+    assert experiment is not None
+    (tracked,) = mlflow_client.search_runs([experiment.experiment_id])
+    assert tracked.info.status == "FINISHED"
+    assert tracked.data.metrics["td3/my_se/test_returns_mean"] == group["test_returns_mean"]
+    names = {item.path for item in mlflow_client.list_artifacts(tracked.info.run_id)}
+    assert {"report.json", "violins.png", "results.jsonl"} <= names
+
+
+def test_a_killed_evaluation_goes_on(tmp_path: Path, se_file: Path) -> None:
+    command = ("evaluate", se_file, "--agents", "8", *FEW, "--home", tmp_path / "killed")
+    process = run_until("fresh ddqn agents", *command)
+    path = tmp_path / "killed" / "CartPole-v0" / "few" / "results.jsonl"
+    while not path.exists() or path.read_bytes().count(b"\n") < 2:
+        assert process.poll() is None
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    with path.open("ab") as file:
+        file.write(b'["my_se", "ddqn", 7, {"test_ret')  # a line cut short
+    again = run(*command)
+    assert again.returncode == 0, again.stderr
+    undisturbed = run(*command[:-1], tmp_path / "calm")
+    assert undisturbed.returncode == 0, undisturbed.stderr
+    assert results(tmp_path / "killed") == results(tmp_path / "calm")
+
+
+def test_an_agent_of_the_users_own_in_nes(tmp_path: Path) -> None:
+    """The agent of docs/agents.md, in a mixture, on actors that import its file."""
+    (tmp_path / "reinforce.py").write_text(documented_agent())
+    common: tuple[str, ...] = ("nes", "CartPole-v0", "--agent", "ddqn,reinforce", "--preset", "default")
+    common += ("--agent-file", str(tmp_path / "reinforce.py"), "--population", "2")
+    common += ("--start-candidates", "1", "--generations", "1", "--name", "mixed")
+    psis = []
+    for workers in ("1", "2"):
+        result = run(*common, "--workers", workers, "--home", tmp_path / workers)
+        assert result.returncode == 0, result.stderr
+        assert "generation   0   score" in result.stdout
+        state = tmp_path / workers / "CartPole-v0" / "mixed" / "state.safetensors"
+        psis.append(NESState.load(state).psi)
+    np.testing.assert_array_equal(psis[0], psis[1])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ((), "nothing to train on: give SE files, or --real TASK"),
+        (("missing.safetensors",), "no SE file at 'missing.safetensors'"),
+        (("--real", "Pong-v99"), "unknown task 'Pong-v99'"),
+        (("--real", "CartPole-v0", "--agent", "dqn"), "unknown agent 'dqn': allowed are ddqn"),
+        (("--real", "CartPole-v0", "--agent", "td3,td3"), "each once"),
+        (("SE", "--real", "Acrobot-v1"), "sources of several tasks: Acrobot-v1, CartPole-v0"),
+        (("SE", "SE"), "two sources are called"),
+        (("SE", "--agents", "0"), "0 is not in the range"),
+    ],
+)
+def test_bad_input_is_one_line(
+    arguments: tuple[str, ...], message: str, tmp_path: Path, se_file: Path
+) -> None:
+    given = [str(se_file) if argument == "SE" else argument for argument in arguments]
+    result = run("evaluate", *given, "--home", tmp_path / "home")
+    assert result.returncode == 2
+    assert message in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert not (tmp_path / "home").exists()
