@@ -98,10 +98,11 @@ def test_a_killed_evaluation_goes_on(tmp_path: Path, se_file: Path) -> None:
 
 def test_an_agent_of_the_users_own_in_nes(tmp_path: Path) -> None:
     """The agent of docs/agents.md, in a mixture, on actors that import its file."""
-    (tmp_path / "reinforce.py").write_text(documented_agent())
-    common: tuple[str, ...] = ("nes", "CartPole-v0", "--agent", "ddqn,reinforce", "--preset", "default")
-    common += ("--agent-file", str(tmp_path / "reinforce.py"), "--population", "2")
-    common += ("--start-candidates", "1", "--generations", "1", "--name", "mixed")
+    file = tmp_path / "reinforce.py"
+    file.write_text(documented_agent())
+    chosen: tuple[str | Path, ...] = ("--agent", "ddqn,reinforce", "--agent-file", file)
+    small = ("--preset", "default", "--population", "2", "--start-candidates", "1")
+    common = ("nes", "CartPole-v0", *chosen, *small, "--generations", "1", "--name", "mixed")
     psis = []
     for workers in ("1", "2"):
         result = run(*common, "--workers", workers, "--home", tmp_path / workers)
