@@ -1,11 +1,10 @@
 """A pool of Ray actors that answers evaluation requests.
 
-Requests are handed out one at a time, so no actor waits for a slow neighbour. An
-actor that dies is replaced and its request is run again, which changes nothing: an
+Requests are handed out as actors become free, the longest first (`request_queue`). An
+actor that dies is replaced and what it held is run again, which changes nothing: an
 evaluation depends on its request alone.
 """
 
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any, Self
@@ -20,6 +19,7 @@ from ray.util.scheduling_strategies import PlacementGroupSchedulingStrategy
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task
+from cluster.request_queue import RequestQueue
 
 #: Deaths of actors on one and the same request after which it is given up: then it
 #: is the request (out of memory, say) and not the machine.
@@ -48,6 +48,8 @@ class EvaluationPool:
     def __init__(self, workers: int, **options: Any) -> None:
         self._options = {"num_cpus": 1, **options}
         self._actors = [self._spawn() for _ in range(workers)]
+        #: Seconds its actors have spent in evaluations.
+        self.kernel_seconds = 0.0
 
     @property
     def size(self) -> int:
@@ -83,6 +85,7 @@ class EvaluationPool:
         """
         results = []
         for result in self._results(task, architecture, psi, requests):
+            self.kernel_seconds += result.seconds
             results.append(result)
             on_result(result)
         return results
@@ -95,29 +98,34 @@ class EvaluationPool:
         requests: Sequence[EvaluationRequest],
     ) -> Iterator[EvaluationResult]:
         shared = [ray.put(item) for item in (task, architecture, psi)]
-        waiting = deque(requests)
+        waiting = RequestQueue(requests, self.size)
+        held: list[list[EvaluationRequest]] = [[] for _ in self._actors]  # oldest first
+        running: dict[Any, int] = {}  # reference -> actor
         deaths: dict[int, int] = {}
-        running: dict[Any, tuple[int, EvaluationRequest]] = {}  # reference -> (actor, request)
-        idle = list(range(len(self._actors)))
         while waiting or running:
-            while waiting and idle:
-                slot, request = idle.pop(), waiting.popleft()
-                reference = self._actors[slot].evaluate.remote(*shared, request)
-                running[reference] = (slot, request)
-            done, _ = ray.wait(list(running), num_returns=1)
-            slot, request = running.pop(done[0])
-            idle.append(slot)
+            for slot in sorted(range(self.size), key=lambda k: len(held[k])):  # idle ones first
+                while (request := waiting.take(held[slot])) is not None:
+                    running[self._actors[slot].evaluate.remote(*shared, request)] = slot
+                    held[slot].append(request)
+            (done,), _ = ray.wait(list(running), num_returns=1)
+            slot = running.pop(done)
             try:
-                yield ray.get(done[0])
+                result = ray.get(done)
             except RayActorError as error:
-                deaths[request.index] = deaths.get(request.index, 0) + 1
-                if deaths[request.index] >= MAX_DEATHS:
+                fatal = held[slot][0].index
+                deaths[fatal] = deaths.get(fatal, 0) + 1
+                if deaths[fatal] >= MAX_DEATHS:
                     raise RuntimeError(
-                        f"{MAX_DEATHS} actors died on evaluation {request.index}: {error}"
+                        f"{MAX_DEATHS} actors died on evaluation {fatal}: {error}"
                     ) from error
                 ray.kill(self._actors[slot])
                 self._actors[slot] = self._spawn()
-                waiting.appendleft(request)
+                running = {other: k for other, k in running.items() if k != slot}
+                waiting.put_back(held[slot])
+                held[slot] = []
+            else:
+                held[slot].pop(0)
+                yield result
 
 
 @contextmanager

@@ -37,6 +37,13 @@ class AgentHyperparameters(Validated):
             cls.agent = agent
             _BY_NAME[agent] = cls
 
+    @property
+    def step_cost(self) -> float:
+        """About what a gradient step costs, to tell long evaluations from short ones
+        before they are run; in multiplications. An agent that does not say is taken for
+        a large one, as it has no kernel."""
+        return 1e9
+
 
 def agent_names() -> tuple[str, ...]:
     """Agents whose hyperparameters are known."""
@@ -62,6 +69,13 @@ class _OffPolicy(AgentHyperparameters):
     hidden_size: int = ranged(1, 4096)
     activation: str = choice(ACTIVATIONS)
     replay_capacity: int = ranged(1, 100_000_000, 100_000)
+
+    @property
+    def step_cost(self) -> float:
+        """A minibatch's pass through the network, its first and last layer counted as
+        narrow."""
+        between = self.hidden_size * (self.hidden_layers - 1)
+        return float(self.batch_size * self.hidden_size * (between + 8))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -103,3 +117,8 @@ class TD3Hyperparameters(_OffPolicy, agent="td3"):
     target_noise: float = ranged(0.0, 10.0, 0.2)  # std. dev. of target smoothing
     target_noise_clip: float = ranged(0.0, 10.0, 0.5)
     initial_temperature: float = ranged(0.1, 10.0, 1.0)  # of the Gumbel-Softmax, learned
+
+    @property
+    def step_cost(self) -> float:
+        """Of the two critics."""
+        return 2 * super().step_cost
