@@ -14,7 +14,7 @@ from cluster.pool import EvaluationPool, placed_pool
 from cluster.progress import Terminal, duration, generation_line
 from cluster.ray_cluster import cluster_cores, ray_cluster, require_capacity
 from cluster.tracking import Tracker, plots
-from cluster.tracking.tracker import check_tracking_uri
+from cluster.tracking.tracker import check_tracking_uri, mlflow_imported_meanwhile
 
 #: Fresh agents that must solve the task on average for a run to stop early, and
 #: those that score the best SE at the end, with seeds of their own.
@@ -55,7 +55,7 @@ def run_nes(command: NESCommand) -> NESState:
     """
     folder = command.home.run_folder(command.task.id, command.name)
     check_tracking_uri(command.tracking_uri)
-    with Terminal() as terminal, ray_cluster(command.address):
+    with Terminal() as terminal, mlflow_imported_meanwhile(), ray_cluster(command.address):
         workers = command.workers or cluster_cores()
         require_capacity(workers)
         command.home.prepare()

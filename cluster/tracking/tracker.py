@@ -9,8 +9,10 @@ not logged twice.
 import json
 import logging
 import socket
+import threading
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -52,6 +54,25 @@ def check_tracking_uri(uri: str) -> None:
             f"tracking URI {uri!r} is not valid: allowed are http(s)://host:port, "
             "sqlite:///path and other database URIs"
         )
+
+
+@contextmanager
+def mlflow_imported_meanwhile() -> Iterator[None]:
+    """Within the block, MLflow is being imported in a thread: it takes seconds, which
+    whoever waits for the processes of a Ray cluster has to spare."""
+    thread = threading.Thread(target=_import_mlflow, name="import mlflow")
+    thread.start()
+    try:
+        yield
+    finally:
+        thread.join()  # an import must not be caught by the end of the process
+
+
+def _import_mlflow() -> None:
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        import mlflow
+        import mlflow.store.tracking.sqlalchemy_store  # noqa: F401
 
 
 class Tracker:
