@@ -68,7 +68,8 @@ class NESRun:
         nes = self.nes
         started = time.perf_counter()
         results = pool.run(self.task, nes.architecture, state.psi, nes.ask(state), on_result)
-        state = nes.tell(state, results, time.perf_counter() - started)
+        seconds = time.perf_counter() - started
+        state = nes.tell(state, results, seconds, cores=pool.size)
         state.save(self.folder / STATE_FILE)
         return state
 

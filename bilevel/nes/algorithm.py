@@ -125,11 +125,15 @@ class NES:
         return self.sample_agent(self.hp.agents, self.hp.vary_agent, self._seed(*path, _AGENT))
 
     def tell(
-        self, state: NESState, results: Sequence[EvaluationResult], seconds: float
+        self,
+        state: NESState,
+        results: Sequence[EvaluationResult],
+        seconds: float,
+        cores: int = 1,
     ) -> NESState:
         """The state after the generation that `ask(state)` asked for; its record is
-        the last of `records`. `results` may come in any order; `seconds` is how
-        long the generation took."""
+        the last of `records`. `results` may come in any order; they took
+        `seconds` on so many cores."""
         ordered = sorted(results, key=lambda result: result.index)
         parts = _scores(results).reshape(-1, self.hp.nes.population_size)
         members = MemberScores(parts[0], parts[1], parts[2] if len(parts) == 3 else None)
@@ -137,6 +141,7 @@ class NES:
         step = update_step(self.hp.nes, eps, members)
 
         centre = ordered[: self.hp.nes.population_size]
+        kernel_seconds = max(sum(r.seconds for r in ordered), 1e-9)
         record = GenerationRecord(
             generation=state.generation,
             score_mean=float(members.centre.mean()),
@@ -149,9 +154,9 @@ class NES:
             non_finite=sum(not result.finite for result in ordered),
             psi_norm=float(np.linalg.norm(state.psi)),
             update_norm=float(np.linalg.norm(step)),
-            env_steps_per_second=sum(r.train_steps for r in ordered)
-            / max(sum(r.seconds for r in ordered), 1e-9),
+            env_steps_per_second=sum(r.train_steps for r in ordered) / kernel_seconds,
             generation_seconds=seconds,
+            core_utilisation=kernel_seconds / (seconds * cores),
         )
         finalist = Finalist(
             state.psi, state.generation, record.score_mean, record.perturbed_score_mean

@@ -34,6 +34,7 @@ class GenerationRecord:
     update_norm: float
     env_steps_per_second: float  # of one core
     generation_seconds: float
+    core_utilisation: float  # share of the cores' time that was spent in evaluations
 
 
 #: SEs that a run keeps for the end.

@@ -124,6 +124,10 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             f"{len(self._journal.results)} results of {len(self._journal.configs)} configurations "
             f"({self._summary.model_based} proposed by the model)"
         )
+        line(
+            f"evaluations took {self._searcher.core_utilisation:.0%} of the cores' time while "
+            "trials ran"
+        )
         incumbent = self._summary.incumbent
         if incumbent is not None:
             values = self._summary.configuration(incumbent.id)
@@ -273,6 +277,8 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         tracker.log_text(parent, self._summary.bracket_table(), "brackets.md")
         for path in self._journal.paths:
             tracker.log_file(parent, path, "journal")
+        utilisation = {"core_utilisation": self._searcher.core_utilisation}
+        tracker.log_metrics(parent, utilisation, len(self._journal.results))
         incumbent = self._summary.incumbent
         if incumbent is not None:
             values = {

@@ -11,8 +11,8 @@ from ray.tune.search import Searcher
 
 from cluster.bohb.search import BracketSearch, Job
 
-#: Keys of what a trial reports.
-OBJECTIVE, BUDGET_REACHED = "objective", "budget_reached"
+#: Keys of what a trial reports; the seconds are those of its job so far.
+OBJECTIVE, BUDGET_REACHED, KERNEL_SECONDS = "objective", "budget_reached", "kernel_seconds"
 
 
 class DriverOnly:
@@ -25,19 +25,32 @@ class DriverOnly:
 
 class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
     """Hands out at most `concurrent` jobs at a time, none after `deadline`
-    (seconds of `time.monotonic`)."""
+    (seconds of `time.monotonic`); their evaluations run on `cores` cores."""
 
-    def __init__(self, search: BracketSearch, concurrent: int, deadline: float) -> None:
+    def __init__(self, search: BracketSearch, concurrent: int, cores: int, deadline: float) -> None:
         super().__init__(metric=OBJECTIVE, mode="max")
         self._search = search
         self._concurrent = concurrent
         self._deadline = deadline
+        self._cores = cores
+        self._started: float | None = None  # monotonic, when the first job was handed out
+        self._reported = 0.0  # likewise, when a trial last reported
+        self._kernel_seconds: dict[str, float] = {}  # by trial
         self.jobs: dict[str, Job] = {}  # of the live trials
 
     @property
     def time_is_up(self) -> bool:
         """Whether the deadline has passed."""
         return time.monotonic() >= self._deadline
+
+    @property
+    def core_utilisation(self) -> float:
+        """Share of the cores' time that was spent in evaluations, from the first job of
+        this process to the last report of a trial."""
+        if self._started is None or self._reported <= self._started:
+            return 0.0
+        spent = sum(self._kernel_seconds.values())
+        return spent / ((self._reported - self._started) * self._cores)
 
     def suggest(self, trial_id: str) -> dict[str, Any] | str | None:
         """The next job, None while there is nothing to start, FINISHED at the end."""
@@ -49,9 +62,15 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         if job is None:
             return None
         self.jobs[trial_id] = job
+        self._started = self._started or time.monotonic()
         return {
             "job": {"id": list(job.id), "configuration": job.configuration, "budget": job.budget}
         }
+
+    def on_trial_result(self, trial_id: str, result: dict[str, Any]) -> None:
+        """Count what the trial's cores did. (Tune does not call this for a last result.)"""
+        self._reported = time.monotonic()
+        self._kernel_seconds[trial_id] = float(result[KERNEL_SECONDS])
 
     def on_trial_complete(
         self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False
@@ -63,7 +82,9 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         if error or result is None:
             self._search.register(job, None, exception="the trial failed")
         elif result.get(BUDGET_REACHED):
-            self._search.register(job, -float(result[OBJECTIVE]))
+            self.on_trial_result(trial_id, result)
+            info = {"core_utilisation": round(self.core_utilisation, 4)}
+            self._search.register(job, -float(result[OBJECTIVE]), info)
         else:
             self._search.put_back(job)
 

@@ -27,7 +27,7 @@ from cluster.profiles import Profile, base_hyperparameters
 from cluster.progress import Terminal, duration
 from cluster.ray_cluster import cluster_cores, ray_cluster, require_capacity
 from cluster.tracking import Tracker
-from cluster.tracking.tracker import check_tracking_uri
+from cluster.tracking.tracker import check_tracking_uri, mlflow_imported_meanwhile
 from search_spaces import search_space
 
 #: Seconds of a time budget that are kept for the end: stopping the trials, scoring
@@ -107,7 +107,7 @@ def run_study(settings: StudySettings) -> int:
         else float("inf")
     )
     check_tracking_uri(settings.tracking_uri)
-    with Terminal() as terminal, ray_cluster(settings.address):
+    with Terminal() as terminal, mlflow_imported_meanwhile(), ray_cluster(settings.address):
         trials = concurrency(settings)
         settings.home.prepare()
         tracker = Tracker(settings.tracking_uri, settings.task.id, settings.home.artifacts)
@@ -133,7 +133,7 @@ def _run(
         journal,
         settings.model,
     )
-    searcher = BohbSearcher(search, trials, deadline)
+    searcher = BohbSearcher(search, trials, trials * settings.workers_per_trial, deadline)
     report = StudyReport(settings, identity, journal, searcher, tracker, terminal, brackets)
     report.begin(trials)
     status = "FAILED"

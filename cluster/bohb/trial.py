@@ -15,7 +15,7 @@ from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NESState
 from bilevel.tasks import Task
 from cluster.bohb.journal import ConfigId
-from cluster.bohb.searcher import BUDGET_REACHED, OBJECTIVE
+from cluster.bohb.searcher import BUDGET_REACHED, KERNEL_SECONDS, OBJECTIVE
 from cluster.nes_loop import NESRun
 from cluster.pool import EvaluationPool
 from search_spaces import to_hyperparameters
@@ -63,6 +63,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         self._budget = int(job["budget"])
         self._run = configuration_run(tuple(job["id"]), job["configuration"], *self._fixed)
         self._state: NESState | None = None
+        self._kernel_seconds_before = self._pool.kernel_seconds
         return True
 
     def step(self) -> dict[str, Any]:
@@ -78,6 +79,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
             "records": [asdict(record) for record in records],
             OBJECTIVE: state.objective,
             BUDGET_REACHED: reached,
+            KERNEL_SECONDS: self._pool.kernel_seconds - self._kernel_seconds_before,
             "done": reached,
         }
 

@@ -83,7 +83,7 @@ class TestTell:
             answer(r, s, finite=i != 8)
             for i, (r, s) in enumerate(zip(nes.ask(state), scores, strict=True))
         ]
-        record = nes.tell(state, results, 2.5).records[-1]
+        record = nes.tell(state, results, 2.5, cores=2).records[-1]
         assert record.score_mean == pytest.approx(230 / 3)
         assert record.score_best == 200
         assert record.perturbed_score_mean == 3.5
@@ -91,6 +91,7 @@ class TestTell:
         assert record.non_finite == 1
         assert record.env_steps_per_second == pytest.approx(10_000)
         assert record.generation_seconds == 2.5
+        assert record.core_utilisation == pytest.approx(9 * 0.01 / (2.5 * 2))
 
     def test_best_is_kept_when_the_run_degrades(self, nes: NES) -> None:
         states = [nes.start()]
