@@ -8,7 +8,7 @@ INSTALLED := $(VENV)/.installed
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot ui test check format clean
+.PHONY: help setup bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot ui test check bench format clean
 
 help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /|/' | column -t -s '|'
@@ -47,6 +47,11 @@ check: $(INSTALLED) ## Format, lint and types
 	@$(BIN)/ruff format --check --quiet .
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/mypy bilevel search_spaces cluster tests benchmarks
+
+bench: $(INSTALLED) ## All speed measurements in turn, on a quiet machine; rewrites results and tables
+	@for measurement in inner_loop generation handing_out startup utilisation readme; do \
+		$(BIN)/python -m benchmarks.$$measurement || exit 1; \
+	done
 
 format: $(INSTALLED) ## Format and sort imports
 	@$(BIN)/ruff check --fix --quiet .

@@ -5,7 +5,6 @@ and how far the kernel is from the least time its arithmetic can take (`bound`).
     python -m benchmarks.inner_loop
 """
 
-import statistics
 import time
 from dataclasses import asdict, replace
 from typing import Any
@@ -15,7 +14,7 @@ import torch
 from threadpoolctl import threadpool_limits
 
 from benchmarks.bound import Core, measure_core, step_work
-from benchmarks.machine import write_result
+from benchmarks.machine import spread, write_result
 from bilevel.agents import get_agent
 from bilevel.agents.agent import agent_seeds
 from bilevel.agents.environments import KernelEnvironment
@@ -119,15 +118,6 @@ def measure(
         "ratio": spread([t / k for k, t in pairs]),
         "bound_us": round(bound, 2),
         "over_bound": spread([k / bound for k, _ in pairs]),
-    }
-
-
-def spread(values: list[float]) -> dict[str, float]:
-    """Median, lowest and highest."""
-    return {
-        "median": round(statistics.median(values), 2),
-        "low": round(min(values), 2),
-        "high": round(max(values), 2),
     }
 
 

@@ -11,7 +11,7 @@ from bilevel.evaluation import EvaluationRequest
 
 #: A busy actor gets its next request early while all that wait would keep every actor
 #: busy for so many times what that one would then have to do (docs/speed.md).
-_MARGIN = 1.5
+EARLY_MARGIN = 1.5
 
 
 class RequestQueue:
@@ -44,7 +44,7 @@ class RequestQueue:
         request = self._waiting[0]
         if held:
             kept_busy = self._cost / self._actors
-            if kept_busy < _MARGIN * (_cost(held[0]) + _cost(request)):
+            if kept_busy < EARLY_MARGIN * (_cost(held[0]) + _cost(request)):
                 return None
         self._waiting.popleft()
         self._cost -= _cost(request)

@@ -25,14 +25,20 @@ class DriverOnly:
 
 class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
     """Hands out at most `concurrent` jobs at a time, none after `deadline`
-    (seconds of `time.monotonic`); their evaluations run on `cores` cores."""
+    (seconds of `time.monotonic`); each has `workers_per_trial` cores."""
 
-    def __init__(self, search: BracketSearch, concurrent: int, cores: int, deadline: float) -> None:
+    def __init__(
+        self,
+        search: BracketSearch,
+        concurrent: int,
+        deadline: float,
+        workers_per_trial: int = 1,
+    ) -> None:
         super().__init__(metric=OBJECTIVE, mode="max")
         self._search = search
         self._concurrent = concurrent
         self._deadline = deadline
-        self._cores = cores
+        self._workers_per_trial = workers_per_trial
         self._started: float | None = None  # monotonic, when the first job was handed out
         self._reported = 0.0  # likewise, when a trial last reported
         self._kernel_seconds: dict[str, float] = {}  # by trial
@@ -49,8 +55,9 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         this process to the last report of a trial."""
         if self._started is None or self._reported <= self._started:
             return 0.0
+        cores = self._concurrent * self._workers_per_trial
         spent = sum(self._kernel_seconds.values())
-        return spent / ((self._reported - self._started) * self._cores)
+        return spent / ((self._reported - self._started) * cores)
 
     def suggest(self, trial_id: str) -> dict[str, Any] | str | None:
         """The next job, None while there is nothing to start, FINISHED at the end."""
@@ -70,7 +77,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
     def on_trial_result(self, trial_id: str, result: dict[str, Any]) -> None:
         """Count what the trial's cores did. (Tune does not call this for a last result.)"""
         self._reported = time.monotonic()
-        self._kernel_seconds[trial_id] = float(result[KERNEL_SECONDS])
+        self._kernel_seconds[trial_id] = float(result.get(KERNEL_SECONDS, 0.0))
 
     def on_trial_complete(
         self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False

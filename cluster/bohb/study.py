@@ -133,7 +133,7 @@ def _run(
         journal,
         settings.model,
     )
-    searcher = BohbSearcher(search, trials, trials * settings.workers_per_trial, deadline)
+    searcher = BohbSearcher(search, trials, deadline, settings.workers_per_trial)
     report = StudyReport(settings, identity, journal, searcher, tracker, terminal, brackets)
     report.begin(trials)
     status = "FAILED"

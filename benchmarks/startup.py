@@ -1,0 +1,154 @@
+"""From the command `bilevel nes CartPole-v0` to its first evaluation, part by part; what an
+SE file takes to load, the test on the real task to run, and an actor in memory.
+
+    python -m benchmarks.startup
+
+The command is run by `watched_command`, which tells when it has come to each part.
+"""
+
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.machine import spread, write_result
+from benchmarks.watched_command import PARTS
+from bilevel.agents import get_agent
+from bilevel.evaluation import EvaluationRequest, evaluate
+from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_preset
+from bilevel.kernels import training
+from bilevel.kernels.environment import environment
+from bilevel.synthetic_env import Architecture, StoredSE, kernel_form, load_se, save_se
+from bilevel.tasks import get_task
+
+REPEATS = 3
+
+
+def start(home: Path) -> dict[str, float]:
+    """Seconds of each part of one start, and of all together."""
+    arguments = ["nes", "CartPole-v0", "--home", str(home)]
+    command = [sys.executable, "-m", "benchmarks.watched_command", str(time.time()), *arguments]
+    done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
+    times = dict(json.loads(line) for line in done.stdout.splitlines() if line.startswith('["'))
+    ends = [times[part] for part in PARTS]
+    lengths = np.diff([0.0, *ends]).tolist()
+    return {**dict(zip(PARTS, lengths, strict=True)), "all": ends[-1]}
+
+
+def starts(fresh: bool) -> dict[str, dict[str, float]]:
+    """`REPEATS` starts, each in a fresh home, or all in one that has been used before."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for i in range(REPEATS + (not fresh)):
+            rows.append(start(Path(folder) / (str(i) if fresh else "home")))
+            print(rows[-1], flush=True)
+    return {part: spread([row[part] for row in rows[-REPEATS:]]) for part in rows[0]}
+
+
+def se_load_milliseconds() -> float:
+    """Of a file with the SE of the tuned CartPole run."""
+    task, hp = get_task("CartPole-v0"), load_preset("tuned", "CartPole-v0")
+    shape = Architecture.of(task, hp.se)
+    psi = shape.initialize(np.random.default_rng(0))
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "se.safetensors"
+        se = StoredSE(shape, psi, task.id, task.step_limit, task.solved_reward, {})
+        save_se(se, path)
+        return _milliseconds(lambda: load_se(path), 200)
+
+
+def real_task_milliseconds(task_id: str) -> float:
+    """Of the ten test episodes of the Table 1 agent on the real task, each as long as it
+    may be: the agent is untrained, so the time is taken per step."""
+    task, hp = get_task(task_id), load_preset("tuned", task_id)
+    (agent_hp,) = hp.agents
+    build = get_agent(agent_hp.agent).build_kernel
+    assert build is not None
+    agent = build(agent_hp, task.state_size, task.n_actions, np.random.default_rng(0))
+    shape = Architecture.of(task, hp.se)
+    psi = shape.initialize(np.random.default_rng(0))
+    env = environment(
+        kernel_form(shape, psi),
+        False,
+        task.dynamics,
+        task.state_size,
+        task.step_limit,
+        task.solved_reward,
+        task.initial_physics(np.random.default_rng(1), 100),
+    )
+    returns = training.test_returns(agent, env, 100)
+    per_step = (
+        _milliseconds(lambda: training.test_returns(agent, env, 100), 5) / np.abs(returns).sum()
+    )
+    return float(per_step * task.step_limit * agent_hp.test_episodes)
+
+
+def _milliseconds(action: Callable[[], Any], times: int) -> float:
+    started = time.perf_counter()
+    for _ in range(times):
+        action()
+    return (time.perf_counter() - started) / times * 1e3
+
+
+class _Actor:
+    """An actor as the pool has it, that also tells its peak memory."""
+
+    def run(self, task_id: str, hp: Hyperparameters, seeds: int) -> float:
+        """MiB after some evaluations."""
+        task = get_task(task_id)
+        shape = Architecture.of(task, hp.se)
+        for seed in range(seeds):
+            evaluate(task, shape, None, EvaluationRequest(0, seed, hp.agents[0], start_seed=seed))
+        return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+
+
+def actor_mebibytes() -> dict[str, float]:
+    """Peak resident memory of an actor by what it evaluates."""
+    import ray
+
+    from cluster.ray_cluster import ray_cluster
+
+    tuned, large = load_preset("tuned", "CartPole-v0"), load_preset("default", "CartPole-v0")
+    (agent,) = large.agents
+    assert isinstance(agent, DDQNHyperparameters)
+    widest = replace(agent, hidden_layers=3, hidden_size=384, batch_size=384, max_episodes=15)
+    cases = {
+        "CartPole, Table 1": (tuned, 4),
+        "CartPole, 3 x 384, batch 384": (replace(large, agents=(widest,)), 1),
+    }
+    with ray_cluster("local"):
+        peaks = {}
+        for name, (hp, seeds) in cases.items():
+            actor = ray.remote(_Actor).options(num_cpus=1).remote()
+            peaks[name] = round(ray.get(actor.run.remote("CartPole-v0", hp, seeds)), 1)
+            ray.kill(actor)
+    return peaks
+
+
+def main() -> None:
+    """Measure all of it, write `results/startup.json`."""
+    result = {
+        "repeats": REPEATS,
+        "parts": list(PARTS),
+        "seconds": {"first time": starts(fresh=True), "again": starts(fresh=False)},
+        "se_load_ms": round(se_load_milliseconds(), 3),
+        "real_task_ms": {
+            task_id: round(real_task_milliseconds(task_id), 2)
+            for task_id in ("CartPole-v0", "Acrobot-v1")
+        },
+        "actor_peak_mib": actor_mebibytes(),
+    }
+    print(result)
+    print(f"written to {write_result('startup', 'python -m benchmarks.startup', result)}")
+
+
+if __name__ == "__main__":
+    main()

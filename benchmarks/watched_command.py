@@ -1,0 +1,56 @@
+"""The command `bilevel`, telling when it has come to each part of its start, as JSON lines
+of part and seconds; it is stopped at its first evaluation.
+
+    python -m benchmarks.watched_command BEGUN nes CartPole-v0 ...
+
+BEGUN is when the process was started, unix time in seconds.
+"""
+
+import json
+import sys
+import time
+from typing import Any
+
+#: What the command comes to, in this order.
+PARTS = ("python", "imports", "ray", "mlflow and actors", "first evaluation")
+
+
+def main() -> None:
+    """Run the command in this process."""
+    begun = float(sys.argv.pop(1))
+
+    def tell(part: str, at: float | None = None) -> None:
+        print(json.dumps([part, (at or time.time()) - begun]), flush=True)
+
+    tell("python")
+    import ray
+
+    import cluster.cli
+    import cluster.nes_command
+    from cluster.pool import EvaluationPool
+
+    tell("imports")
+    ray_init, pool_run = ray.init, EvaluationPool.run
+
+    def init(*args: Any, **kwargs: Any) -> Any:
+        result = ray_init(*args, **kwargs)
+        tell("ray")
+        return result
+
+    def run(
+        pool: EvaluationPool, task: Any, architecture: Any, psi: Any, requests: Any, *_: Any
+    ) -> Any:
+        def stop(result: Any) -> None:
+            tell("mlflow and actors", time.time() - result.seconds)
+            tell("first evaluation")
+            raise KeyboardInterrupt
+
+        return pool_run(pool, task, architecture, psi, requests, stop)
+
+    ray.init = init
+    EvaluationPool.run = run  # type: ignore[assignment,method-assign]
+    cluster.cli.main()
+
+
+if __name__ == "__main__":
+    main()
