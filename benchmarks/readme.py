@@ -9,6 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from benchmarks import agent_tables
 from benchmarks.machine import RESULTS
 from benchmarks.scaling import tables as scaling
 
@@ -95,6 +96,7 @@ def bohb() -> str:
 #: The documents, and the tables in each by the name of their place in it.
 DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     ROOT / "README.md": {"bohb": bohb, "inner-loop": inner_loop, "nes-seeds": nes_seeds},
+    ROOT / "docs" / "agents.md": agent_tables.TABLES,
     ROOT / "docs" / "scaling.md": scaling.TABLES,
 }
 

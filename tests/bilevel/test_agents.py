@@ -1,6 +1,5 @@
 """One suite for every agent: the built-in ones, and the one that docs/agents.md walks through."""
 
-import re
 import sys
 from collections.abc import Iterator
 from dataclasses import fields, replace
@@ -10,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.transfer import documented_agent
 from bilevel import InvalidInput
 from bilevel.agents import agent as registry
 from bilevel.agents import get_agent, registered_agents
@@ -21,15 +21,7 @@ from bilevel.tasks import Task, get_task
 from cluster.agent_files import load_agent_file
 from search_spaces import draw_agent, search_space
 
-DOCUMENT = Path(__file__).parents[2] / "docs" / "agents.md"
 AGENTS = ("ddqn", "dueling-ddqn", "td3", "reinforce")
-
-
-def documented_agent() -> str:
-    """The code of docs/agents.md."""
-    found = re.search(r"```python\n(.*?)```", DOCUMENT.read_text(), re.DOTALL)
-    assert found is not None
-    return found[1]
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from benchmarks.transfer import documented_agent
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.nes import NESState
 from bilevel.synthetic_env import Architecture, StoredSE, save_se
 from bilevel.tasks import get_task
-from tests.bilevel.test_agents import documented_agent
 from tests.system.conftest import client, run, run_until
 
 pytestmark = pytest.mark.timeout(280)
