@@ -62,7 +62,7 @@ def main() -> None:
             options.agents,
             vary,
             options.seed,
-            f"transfer-{'+'.join(names)}",
+            f"transfer-{'-'.join(names)}",
             home,
             home.database_uri,
         )

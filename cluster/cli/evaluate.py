@@ -75,7 +75,7 @@ def evaluate(
     if max_episodes is not None:
         kinds = tuple(replace(hp, max_episodes=max_episodes) for hp in kinds)
     varied = "-vary-hp" if vary_hp else ""
-    among = "+".join(hp.agent for hp in kinds)
+    among = "-".join(hp.agent for hp in kinds)
     run_evaluate(
         EvaluateCommand(
             task,
@@ -84,7 +84,7 @@ def evaluate(
             count,
             vary_hp,
             common.seed,
-            name or f"evaluate-{'+'.join(sources)}-{among}{varied}-seed{common.seed}"[:80],
+            name or f"evaluate-{'-'.join(sources)}-{among}{varied}-seed{common.seed}"[:80],
             Home(common.home),
             common.uri(),
             workers,

@@ -119,4 +119,4 @@ class RunOptions:
 
 def agent_suffix(agents: tuple[str, ...]) -> str:
     """What the agents add to a default name: nothing for the paper's."""
-    return "" if agents == ("ddqn",) else f"-{'+'.join(agents)}"
+    return "" if agents == ("ddqn",) else f"-{'-'.join(agents)}"

@@ -81,12 +81,11 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path) -> 
 
 def test_a_killed_evaluation_goes_on(tmp_path: Path, se_file: Path) -> None:
     command = ("evaluate", se_file, "--agents", "8", *FEW, "--home", tmp_path / "killed")
-    process = run_until("fresh ddqn agents", *command)
     path = tmp_path / "killed" / "CartPole-v0" / "few" / "results.jsonl"
-    while not path.exists() or path.read_bytes().count(b"\n") < 2:
-        assert process.poll() is None
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
+    with run_until("fresh ddqn agents", *command) as process:
+        while not path.exists() or path.read_bytes().count(b"\n") < 2:
+            assert process.poll() is None
+        os.killpg(process.pid, signal.SIGKILL)
     with path.open("ab") as file:
         file.write(b'["my_se", "ddqn", 7, {"test_ret')  # a line cut short
     again = run(*command)
@@ -122,7 +121,7 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path) -> None:
         (("--real", "CartPole-v0", "--agent", "dqn"), "unknown agent 'dqn': allowed are ddqn"),
         (("--real", "CartPole-v0", "--agent", "td3,td3"), "each once"),
         (("SE", "--real", "Acrobot-v1"), "sources of several tasks: Acrobot-v1, CartPole-v0"),
-        (("SE", "SE"), "two sources are called"),
+        (("SE", "SE", "SE"), "two sources are called"),
         (("SE", "--agents", "0"), "0 is not in the range"),
     ],
 )
