@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -105,23 +106,8 @@ def violins(groups: Sequence[Group], task: Task) -> Figure:
             )
             axes.scatter([place], [values.mean()], marker="D", s=22, color=colour, zorder=3)
         s = group.summary()
-        returns.annotate(
-            f"{s['test_returns_mean']:.1f}",
-            (place, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(0, 4),
-            textcoords="offset points",
-            ha="center",
-        )
-        steps.annotate(
-            f"{s['train_steps_mean']:.0f} ± {s['train_steps_std']:.0f}",
-            (place, 1.0),
-            xycoords=("data", "axes fraction"),
-            xytext=(0, 3),
-            textcoords="offset points",
-            ha="center",
-            fontsize="small",
-        )
+        _above(returns, place, f"{s['test_returns_mean']:.1f}")
+        _above(steps, place, f"{s['train_steps_mean']:.0f} ± {s['train_steps_std']:.0f}")
     returns.axhline(task.solved_reward, color="#d9822b", ls="--", lw=1, label="solved")
     returns.set_ylabel(f"test return on {task.id}")
     returns.legend(frameon=False, fontsize="small", loc="lower left")
@@ -132,3 +118,15 @@ def violins(groups: Sequence[Group], task: Task) -> Figure:
     for axes in (returns, steps):
         axes.spines[["top", "right"]].set_visible(False)
     return figure
+
+
+def _above(axes: Axes, place: int, text: str) -> None:
+    axes.annotate(
+        text,
+        (place, 1.0),
+        xycoords=("data", "axes fraction"),
+        xytext=(0, 3),
+        textcoords="offset points",
+        ha="center",
+        fontsize="small",
+    )
