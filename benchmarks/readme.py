@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import agent_tables
+from benchmarks import speed_tables as speed
 from benchmarks.machine import RESULTS
 from benchmarks.scaling import tables as scaling
 
@@ -98,6 +99,7 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     ROOT / "README.md": {"bohb": bohb, "inner-loop": inner_loop, "nes-seeds": nes_seeds},
     ROOT / "docs" / "agents.md": agent_tables.TABLES,
     ROOT / "docs" / "scaling.md": scaling.TABLES,
+    ROOT / "docs" / "speed.md": speed.TABLES,
 }
 
 

@@ -42,6 +42,9 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     assert len(results(home)) == 6
     assert "bracket 1/2 rung 2/2    3 generations  objective" in output
     assert "4 fresh agents trained on the best SE score" in output
+    assert "of the cores' time while trials ran" in output
+    journal = Journal(home / "CartPole-v0" / "smoke")
+    assert all(0 < line.info["core_utilisation"] < 1 for line in journal.results)
     folders = sorted((home / "CartPole-v0" / "smoke" / "configurations").iterdir())
     budgets = [NESState.load(folder / "state.safetensors").generation for folder in folders]
     assert sorted(budgets) == [1, 1, 3, 3, 3]
@@ -62,6 +65,7 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
     assert {r.data.tags["mlflow.parentRunId"] for r in children} == {parent.info.run_id}
     assert "BOHB over NES" in parent.data.tags["mlflow.note.content"]
     assert parent.data.metrics["final_score_mean"] > 0
+    assert 0 < parent.data.metrics["core_utilisation"] < 1
     names = {file.path for file in mlflow_client.list_artifacts(parent.info.run_id)}
     assert {
         "objective_against_cost.png",

@@ -59,6 +59,8 @@ def test_a_run_its_tracking_and_its_continuation(
             history = mlflow_client.get_metric_history(tracked.info.run_id, name)
             assert [metric.step for metric in history] == [0, 1, 2], name
             assert [metric.value for metric in history] == values, name
+    shares = mlflow_client.get_metric_history(tracked.info.run_id, "core_utilisation")
+    assert all(0 < metric.value < 1 for metric in shares)
     names = {file.path for file in mlflow_client.list_artifacts(tracked.info.run_id)}
     assert {"best_se.safetensors", "last_se.safetensors", "learning_curve.png"} <= names
 

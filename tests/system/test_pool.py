@@ -48,13 +48,18 @@ def parent(pid: int) -> int:
     return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
 
-def test_any_number_of_actors_gives_what_a_loop_gives(nes: NES) -> None:
+def test_any_number_of_actors_gives_what_a_loop_gives(nes: NES, small_hp: Hyperparameters) -> None:
+    """Agents differ, so that they are handed out in another order than asked for."""
     state = nes.start()
-    requests = nes.ask(state)
+    requests = [
+        replace(r, agent=replace(ddqn(small_hp), batch_size=8 * (1 + r.index)))
+        for r in nes.ask(state)
+    ]
     looped = [evaluate(nes.task, nes.architecture, state.psi, r) for r in requests]
     for workers in (1, 2):
         with placed_pool(workers) as pool:
             results = pool.run(nes.task, nes.architecture, state.psi, requests)
+            assert pool.kernel_seconds == pytest.approx(sum(r.seconds for r in results))
         assert without_times(results) == without_times(looped)
 
 
