@@ -8,7 +8,7 @@ INSTALLED := $(VENV)/.installed
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot ui test check bench format clean
+.PHONY: help setup bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot up status down studies ui test check bench format clean
 
 help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /|/' | column -t -s '|'
@@ -36,6 +36,18 @@ nes-cartpole: $(INSTALLED) ## One NES run on CartPole-v0 with tuned hyperparamet
 
 nes-acrobot: $(INSTALLED) ## The same on Acrobot-v1
 	@$(BIN)/bilevel nes Acrobot-v1 $(ARGS)
+
+up: $(INSTALLED) ## Start Ray and MLflow in the background: the studies then join them
+	@$(BIN)/bilevel up $(ARGS)
+
+status: $(INSTALLED) ## How they are
+	@$(BIN)/bilevel status $(ARGS)
+
+down: $(INSTALLED) ## Stop them
+	@$(BIN)/bilevel down $(ARGS)
+
+studies: $(INSTALLED) ## The studies so far: state, progress, best score
+	@$(BIN)/bilevel studies $(ARGS)
 
 ui: $(INSTALLED) ## The MLflow UI on these runs
 	@$(BIN)/bilevel ui $(ARGS)

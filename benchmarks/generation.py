@@ -14,7 +14,8 @@ kernels   evaluations (`EvaluationResult.seconds`)
 waiting   actors that have nothing left to do while others end the last evaluations
 ray       the rest of the pool's time: requests and results on their way
 python    ask, tell and the checkpoint, during which all actors are idle
-mlflow    likewise, the record on its way to MLflow's database
+mlflow    likewise, the record on its way to MLflow's database (in a run of the product
+          that is a thread's, beside the next generation)
 """
 
 import statistics
@@ -34,9 +35,9 @@ from bilevel.nes import NESState
 from bilevel.tasks import get_task
 from cluster.home import Home
 from cluster.nes_loop import NESRun
-from cluster.pool import EvaluationPool, placed_pool
+from cluster.pool import EvaluationPool
 from cluster.ray_cluster import ray_cluster
-from cluster.tracking import Tracker
+from cluster.tracking import Point, RunView, Tracker
 
 #: Generations to be compared: early and late ones.
 CASES = {"CartPole-v0": (2, 12, 22), "Acrobot-v1": (1, 5)}
@@ -71,7 +72,7 @@ class Parts:
 
 
 def generation(
-    run: NESRun, state: NESState, pool: EvaluationPool, tracker: Tracker, run_id: str
+    run: NESRun, state: NESState, pool: EvaluationPool, tracker: Tracker, name: str
 ) -> tuple[NESState, float, Parts]:
     """The state after one generation, its seconds, and its parts."""
     ends: list[float] = []
@@ -88,7 +89,8 @@ def generation(
     started = time.perf_counter()
     state = run.advance(state, pool, on_result)
     told = time.perf_counter()
-    tracker.log_generations(run_id, state.records[-1:])
+    point = Point.of(state.records[-1])
+    tracker.show(RunView(name, name, "RUNNING", point.time, None, {}, {}, (point,)))
     seconds = time.perf_counter() - started
 
     actors = pool.size
@@ -108,12 +110,11 @@ def measure(task_id: str, generations: Sequence[int], home: Home) -> dict[str, A
     run = NESRun(get_task(task_id), hp, 0, home.folder / task_id)
     tracker = Tracker(home.database_uri, task_id, home.artifacts)
     states, along = [], []
-    with placed_pool(ACTORS[-1]) as pool:
+    with EvaluationPool(ACTORS[-1]) as pool:
         state = run.open(pool)
-        run_id = tracker.open_run(task_id, task_id, {}, {})
         while state.generation <= max(generations):
             states.append(state)
-            state, _, parts = generation(run, state, pool, tracker, run_id)
+            state, _, parts = generation(run, state, pool, tracker, task_id)
             along.append(parts)
     states.append(state)
 
@@ -122,13 +123,12 @@ def measure(task_id: str, generations: Sequence[int], home: Home) -> dict[str, A
     for repeat in range(REPEATS):
         for actors in ACTORS:
             name = f"{task_id}, {actors} actors, repeat {repeat}"
-            run_id = tracker.open_run(name, name, {}, {})
             spent: list[float] = []
             measured: list[Parts] = []
-            with placed_pool(actors) as pool:
+            with EvaluationPool(actors) as pool:
                 pool.run(run.task, run.nes.architecture, states[0].psi, run.nes.ask(states[0]))
                 for number in generations:
-                    after, wall, parts = generation(run, states[number], pool, tracker, run_id)
+                    after, wall, parts = generation(run, states[number], pool, tracker, name)
                     np.testing.assert_array_equal(after.psi, states[number + 1].psi)
                     spent.append(wall)
                     measured.append(parts)

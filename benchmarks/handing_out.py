@@ -12,7 +12,7 @@ from bilevel.hyperparameters import load_preset
 from bilevel.nes import NES
 from bilevel.tasks import get_task
 from cluster import request_queue
-from cluster.pool import placed_pool
+from cluster.pool import EvaluationPool
 from cluster.ray_cluster import ray_cluster
 
 REPEATS = 7
@@ -31,7 +31,7 @@ def main() -> None:
         for request in nes.ask(nes.start())
     ]
     beyond: dict[str, list[float]] = {name: [] for name in MARGINS}
-    with ray_cluster("local"), placed_pool(1) as pool:
+    with ray_cluster("local"), EvaluationPool(1) as pool:
         pool.run(task, nes.architecture, psi, requests)
         for _ in range(REPEATS):
             for name, margin in MARGINS.items():

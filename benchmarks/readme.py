@@ -11,6 +11,7 @@ from typing import Any
 
 from benchmarks import agent_tables
 from benchmarks import speed_tables as speed
+from benchmarks.faults import tables as faults
 from benchmarks.machine import RESULTS
 from benchmarks.scaling import tables as scaling
 
@@ -100,6 +101,7 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     ROOT / "docs" / "agents.md": agent_tables.TABLES,
     ROOT / "docs" / "scaling.md": scaling.TABLES,
     ROOT / "docs" / "speed.md": speed.TABLES,
+    ROOT / "docs" / "reliability.md": faults.TABLES,
 }
 
 

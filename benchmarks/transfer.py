@@ -22,6 +22,7 @@ from cluster.evaluation_report import as_json
 from cluster.final import BEST_FILE
 from cluster.home import Home
 from cluster.nes_command import NESCommand, run_nes
+from cluster.nes_loop import NESRun
 
 ROOT = Path(__file__).parent.parent
 
@@ -48,9 +49,9 @@ def main() -> None:
     load_agent_file(file)
 
     hp = load_preset(best_preset(task.id), task.id)
-    run = NESCommand(task, hp, options.seed, "transfer", home, home.database_uri)
-    state = run_nes(run)
-    se = load_se(home.run_folder(task.id, "transfer") / BEST_FILE)
+    run = NESRun(task, hp, options.seed, home.run_folder(task.id, "transfer"))
+    state = run_nes(NESCommand(run, home, home.database_uri))
+    se = load_se(run.folder / BEST_FILE)
 
     rows = []
     for names, vary in ((("ddqn", "dueling-ddqn", "td3"), True), (("reinforce",), False)):

@@ -1,12 +1,21 @@
-"""The one kind of error that is the caller's to mend."""
+"""The one kind of error that is the caller's to mend: bad values, and full disks."""
 
 from collections.abc import Iterable
+from pathlib import Path
 
 
 class InvalidInput(ValueError):
     """A value from outside is not allowed. The message is one line that says
     what, which value, and what is allowed; the command line prints it and exits
     with code 2."""
+
+
+class StorageFailure(InvalidInput):
+    """The disk is full, read-only or broken. Nothing was half-written, and what is on
+    disk counts: once there is room, the same command goes on."""
+
+    def __init__(self, path: Path, error: OSError) -> None:
+        super().__init__(f"cannot write {str(path)!r}: {error.strerror or error}")
 
 
 def one_of(what: str, value: object, allowed: Iterable[object]) -> InvalidInput:

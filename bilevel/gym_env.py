@@ -31,7 +31,9 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         from bilevel.tasks import get_task
 
         se = load_se(Path(path))
-        self._task = get_task(se.task_id, se.solved_reward, se.step_limit)
+        # gymnasium would import a module named in an id: a file must not have that done.
+        task_id = se.task_id.rpartition(":")[2]
+        self._task = get_task(task_id, se.solved_reward, se.step_limit)
         self._kernel = kernel_form(se.architecture, se.psi)
         self._work = np.zeros((2, 3 * se.architecture.hidden_size), np.float32)
         self._state = np.zeros(se.architecture.state_size, np.float32)

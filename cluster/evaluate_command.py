@@ -11,6 +11,7 @@ Performance of SE-trained Agents").
 """
 
 import json
+import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -18,24 +19,38 @@ from typing import Any
 
 import numpy as np
 
+from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.synthetic_env import StoredSE
-from bilevel.synthetic_env.storage import write_aside
 from bilevel.tasks import Task
 from cluster.evaluation_report import Group, as_json, as_table, violins
-from cluster.home import Home, locked_settings
-from cluster.pool import EvaluationPool, placed_pool
+from cluster.home import Home
+from cluster.lines import Lines
+from cluster.live_run import live_run
+from cluster.pool import EvaluationPool
 from cluster.progress import Terminal
-from cluster.ray_cluster import cluster_cores, ray_cluster, require_capacity
+from cluster.ray_cluster import (
+    cluster_cores,
+    ray_cluster,
+    require_capacity,
+    require_server_for_nodes,
+)
+from cluster.run_folder import Begun, Final, add_final, locked_settings
 from cluster.tracking import Tracker
-from cluster.tracking.tracker import check_tracking_uri
+from cluster.tracking.tracker import check_tracking_uri, mlflow_imported_meanwhile
+from cluster.views.evaluation import (
+    KIND,
+    PICTURE_FILE,
+    REPORT_FILE,
+    RESULTS_FILE,
+    EvaluationViews,
+)
+from cluster.views.nes import png
 from search_spaces import draw_agent
 
 #: Names the seeds apart from all others that a run derives.
 _EVALUATE = 0x4556_414C
-
-RESULTS_FILE, REPORT_FILE, PICTURE_FILE = "results.jsonl", "report.json", "violins.png"
 
 
 @dataclass(frozen=True)
@@ -57,7 +72,8 @@ class EvaluateCommand:
     def settings(self) -> dict[str, Any]:
         """What must stay the same when it is continued; more agents may be added."""
         return {
-            "task": self.task.id,
+            "kind": KIND,
+            "task": asdict(self.task),
             "seed": self.seed,
             "vary": self.vary,
             "sources": {
@@ -75,14 +91,15 @@ def run_evaluate(command: EvaluateCommand) -> list[Group]:
     """
     folder = command.home.run_folder(command.task.id, command.name)
     check_tracking_uri(command.tracking_uri)
-    with Terminal() as terminal, ray_cluster(command.address):
+    with Terminal() as terminal, mlflow_imported_meanwhile(), ray_cluster(command.address):
         workers = command.workers or cluster_cores()
         require_capacity(workers)
+        require_server_for_nodes(command.tracking_uri)
         command.home.prepare()
-        with placed_pool(workers) as pool:
+        with EvaluationPool(workers) as pool:
             tracker = Tracker(command.tracking_uri, command.task.id, command.home.artifacts)
-            with locked_settings(folder, command.settings()) as identity:
-                return _Evaluation(command, folder, pool, tracker, terminal).go(identity)
+            with locked_settings(folder, command.settings()) as begun:
+                return _Evaluation(command, folder, begun, pool, tracker, terminal).go()
 
 
 @dataclass
@@ -91,73 +108,57 @@ class _Evaluation:
 
     command: EvaluateCommand
     folder: Path
+    begun: Begun
     pool: EvaluationPool
     tracker: Tracker
     terminal: Terminal
 
-    def go(self, identity: str) -> list[Group]:
-        """From what is on disk to the report, under the run `identity` in MLflow."""
+    def go(self) -> list[Group]:
+        """From what is on disk to the report."""
         command, line = self.command, self.terminal.line
-        kinds = {hp.agent: asdict(hp) for hp in command.kinds}
-        run_id = self.tracker.open_run(
-            identity,
-            command.name,
-            {"agents": kinds, "vary": command.vary, "seed": command.seed, "task": command.task.id},
-            {"bilevel.kind": "evaluate"},
-            description=f"{command.agents} fresh agents of each kind on {_list(command.sources)}, "
-            f"tested on {command.task.id}.",
-        )
         line(
-            f"{command.agents} fresh {_list(kinds)} agents on {_list(command.sources)}, tested on "
-            f"{command.task.id}; {self.pool.size} worker(s), seed {command.seed}"
+            f"{command.agents} fresh {_list(hp.agent for hp in command.kinds)} agents on "
+            f"{_list(command.sources)}, tested on {command.task.id}; {self.pool.size} worker(s), "
+            f"seed {command.seed}"
         )
         line(f"folder {self.folder}; to look at it: {self.tracker.address}")
-        status = "KILLED"
+        views = EvaluationViews(self.folder, self.begun, live=True)
         try:
-            groups = self._groups()
-            self._report(groups, run_id)
-            status = "FINISHED"
-            return groups
+            with live_run(self.folder, command.agents, views, self.tracker, self.terminal):
+                groups = self._groups()
+                self._report(groups)
+                return groups
         except KeyboardInterrupt:
             line("stopped; the same command goes on with the agents that are missing")
             raise
-        except Exception:
-            status = "FAILED"
-            raise
-        finally:
-            self.tracker.close_run(run_id, status)
 
     def _groups(self) -> list[Group]:
         command = self.command
-        results = dict(self._stored())
+        file = Lines(self.folder / RESULTS_FILE)
+        results = dict(self._stored(file))
         total = len(command.sources) * len(command.kinds) * command.agents
         self.terminal.bar("evaluating", len(results), total, "agents")
-        path = self.folder / RESULTS_FILE
-        with path.open("a") as file:
-            for label, se in command.sources.items():
-                requests = {
-                    (label, hp.agent, i): self._request(hp, i, se is None)
-                    for hp in command.kinds
-                    for i in range(command.agents)
-                }
-                missing = [key for key in requests if key not in results]
+        for label, se in command.sources.items():
+            requests = {
+                (label, hp.agent, i): self._request(hp, i, se is None)
+                for hp in command.kinds
+                for i in range(command.agents)
+            }
+            missing = [key for key in requests if key not in results]
 
-                def keep(
-                    result: EvaluationResult, keys: list[tuple[str, str, int]] = missing
-                ) -> None:
-                    key = keys[result.index]
-                    results[key] = result
-                    file.write(json.dumps([*key, asdict(result)]) + "\n")
-                    file.flush()
-                    self.terminal.step()
+            def keep(result: EvaluationResult, keys: list[tuple[str, str, int]] = missing) -> None:
+                key = keys[result.index]
+                results[key] = result
+                file.append([*key, asdict(result)])
+                self.terminal.step()
 
-                numbered = [
-                    EvaluationRequest(**{**vars(requests[key]), "index": place})
-                    for place, key in enumerate(missing)
-                ]
-                architecture = se.architecture if se else None
-                psi = se.psi if se else None
-                self.pool.run(command.task, architecture, psi, numbered, keep)
+            numbered = [
+                EvaluationRequest(**{**vars(requests[key]), "index": place})
+                for place, key in enumerate(missing)
+            ]
+            architecture = se.architecture if se else None
+            psi = se.psi if se else None
+            self.pool.run(command.task, architecture, psi, numbered, keep)
         return [
             Group(
                 label,
@@ -174,40 +175,30 @@ class _Evaluation:
         word = int(seed.generate_state(1, np.uint64)[0])
         return EvaluationRequest(i, word, draw_agent((hp,), self.command.vary, word), real=real)
 
-    def _stored(self) -> Iterator[tuple[tuple[str, str, int], EvaluationResult]]:
-        """What an earlier call has left; a line cut short by a crash is run again, and
-        cut off, so that the next line begins on its own."""
-        path = self.folder / RESULTS_FILE
-        if not path.exists():
-            return
-        whole = b""
-        for line in path.read_bytes().splitlines(keepends=True):
+    def _stored(self, file: Lines) -> Iterator[tuple[tuple[str, str, int], EvaluationResult]]:
+        """What an earlier call has left. Raises InvalidInput if damaged."""
+        for index, value in enumerate(file.values):
             try:
-                label, agent, i, fields = json.loads(line)
-                fields["test_returns"] = tuple(fields["test_returns"])
+                label, agent, i, fields = value
+                fields = {**fields, "test_returns": tuple(fields["test_returns"])}
                 result = EvaluationResult(**fields)
-            except (ValueError, TypeError, KeyError):
-                continue
-            if line.endswith(b"\n"):
-                whole += line
-                if label in self.command.sources and i < self.command.agents:
-                    yield (label, agent, i), result
-        write_aside(path, whole)
+            except (ValueError, TypeError, KeyError) as error:
+                raise file.damaged(index, error) from None
+            if label in self.command.sources and i < self.command.agents:
+                yield (label, agent, i), result
 
-    def _report(self, groups: list[Group], run_id: str) -> None:
+    def _report(self, groups: list[Group]) -> None:
         line = self.terminal.line
         for row in as_table(groups):
             line(row)
         report = as_json(groups)
         write_aside(self.folder / REPORT_FILE, json.dumps(report, indent=2).encode())
-        figure = violins(groups, self.command.task)
-        figure.savefig(self.folder / PICTURE_FILE, dpi=150)
+        write_aside(self.folder / PICTURE_FILE, png(violins(groups, self.command.task)))
+        metrics: dict[str, float] = {}
         for group in groups:
             prefix = "" if len(groups) == 1 else f"{group.agent}/{group.source}/"
-            values = {prefix + name: value for name, value in group.summary().items()}
-            self.tracker.log_metrics(run_id, values, 0)
-        for name in (REPORT_FILE, PICTURE_FILE, RESULTS_FILE):
-            self.tracker.log_file(run_id, self.folder / name)
+            metrics |= {prefix + name: value for name, value in group.summary().items()}
+        add_final(self.folder, Final(self.command.agents, time.time(), metrics))
         line(f"report: {self.folder / REPORT_FILE}; picture: {self.folder / PICTURE_FILE}")
 
 

@@ -1,5 +1,6 @@
 """The end of a run: its best SEs retested, the winner scored anew and handed over."""
 
+import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -12,7 +13,7 @@ from bilevel.hyperparameters import Hyperparameters
 from bilevel.synthetic_env import StoredSE, save_se
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool
-from cluster.tracking import Tracker
+from cluster.run_folder import Final, add_final
 from search_spaces import draw_agent
 
 #: Name the fresh seeds apart from all others that a run derives.
@@ -24,6 +25,7 @@ Seed = tuple[int, ...]
 #: Fresh agents that decide between the contenders for the best SE.
 RETESTS = 16
 
+#: Of a run's folder and of its artifacts.
 BEST_FILE, LAST_FILE = "best_se.safetensors", "last_se.safetensors"
 
 
@@ -95,21 +97,19 @@ def _fresh_agents(
         pool.run(task, se.architecture, se.psi, requests), key=lambda result: result.index
     )
     return FinalScore(
-        np.array([result.score for result in results]),
+        np.array([r.score if np.isfinite(r.score) else task.worst_score for r in results]),
         np.array([result.train_steps for result in results]),
         task.solved_reward,
     )
 
 
-def hand_over(
-    se: StoredSE, score: FinalScore, folder: Path, tracker: Tracker, run_id: str
-) -> tuple[Path, str]:
-    """Save the SE with its final score, log and register it; returns its file and
-    its address in the model registry."""
+def hand_over(se: StoredSE, score: FinalScore, folder: Path, step: int) -> Path:
+    """Put the SE, with its final score, into a run's folder; returns its file.
+
+    `step` is how far the run has come: generations, or results of a study. Raises
+    StorageFailure.
+    """
     path = folder / BEST_FILE
     save_se(replace(se, info={**se.info, **score.metrics()}), path)
-    tracker.log_file(run_id, path)
-    tracker.log_metrics(run_id, score.metrics(), 0)
-    return path, tracker.register_se(
-        run_id, path, se.task_id, {k: f"{v:.6g}" for k, v in score.metrics().items()}
-    )
+    add_final(folder, Final(step, time.time(), score.metrics()))
+    return path

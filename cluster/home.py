@@ -1,17 +1,9 @@
 """Where things lie on disk: one folder for all runs, a folder each within."""
 
-import contextlib
-import json
 import re
-import uuid
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
-
-from filelock import FileLock, Timeout
 
 from bilevel.errors import InvalidInput
-from bilevel.synthetic_env.storage import write_aside
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
 
@@ -44,6 +36,24 @@ class Home:
             )
         return self.folder / task_id.replace("/", "_") / name
 
+    def runs(self) -> list[Path]:
+        """Folders of all studies and NES runs, by task and name."""
+        return sorted(path.parent for path in self.folder.glob("*/*/settings.json"))
+
+    def find(self, name: str) -> Path:
+        """Folder of the study or NES run called `name`, or `task/name` where several
+        tasks have one of that name. Raises InvalidInput if there is none, or several."""
+        found = [
+            folder
+            for folder in self.runs()
+            if name in (folder.name, f"{folder.parent.name}/{folder.name}")
+        ]
+        if len(found) == 1:
+            return found[0]
+        known = ", ".join(f"{f.parent.name}/{f.name}" for f in (found or self.runs())) or "none yet"
+        what = "several studies are called" if found else "no study is called"
+        raise InvalidInput(f"{what} {name!r} in {str(self.folder)!r}: there are {known}")
+
     def prepare(self) -> None:
         """Create the folder. Raises InvalidInput if it cannot be written."""
         try:
@@ -54,39 +64,3 @@ class Home:
         except OSError as error:
             reason = error.strerror or str(error)
             raise InvalidInput(f"cannot write to {str(self.folder)!r}: {reason}") from None
-
-
-@contextlib.contextmanager
-def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[str]:
-    """Hold a run's folder for this process alone, and its settings to what they were.
-
-    Yields the run's identity, a string made up when it was begun: what is tracked
-    elsewhere under its name belongs to it only if it carries the identity too.
-    Raises InvalidInput if another process holds the folder, or if the run was begun
-    with other settings.
-    """
-    folder.mkdir(parents=True, exist_ok=True)
-    try:
-        with FileLock(folder / ".lock", timeout=0):
-            path = folder / "settings.json"
-            if not path.exists():
-                identified = {"identity": uuid.uuid4().hex, **settings}
-                write_aside(path, json.dumps(identified, indent=2).encode())
-            yield _require_same(path, settings)
-    except Timeout:
-        raise InvalidInput(f"{folder.name!r} is being run by another process") from None
-
-
-def _require_same(path: Path, settings: dict[str, Any]) -> str:
-    try:
-        before = json.loads(path.read_bytes())
-        before["identity"]
-    except (ValueError, TypeError, KeyError) as error:
-        raise InvalidInput(f"damaged settings {str(path)!r}: {error}") from None
-    for name, value in json.loads(json.dumps(settings)).items():
-        if before.get(name) != value:
-            raise InvalidInput(
-                f"{path.parent.name!r} was begun with {name} = {before.get(name)}, not {value}: "
-                "give it that, or another name"
-            )
-    return str(before["identity"])

@@ -2,22 +2,28 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bilevel import __version__
+from bilevel.errors import InvalidInput
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES, NESState
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool
+from cluster.run_folder import Standing, read_settings, stored_task
 from search_spaces import draw_agent
 
 STATE_FILE = "state.safetensors"
+
+#: The kind of run that `settings.json` tells, of one that is no study's.
+KIND = "nes"
 
 
 @dataclass(frozen=True)
@@ -31,6 +37,25 @@ class NESRun:
     hp: Hyperparameters
     seed: int
     folder: Path
+
+    def settings(self) -> dict[str, Any]:
+        """What must stay the same when the run is continued: all but the number of
+        generations, which may grow."""
+        hp = self.hp.to_dict()
+        del hp["nes"]["generations"]
+        return {"kind": KIND, "task": asdict(self.task), "seed": self.seed, **hp}
+
+    @classmethod
+    def read(cls, folder: Path) -> "NESRun":
+        """The run in a folder, as it was begun. Raises InvalidInput."""
+        settings, standing = read_settings(folder), Standing.load(folder)
+        try:
+            generations = standing.target if standing is not None else 1
+            nes = {**settings["nes"], "generations": generations}
+            hp = Hyperparameters.from_dict({**settings, "nes": nes})
+            return cls(stored_task(settings["task"]), hp, int(settings["seed"]), folder)
+        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            raise InvalidInput(f"{str(folder)!r} holds no NES run: {error}") from None
 
     @property
     def nes(self) -> NES:
@@ -46,9 +71,21 @@ class NESRun:
         self,
         pool: EvaluationPool,
         on_result: Callable[[EvaluationResult], None] = lambda result: None,
+        tell: Callable[[str], None] = lambda line: None,
     ) -> NESState:
-        """The state on disk, or a new start (which may take evaluations)."""
-        state = self.load()
+        """The state on disk, or a new start (which may take evaluations).
+
+        A damaged checkpoint is set aside, which is told, and the run begins anew:
+        it comes to the same state again.
+        """
+        state = None
+        try:
+            state = self.load()
+        except InvalidInput as error:
+            path = self.folder / STATE_FILE
+            aside = path.with_suffix(".damaged")
+            path.replace(aside)
+            tell(f"{error}; it is now {aside.name!r}, and its generations are run again")
         if state is None:
             nes = self.nes
             shape = nes.architecture
@@ -64,13 +101,22 @@ class NESRun:
         pool: EvaluationPool,
         on_result: Callable[[EvaluationResult], None] = lambda result: None,
     ) -> NESState:
-        """Run one generation; it is on disk when this returns."""
+        """Run one generation; it is on disk when this returns. Raises StorageFailure."""
         nes = self.nes
         started = time.perf_counter()
         results = pool.run(self.task, nes.architecture, state.psi, nes.ask(state), on_result)
         seconds = time.perf_counter() - started
-        state = nes.tell(state, results, seconds, cores=pool.size)
+        state = nes.tell(state, results, seconds, time.time(), pool.size)
         state.save(self.folder / STATE_FILE)
+        return state
+
+    def reach(
+        self, generations: int, pool: EvaluationPool, tell: Callable[[str], None]
+    ) -> NESState:
+        """The state once the run has that many generations, run here if need be."""
+        state = self.open(pool, tell=tell)
+        while state.generation < generations:
+            state = self.advance(state, pool)
         return state
 
     def finalists(self, state: NESState) -> list[StoredSE]:

@@ -1,20 +1,18 @@
 """A pool of Ray actors that answers evaluation requests.
 
-Requests are handed out as actors become free, the longest first (`request_queue`). An
-actor that dies is replaced and what it held is run again, which changes nothing: an
-evaluation depends on its request alone.
+Requests are handed out as actors become free, the longest first (`request_queue`), and
+only to actors that have arrived: nodes may come and go. An actor that dies is replaced
+and what it held is run again, which changes nothing: an evaluation depends on its
+request alone.
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from typing import Any, Self
 
 import numpy as np
 import ray
 from numpy.typing import NDArray
-from ray.exceptions import RayActorError
-from ray.util.placement_group import placement_group, remove_placement_group
-from ray.util.scheduling_strategies import PlacementGroupSchedulingStrategy
+from ray.exceptions import RayError, RayTaskError
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.synthetic_env import Architecture
@@ -22,12 +20,16 @@ from bilevel.tasks import Task
 from cluster.request_queue import RequestQueue
 
 #: Deaths of actors on one and the same request after which it is given up: then it
-#: is the request (out of memory, say) and not the machine.
+#: is the request (out of memory, say) and not the machine. Likewise deaths in a row of
+#: actors that have not even arrived.
 MAX_DEATHS = 5
 
 
 class _Worker:
     """Evaluates one request after the other."""
+
+    def arrive(self) -> None:
+        """Returns once the actor is up."""
 
     def evaluate(
         self,
@@ -42,12 +44,14 @@ class _Worker:
 class EvaluationPool:
     """`workers` actors of one core each; a context manager that ends them.
 
-    `options` go to Ray with each actor (its scheduling strategy, for instance).
+    With fewer cores free, the actors that find one do all the work.
     """
 
-    def __init__(self, workers: int, **options: Any) -> None:
-        self._options = {"num_cpus": 1, **options}
-        self._actors = [self._spawn() for _ in range(workers)]
+    def __init__(self, workers: int) -> None:
+        self._actors = [_spawn() for _ in range(workers)]
+        self._arriving = {actor.arrive.remote(): i for i, actor in enumerate(self._actors)}
+        self._arrived: set[int] = set()
+        self._deaths_on_arrival = 0
         #: Seconds its actors have spent in evaluations.
         self.kernel_seconds = 0.0
 
@@ -55,9 +59,6 @@ class EvaluationPool:
     def size(self) -> int:
         """Number of actors."""
         return len(self._actors)
-
-    def _spawn(self) -> Any:
-        return ray.remote(_Worker).options(**self._options).remote()
 
     def __enter__(self) -> Self:
         return self
@@ -69,7 +70,7 @@ class EvaluationPool:
         """End all actors."""
         for actor in self._actors:
             ray.kill(actor)
-        self._actors = []
+        self._actors, self._arriving, self._arrived = [], {}, set()
 
     def run(
         self,
@@ -103,23 +104,27 @@ class EvaluationPool:
         running: dict[Any, int] = {}  # reference -> actor
         deaths: dict[int, int] = {}
         while waiting or running:
-            for slot in sorted(range(self.size), key=lambda k: len(held[k])):  # idle ones first
+            for slot in sorted(self._arrived, key=lambda k: len(held[k])):  # idle ones first
                 while (request := waiting.take(held[slot])) is not None:
                     running[self._actors[slot].evaluate.remote(*shared, request)] = slot
                     held[slot].append(request)
-            (done,), _ = ray.wait(list(running), num_returns=1)
+            (done,), _ = ray.wait([*running, *self._arriving], num_returns=1)
+            if done in self._arriving:
+                self._receive(done)
+                continue
             slot = running.pop(done)
             try:
                 result = ray.get(done)
-            except RayActorError as error:
+            except RayTaskError:
+                raise
+            except RayError as error:  # of actor, node or object: the request is unharmed
                 fatal = held[slot][0].index
                 deaths[fatal] = deaths.get(fatal, 0) + 1
                 if deaths[fatal] >= MAX_DEATHS:
                     raise RuntimeError(
                         f"{MAX_DEATHS} actors died on evaluation {fatal}: {error}"
                     ) from error
-                ray.kill(self._actors[slot])
-                self._actors[slot] = self._spawn()
+                self._replace(slot)
                 running = {other: k for other, k in running.items() if k != slot}
                 waiting.put_back(held[slot])
                 held[slot] = []
@@ -127,14 +132,26 @@ class EvaluationPool:
                 held[slot].pop(0)
                 yield result
 
+    def _receive(self, reference: Any) -> None:
+        """An actor has arrived, or died on the way and is replaced."""
+        slot = self._arriving.pop(reference)
+        try:
+            ray.get(reference)
+        except RayError as error:
+            self._deaths_on_arrival += 1
+            if self._deaths_on_arrival >= MAX_DEATHS * self.size:
+                raise RuntimeError(f"no actor arrives: {error}") from error
+            self._replace(slot)
+        else:
+            self._deaths_on_arrival = 0
+            self._arrived.add(slot)
 
-@contextmanager
-def placed_pool(workers: int) -> Iterator[EvaluationPool]:
-    """A pool in a placement group of its own; both are gone afterwards."""
-    group = placement_group([{"CPU": 1}] * workers, strategy="PACK")
-    try:
-        strategy = PlacementGroupSchedulingStrategy(group)
-        with EvaluationPool(workers, scheduling_strategy=strategy) as pool:
-            yield pool
-    finally:
-        remove_placement_group(group)
+    def _replace(self, slot: int) -> None:
+        ray.kill(self._actors[slot])
+        self._arrived.discard(slot)
+        self._actors[slot] = _spawn()
+        self._arriving[self._actors[slot].arrive.remote()] = slot
+
+
+def _spawn() -> Any:
+    return ray.remote(_Worker).options(num_cpus=1).remote()

@@ -2,16 +2,23 @@
 
 import contextlib
 import logging
-import os
 import socket
+import uuid
 from collections.abc import Iterator
 
 import ray
+from ray.util.placement_group import (
+    placement_group,
+    placement_group_table,
+    remove_placement_group,
+)
 
 from bilevel.errors import InvalidInput
 from cluster.agent_files import runtime_env
 
 _CONNECT_TIMEOUT = 5.0  # seconds until an address counts as unreachable
+#: Begins the names of placement groups that stand for a study.
+_MARK = "bilevel-study-"
 
 
 @contextlib.contextmanager
@@ -19,10 +26,9 @@ def ray_cluster(address: str | None) -> Iterator[None]:
     """Within the block, this process is a driver of a Ray cluster.
 
     `address` joins a running cluster (`host:port`, `ray://host:port` or `auto`),
-    otherwise a local one is started and stopped again. `RAY_ADDRESS` counts if no
-    address is given. Raises InvalidInput if the address cannot be reached.
+    otherwise a local one is started and stopped again. Raises InvalidInput if the
+    address cannot be reached.
     """
-    address = address or os.environ.get("RAY_ADDRESS") or None
     if address is not None and address not in ("auto", "local"):
         _require_reachable(address)
     try:
@@ -57,6 +63,40 @@ def _require_reachable(address: str) -> None:
 def cluster_cores() -> int:
     """Cores of the cluster, all nodes together."""
     return int(ray.cluster_resources().get("CPU", 0))
+
+
+@contextlib.contextmanager
+def sharing() -> Iterator[None]:
+    """Within the block, other studies on the cluster leave this one its share.
+
+    A placement group of next to nothing tells them; it goes with the driver, however
+    that ends.
+    """
+    mark = placement_group([{"memory": 1}], name=f"{_MARK}{uuid.uuid4().hex}")
+    try:
+        yield
+    finally:
+        remove_placement_group(mark)
+
+
+def fair_share(workers_per_trial: int) -> int:
+    """How many trials a study may run at a time, on the cluster as it is now: its cores
+    are shared equally among the studies that are `sharing`."""
+    groups = placement_group_table().values()
+    names = [group["name"] for group in groups if group["state"] != "REMOVED"]
+    studies = sum(1 for name in names if name.startswith(_MARK))
+    return max(cluster_cores() // workers_per_trial // max(studies, 1), 1)
+
+
+def require_server_for_nodes(tracking_uri: str) -> None:
+    """Raise InvalidInput for a SQLite database when the cluster has several nodes."""
+    nodes = sum(bool(node["Alive"]) for node in ray.nodes())
+    if nodes > 1 and tracking_uri.startswith("sqlite"):
+        raise InvalidInput(
+            f"a cluster of {nodes} nodes cannot be tracked in {tracking_uri!r}: SQLite's locks do "
+            "not hold on storage that nodes share, and another node could not read it; give an "
+            "MLflow server with --tracking-uri http://host:port (docs/cluster.md)"
+        )
 
 
 def require_capacity(workers_per_trial: int, concurrent_trials: int = 1) -> None:

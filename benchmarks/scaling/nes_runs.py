@@ -36,7 +36,7 @@ def record(nes: NES, generations: int, workers: Processes, home: Path) -> dict[s
     for number in range(generations):
         results = workers.run(task, shape, state.psi, requests)
         started = time.thread_time()
-        state = nes.tell(state, results, 0.0)
+        state = nes.tell(state, results, 0.0, 0.0)
         state.save(generation_path(home, task.id, nes.seed, number + 1))
         requests = nes.ask(state)
         between = time.thread_time() - started

@@ -23,7 +23,7 @@ from bilevel.hyperparameters import DDQNHyperparameters, load_preset
 from bilevel.nes import NES, NESState
 from bilevel.synthetic_env import Architecture
 from bilevel.tasks import get_task
-from cluster.pool import EvaluationPool, placed_pool
+from cluster.pool import EvaluationPool
 from cluster.ray_cluster import ray_cluster
 
 #: Evaluations of one measurement of the overhead, and of one actor's queue.
@@ -123,7 +123,7 @@ def main() -> None:
     overheads, replays = [], []
     with ray_cluster(None):
         for actors in ACTORS:
-            with placed_pool(actors) as pool:
+            with EvaluationPool(actors) as pool:
                 overheads.append(overhead(pool))
                 print(overheads[-1], flush=True)
                 replays += replayed(pool, nes, args.home, args.generations)

@@ -86,7 +86,9 @@ def simulated(
     with tempfile.TemporaryDirectory() as folder:
         space = search_space(profile.space)
         search = BracketSearch(space, ladder, profile.brackets, seed, Journal(Path(folder)))
-        return simulate_search(BohbSearcher(search, trials, float("inf")), cores, courses, overhead)
+        return simulate_search(
+            BohbSearcher(search, lambda: trials, float("inf")), cores, courses, overhead
+        )
 
 
 @dataclass(frozen=True)

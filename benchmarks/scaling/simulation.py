@@ -17,7 +17,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from cluster.bohb.search import Job
-from cluster.bohb.searcher import BUDGET_REACHED, OBJECTIVE, BohbSearcher
+from cluster.bohb.searcher import BohbSearcher
+from cluster.bohb.trial import BUDGET_REACHED, OBJECTIVE
 
 
 @dataclass(frozen=True)

@@ -13,11 +13,11 @@ import numpy as np
 from benchmarks.machine import write_result
 from bilevel.tasks import get_task
 from cluster.bohb import Journal
+from cluster.bohb.command import StudyCommand, run_study
 from cluster.bohb.journal import ResultLine
-from cluster.bohb.study import StudySettings, run_study
-from cluster.bohb.trial import configuration_run
+from cluster.bohb.study import Study
 from cluster.home import Home
-from cluster.profiles import Profile
+from cluster.profiles import Profile, base_hyperparameters
 
 LADDER = (1, 9)
 #: Evaluations of one short episode each: what is left is the driver's.
@@ -28,32 +28,26 @@ REAL = Profile("core", 4, *LADDER, 1000, 1, brackets=3, time_budget=None, final_
 def run(home: Path, name: str, profile: Profile, trials: int) -> dict[str, Any]:
     """One study; its jobs in the order of their ends, with the seconds of the generations
     that each had left to run."""
-    settings = StudySettings(
-        get_task("CartPole-v0"),
-        name,
-        name,
-        profile,
-        0,
-        Home(home),
-        Home(home).database_uri,
+    task, place = get_task("CartPole-v0"), Home(home)
+    folder, base = place.run_folder(task.id, name), base_hyperparameters(profile, task)
+    study = Study(folder, task, 0, profile.space, LADDER, base)
+    command = StudyCommand(
+        study,
+        place,
+        profile.brackets,
+        profile.time_budget,
+        profile.final_agents,
+        place.database_uri,
         concurrent_trials=trials,
     )
-    assert run_study(settings) == 0
-    journal = Journal(settings.folder)
+    assert run_study(command) == 0
+    journal = Journal(folder)
     configurations = {line.id: line.configuration for line in journal.configs}
     reached: dict[tuple[int, int, int], int] = {}
     jobs = []
     first = min(line.timestamps["submitted"] for line in journal.results)
     for line in journal.results:
-        nes_run = configuration_run(
-            line.id,
-            configurations[line.id],
-            settings.task,
-            settings.base,
-            settings.seed,
-            settings.folder,
-        )
-        state = nes_run.load()
+        state = study.run(line.id, configurations[line.id]).load()
         assert state is not None
         records = state.records[reached.get(line.id, 0) : line.budget]
         reached[line.id] = line.budget

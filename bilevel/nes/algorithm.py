@@ -25,7 +25,6 @@ from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 from bilevel.hyperparameters.definitions import RETEST_ONE_IN, RETESTS
 from bilevel.nes.state import Finalist, GenerationRecord, NESState
-from bilevel.nes.transforms import finite
 from bilevel.nes.updates import MemberScores, update_step
 from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task
@@ -81,7 +80,7 @@ class NES:
         """The state before the first generation."""
         best = 0
         if retested:
-            scores = _scores(retested).reshape(-1, RETESTS).mean(axis=1)
+            scores = self._scores(retested).reshape(-1, RETESTS).mean(axis=1)
             best = self._screened_best(screened)[int(scores.argmax())]
         rng = np.random.default_rng(self._seed(_START, best))
         psi = self.architecture.initialize(rng)
@@ -89,7 +88,7 @@ class NES:
 
     def _screened_best(self, screened: Sequence[EvaluationResult]) -> list[int]:
         keep = math.ceil(len(screened) / RETEST_ONE_IN)
-        return [int(i) for i in np.argsort(-_scores(screened), kind="stable")[:keep]]
+        return [int(i) for i in np.argsort(-self._scores(screened), kind="stable")[:keep]]
 
     def _start_request(self, index: int, candidate: int, repeat: int) -> EvaluationRequest:
         return EvaluationRequest(
@@ -129,13 +128,14 @@ class NES:
         state: NESState,
         results: Sequence[EvaluationResult],
         seconds: float,
+        finished: float,
         cores: int = 1,
     ) -> NESState:
         """The state after the generation that `ask(state)` asked for; its record is
-        the last of `records`. `results` may come in any order; they took
-        `seconds` on so many cores."""
+        the last of `records`. `results` may come in any order; they took `seconds` on
+        so many cores, until the unix time `finished`."""
         ordered = sorted(results, key=lambda result: result.index)
-        parts = _scores(results).reshape(-1, self.hp.nes.population_size)
+        parts = self._scores(results).reshape(-1, self.hp.nes.population_size)
         members = MemberScores(parts[0], parts[1], parts[2] if len(parts) == 3 else None)
         eps = self._perturbations(state.generation)
         step = update_step(self.hp.nes, eps, members)
@@ -151,12 +151,13 @@ class NES:
             train_steps_mean=float(np.mean([r.train_steps for r in centre])),
             train_episodes_mean=float(np.mean([r.train_episodes for r in centre])),
             solved_fraction=float((members.centre >= self.task.solved_reward).mean()),
-            non_finite=sum(not result.finite for result in ordered),
+            non_finite=sum(not (r.finite and math.isfinite(r.score)) for r in ordered),
             psi_norm=float(np.linalg.norm(state.psi)),
             update_norm=float(np.linalg.norm(step)),
             env_steps_per_second=sum(r.train_steps for r in ordered) / kernel_seconds,
             generation_seconds=seconds,
-            core_utilisation=kernel_seconds / (seconds * cores),
+            core_utilisation=kernel_seconds / max(seconds * cores, 1e-9),
+            finished=finished,
         )
         finalist = Finalist(
             state.psi, state.generation, record.score_mean, record.perturbed_score_mean
@@ -171,6 +172,12 @@ class NES:
             records=(*state.records, record),
         )
 
+    def _scores(self, results: Sequence[EvaluationResult]) -> NDArray[np.float64]:
+        """Scores (n,) in the order of the requests; one that is not finite is the
+        task's worst."""
+        scores = np.array([r.score for r in sorted(results, key=lambda r: r.index)])
+        return np.where(np.isfinite(scores), scores, self.task.worst_score)
+
     def _perturbations(self, generation: int) -> NDArray[np.float32]:
         architecture, sigma = self.architecture, self.hp.nes.std_dev
         return np.stack(
@@ -179,8 +186,3 @@ class NES:
                 for member in range(self.hp.nes.population_size)
             ]
         )
-
-
-def _scores(results: Sequence[EvaluationResult]) -> NDArray[np.float64]:
-    """Scores (n,) in the order of the requests, finite."""
-    return finite(np.array([r.score for r in sorted(results, key=lambda r: r.index)]))

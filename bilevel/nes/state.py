@@ -1,6 +1,7 @@
 """What an NES run carries from one generation to the next, on disk and in memory."""
 
 import json
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -9,8 +10,8 @@ import safetensors.numpy
 from numpy.typing import NDArray
 from safetensors import SafetensorError
 
+from bilevel.durable import checksum, write_aside
 from bilevel.errors import InvalidInput
-from bilevel.synthetic_env.storage import write_aside
 
 
 @dataclass(frozen=True)
@@ -35,6 +36,7 @@ class GenerationRecord:
     env_steps_per_second: float  # of one core
     generation_seconds: float
     core_utilisation: float  # share of the cores' time that was spent in evaluations
+    finished: float  # unix time, seconds
 
 
 #: SEs that a run keeps for the end.
@@ -88,7 +90,7 @@ class NESState:
         return tuple(ranked[:FINALISTS])
 
     def save(self, path: Path) -> None:
-        """Write durably (aside, flushed, renamed)."""
+        """Write durably. Raises StorageFailure."""
         header = {
             "generation": self.generation,
             "solved_streak": self.solved_streak,
@@ -99,24 +101,53 @@ class NESState:
         }
         tensors = {"psi": self.psi}
         tensors |= {f"finalist_{i}": f.psi for i, f in enumerate(self.finalists)}
-        write_aside(path, safetensors.numpy.save(tensors, {"nes": json.dumps(header)}))
+        text = json.dumps(header)
+        metadata = {"nes": text, "sha256": _checksum(text, tensors)}
+        write_aside(path, safetensors.numpy.save(tensors, metadata))
 
     @classmethod
     def load(cls, path: Path) -> "NESState":
         """The inverse of `save`. Raises InvalidInput for a damaged file."""
         try:
             with safetensors.safe_open(path, framework="numpy") as file:
-                header = json.loads(file.metadata()["nes"])
-                psi = file.get_tensor("psi")
-                finalists = tuple(
-                    Finalist(file.get_tensor(f"finalist_{i}"), int(g), float(score), float(near))
-                    for i, (g, score, near) in enumerate(header["finalists"])
-                )
+                metadata = file.metadata() or {}
+                tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            if metadata["sha256"] != _checksum(metadata["nes"], tensors):
+                raise ValueError("its checksum is wrong")
+            header = json.loads(metadata["nes"])
+            psi = tensors["psi"]
+            finalists = tuple(
+                Finalist(tensors[f"finalist_{i}"], int(g), float(score), float(near))
+                for i, (g, score, near) in enumerate(header["finalists"])
+            )
             records = tuple(GenerationRecord(**record) for record in header["records"])
             generation, streak = int(header["generation"]), int(header["solved_streak"])
             shapes = {psi.shape, *(finalist.psi.shape for finalist in finalists)}
             if generation != len(records) or len(shapes) > 1:
                 raise ValueError("its parts do not fit together")
             return cls(psi, generation, streak, finalists, records)
-        except (SafetensorError, OSError, ValueError, TypeError, KeyError) as error:
-            raise InvalidInput(f"damaged checkpoint {str(path)!r}: {error}") from None
+        except _DAMAGE as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise InvalidInput(f"damaged checkpoint {str(path)!r}: {reason}") from None
+
+
+#: What reading a file that is not what it should be may raise.
+_DAMAGE = (
+    SafetensorError,
+    OSError,
+    ValueError,
+    TypeError,
+    KeyError,
+    AttributeError,
+    OverflowError,
+    RecursionError,
+)
+
+
+def _checksum(text: str, tensors: Mapping[str, NDArray[np.float32]]) -> str:
+    """Of a checkpoint's header and tensors, dtypes and shapes included."""
+    parts = [text.encode()]
+    for name in sorted(tensors):
+        tensor = tensors[name]
+        parts += [f"{name} {tensor.dtype} {tensor.shape}".encode(), tensor.tobytes()]
+    return checksum(*parts)

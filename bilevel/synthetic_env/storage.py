@@ -2,12 +2,12 @@
 
 The tensors carry torch's names (`reward.0.weight`: network, layer, kind), the
 header tells task, architecture, hyperparameters, scores and versions. Reading one
-executes nothing, and believes nothing: names, shapes, types and numbers are checked.
+executes nothing, and believes nothing: names, shapes, types, numbers and a checksum
+are checked.
 """
 
 import hashlib
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -18,6 +18,7 @@ import safetensors.numpy
 from numpy.typing import NDArray
 from safetensors import SafetensorError, safe_open
 
+from bilevel.durable import checksum, write_aside
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.kernels.mlp import layer_biases, layer_weights
@@ -49,7 +50,15 @@ class StoredSE:
 
 
 def save_se(se: StoredSE, path: Path) -> None:
-    """Write an SE file; an existing file is replaced at once or not at all."""
+    """Write an SE file; an existing file is replaced at once or not at all.
+
+    Raises StorageFailure if there is no room.
+    """
+    write_aside(path, se_bytes(se))
+
+
+def se_bytes(se: StoredSE) -> bytes:
+    """The content of an SE file."""
     header = {
         "format": FORMAT,
         "version": FORMAT_VERSION,
@@ -59,9 +68,9 @@ def save_se(se: StoredSE, path: Path) -> None:
         "architecture": asdict(se.architecture),
         "info": se.info,
     }
-    write_aside(
-        path, safetensors.numpy.save(_tensors(se.architecture, se.psi), {"se": json.dumps(header)})
-    )
+    text = json.dumps(header)
+    metadata = {"se": text, "sha256": checksum(text.encode(), se.psi.tobytes())}
+    return bytes(safetensors.numpy.save(_tensors(se.architecture, se.psi), metadata))
 
 
 def load_se(path: Path) -> StoredSE:
@@ -92,6 +101,9 @@ def load_se(path: Path) -> StoredSE:
                 raise ValueError(f"{name} {sizes[name]!r}")
         architecture = Architecture(**sizes)
         psi = _flat(architecture, tensors)
+        expected = checksum(metadata["se"].encode(), psi.tobytes())
+        if metadata.get("sha256", expected) != expected:  # other tools write none
+            raise ValueError("its checksum is wrong")
         return StoredSE(
             architecture,
             psi,
@@ -100,20 +112,9 @@ def load_se(path: Path) -> StoredSE:
             float(header["solved_reward"]),
             dict(header["info"]),
         )
-    except (KeyError, TypeError, ValueError, RecursionError) as error:
+    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
         reason = str(error) or type(error).__name__
         raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {reason}") from None
-
-
-def write_aside(path: Path, data: bytes) -> None:
-    """Write a file durably: aside, flushed, then renamed into place."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
-    with aside.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    aside.replace(path)
 
 
 def _tensors(

@@ -24,6 +24,7 @@ from hpbandster.core.dispatcher import Job as HpbandsterJob
 from hpbandster.optimizers.config_generators.bohb import BOHB
 from hpbandster.optimizers.iterations import SuccessiveHalving
 
+from bilevel.errors import InvalidInput
 from cluster.bohb.brackets import bracket_rungs
 from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, ResultLine
 
@@ -40,7 +41,10 @@ class Job:
 
 
 class BracketSearch:
-    """The search over `space` with the given budget ladder, up to `brackets`."""
+    """The search over `space` with the given budget ladder, up to `brackets`.
+
+    Raises InvalidInput for a journal that no such search has written.
+    """
 
     def __init__(
         self,
@@ -63,7 +67,9 @@ class BracketSearch:
             self._recorded.setdefault(line.id[0], deque()).append(line)
         self._info = {line.id: line.info for line in journal.configs}
         self._brackets = [self._bracket(number) for number in range(brackets)]
+        self._replaying = True
         self._again = self._replay()
+        self._replaying = False
 
     @property
     def finished(self) -> bool:
@@ -113,13 +119,17 @@ class BracketSearch:
         the lowest rung, and above it when failures left a place empty."""
 
         def sample(budget: float) -> tuple[Configuration, dict[str, Any]]:
+            bracket = self._brackets[number]
+            place = (number, bracket.stage, bracket.actual_num_configs[bracket.stage])
             recorded = self._recorded.get(number)
             if recorded:
                 line = recorded.popleft()
+                if line.id != place:
+                    raise self._damaged(f"{line.id} stands where {place} should")
                 return line.configuration, line.info
+            if self._replaying:
+                raise self._damaged(f"{place} was never proposed, but results follow from it")
             configuration, info = self._propose(budget)
-            bracket = self._brackets[number]
-            place = (number, bracket.stage, bracket.actual_num_configs[bracket.stage])
             self._journal.add_config(ConfigLine(place, configuration, info))
             self._info[place] = info
             return configuration, info
@@ -159,14 +169,22 @@ class BracketSearch:
         with _hpbandsters_warnings_ignored():
             self._generator.new_result(job)
 
+    def _damaged(self, reason: str) -> InvalidInput:
+        folder = self._journal.paths[0].parent
+        return InvalidInput(f"damaged journal in {str(folder)!r}: {reason}")
+
     def _replay(self) -> deque[Job]:
         """Bring brackets and model to where the journal ends; return the jobs that
-        had been started without a result."""
+        had been started without a result.
+
+        Raises InvalidInput for a journal that no search has written.
+        """
         open_jobs: dict[tuple[ConfigId, int], Job] = {}
         for line in self._journal.results:
             while (line.id, line.budget) not in open_jobs:
                 job = self._next_of(self._brackets[line.id[0]])
-                assert job is not None, "the journal holds a result that nothing led to"
+                if job is None:
+                    raise self._damaged(f"nothing led to {line.id} at budget {line.budget}")
                 open_jobs[job.id, job.budget] = job
             job = open_jobs.pop((line.id, line.budget))
             self._apply(line, job.configuration)

@@ -4,15 +4,19 @@ A Tune trial is one job (configuration, budget). A promoted configuration comes 
 a new trial that continues from the checkpoint of its lower rung.
 """
 
+import math
 import time
+from collections.abc import Callable
 from typing import Any
 
 from ray.tune.search import Searcher
 
+from bilevel.errors import InvalidInput
 from cluster.bohb.search import BracketSearch, Job
+from cluster.bohb.trial import BUDGET_REACHED, FAILURE, KERNEL_SECONDS, NO_STORAGE, OBJECTIVE
 
-#: Keys of what a trial reports; the seconds are those of its job so far.
-OBJECTIVE, BUDGET_REACHED, KERNEL_SECONDS = "objective", "budget_reached", "kernel_seconds"
+#: How often a trial's process may die until the configuration counts as failed.
+DEATHS = 20
 
 
 class DriverOnly:
@@ -24,13 +28,14 @@ class DriverOnly:
 
 
 class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
-    """Hands out at most `concurrent` jobs at a time, none after `deadline`
-    (seconds of `time.monotonic`); each has `workers_per_trial` cores."""
+    """Hands out at most `concurrent()` jobs at a time, none after `deadline`
+    (seconds of `time.monotonic`), and none once `stopped_by` says why; each has
+    `workers_per_trial` cores."""
 
     def __init__(
         self,
         search: BracketSearch,
-        concurrent: int,
+        concurrent: Callable[[], int],
         deadline: float,
         workers_per_trial: int = 1,
     ) -> None:
@@ -39,10 +44,11 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         self._concurrent = concurrent
         self._deadline = deadline
         self._workers_per_trial = workers_per_trial
-        self._started: float | None = None  # monotonic, when the first job was handed out
-        self._reported = 0.0  # likewise, when a trial last reported
-        self._kernel_seconds: dict[str, float] = {}  # by trial
+        self._reported: float | None = None  # monotonic, when a trial last did (or began)
+        self._core_seconds = 0.0  # of all trials' cores, until then
+        self._kernel_seconds: dict[str, float] = {}  # in evaluations, by trial
         self.jobs: dict[str, Job] = {}  # of the live trials
+        self.stopped_by: InvalidInput | None = None
 
     @property
     def time_is_up(self) -> bool:
@@ -53,47 +59,70 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
     def core_utilisation(self) -> float:
         """Share of the cores' time that was spent in evaluations, from the first job of
         this process to the last report of a trial."""
-        if self._started is None or self._reported <= self._started:
+        if self._core_seconds == 0:
             return 0.0
-        cores = self._concurrent * self._workers_per_trial
-        spent = sum(self._kernel_seconds.values())
-        return spent / ((self._reported - self._started) * cores)
+        return sum(self._kernel_seconds.values()) / self._core_seconds
 
     def suggest(self, trial_id: str) -> dict[str, Any] | str | None:
         """The next job, None while there is nothing to start, FINISHED at the end."""
-        if self.time_is_up or self._search.finished:
+        if self.time_is_up or self.stopped_by is not None or self._search.finished:
             return str(Searcher.FINISHED)
-        if len(self.jobs) >= self._concurrent:
+        if len(self.jobs) >= self._concurrent():
             return None
-        job = self._search.next_job()
+        try:
+            job = self._search.next_job()
+        except InvalidInput as error:
+            self.stopped_by = error
+            return None
         if job is None:
             return None
         self.jobs[trial_id] = job
-        self._started = self._started or time.monotonic()
+        self._reported = self._reported or time.monotonic()
         return {
             "job": {"id": list(job.id), "configuration": job.configuration, "budget": job.budget}
         }
 
     def on_trial_result(self, trial_id: str, result: dict[str, Any]) -> None:
         """Count what the trial's cores did. (Tune does not call this for a last result.)"""
-        self._reported = time.monotonic()
+        now = time.monotonic()
+        cores = self._concurrent() * self._workers_per_trial
+        self._core_seconds += (now - (self._reported or now)) * cores
+        self._reported = now
         self._kernel_seconds[trial_id] = float(result.get(KERNEL_SECONDS, 0.0))
 
     def on_trial_complete(
         self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False
     ) -> None:
-        """Register the trial's result; one that was stopped short will run again."""
+        """Register the trial's result; one that was stopped short will run again.
+
+        Nothing is raised: Tune would take it for an error of the trial.
+        """
         job = self.jobs.pop(trial_id, None)
         if job is None:
             return
-        if error or result is None:
-            self._search.register(job, None, exception="the trial failed")
-        elif result.get(BUDGET_REACHED):
-            self.on_trial_result(trial_id, result)
-            info = {"core_utilisation": round(self.core_utilisation, 4)}
-            self._search.register(job, -float(result[OBJECTIVE]), info)
-        else:
+        try:
+            if result is not None:
+                self.on_trial_result(trial_id, result)
+            self._register(job, result or {}, error)
+        except InvalidInput as reason:
+            self.stopped_by = reason
             self._search.put_back(job)
+
+    def _register(self, job: Job, result: dict[str, Any], error: bool) -> None:
+        if error:
+            text = f"the trial's process died {DEATHS + 1} times"
+            self._search.register(job, None, exception=text)
+        elif NO_STORAGE in result:
+            raise InvalidInput(str(result[NO_STORAGE]))
+        elif FAILURE in result:
+            self._search.register(job, None, exception=str(result[FAILURE]))
+        elif not result.get(BUDGET_REACHED):
+            self._search.put_back(job)
+        elif math.isfinite(objective := float(result[OBJECTIVE])):
+            info = {"core_utilisation": round(self.core_utilisation, 4)}
+            self._search.register(job, -objective, info)
+        else:
+            self._search.register(job, None, exception=f"the objective is {objective}")
 
     def save(self, checkpoint_path: str) -> None:
         """Nothing: the journal is the search's state."""

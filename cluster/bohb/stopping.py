@@ -1,6 +1,8 @@
-"""When a study stops before its brackets are done: time spent, or Ctrl-C."""
+"""When a study stops before its brackets are done: time spent, Ctrl-C, no room."""
 
 import signal
+from collections.abc import Iterator
+from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Self
 
@@ -11,10 +13,12 @@ from cluster.progress import Terminal
 
 
 class InterruptGuard:
-    """Turns the first Ctrl-C (or SIGTERM) into a flag; the second one acts at once."""
+    """Ctrl-C (or SIGTERM) within `orderly` becomes a flag, the first time; at any
+    other time it is a KeyboardInterrupt."""
 
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
+        self._orderly = False
         self.interrupted = False
         self._before: dict[int, Any] = {}
 
@@ -27,15 +31,24 @@ class InterruptGuard:
         for number, handler in self._before.items():
             signal.signal(number, handler)
 
+    @contextmanager
+    def orderly(self) -> Iterator[None]:
+        """Within the block someone asks for `interrupted` and ends what is in flight."""
+        self._orderly = True
+        try:
+            yield
+        finally:
+            self._orderly = False
+
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        if self.interrupted:
+        if self.interrupted or not self._orderly:
             raise KeyboardInterrupt
         self.interrupted = True
         self._terminal.line("stopping after what is in flight; once more stops at once")
 
 
 class StudyStopper(DriverOnly, tune.Stopper):  # type: ignore[misc]
-    """Stops all trials when the time is up or the user asked for it."""
+    """Stops all trials when the time is up, the disk is full, or the user asked."""
 
     def __init__(self, searcher: BohbSearcher, guard: InterruptGuard) -> None:
         self._searcher = searcher
@@ -45,4 +58,5 @@ class StudyStopper(DriverOnly, tune.Stopper):  # type: ignore[misc]
         return False
 
     def stop_all(self) -> bool:
-        return self._guard.interrupted or self._searcher.time_is_up
+        searcher = self._searcher
+        return self._guard.interrupted or searcher.time_is_up or searcher.stopped_by is not None

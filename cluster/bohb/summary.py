@@ -17,10 +17,18 @@ class StudySummary:
     @property
     def incumbent(self) -> ResultLine | None:
         """The best result at the largest budget that has one (as hpbandster has it)."""
-        good = [line for line in self.journal.results if line.objective is not None]
-        largest = max((line.budget for line in good), default=0)
-        top = [line for line in good if line.budget == largest]
-        return max(top, key=lambda line: line.objective or 0.0, default=None)
+        changes = self.incumbents()
+        return changes[-1][1] if changes else None
+
+    def incumbents(self) -> list[tuple[int, ResultLine]]:
+        """The incumbent after each result that changed it, with the result's number."""
+        changes: list[tuple[int, ResultLine]] = []
+        best: ResultLine | None = None
+        for number, line in enumerate(self.journal.results, start=1):
+            if line.objective is not None and (best is None or _better(line, best)):
+                best = line
+                changes.append((number, line))
+        return changes
 
     @property
     def model_based(self) -> int:
@@ -71,3 +79,10 @@ class StudySummary:
                     f"{best} | {len(lines) - len(good)} |"
                 )
         return "\n".join(rows) + "\n"
+
+
+def _better(one: ResultLine, other: ResultLine) -> bool:
+    """Whether a result has the larger budget, or the higher objective at the same."""
+    assert one.objective is not None
+    assert other.objective is not None
+    return (one.budget, one.objective) > (other.budget, other.objective)

@@ -2,81 +2,82 @@
 
 Ray Tune places the trial and its pool together, in one placement group: an empty
 bundle for the trial itself, which mostly waits, and a core for each worker.
+
+A trial whose process or node dies is started again by Tune and goes on from its
+checkpoint. An error of the run itself is tried again here and then reported, so
+that the two are not taken for each other.
 """
 
+import socket
+import traceback
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
-import numpy as np
 from ray import tune
 
-from bilevel.hyperparameters import Hyperparameters
+from bilevel.errors import StorageFailure
 from bilevel.nes import NESState
-from bilevel.tasks import Task
-from cluster.bohb.journal import ConfigId
-from cluster.bohb.searcher import BUDGET_REACHED, KERNEL_SECONDS, OBJECTIVE
-from cluster.nes_loop import NESRun
+from cluster.bohb.study import Study
 from cluster.pool import EvaluationPool
-from search_spaces import to_hyperparameters
 
+#: Keys of what a trial reports.
+OBJECTIVE, BUDGET_REACHED, FAILURE, NO_STORAGE = (
+    "objective",
+    "budget_reached",
+    "failure",
+    "no_storage",
+)
+#: Likewise, seconds that its job has spent in evaluations so far.
+KERNEL_SECONDS = "kernel_seconds"
 
-def configuration_name(config_id: ConfigId) -> str:
-    """`bracket-rung-number`, zero-padded so that names sort."""
-    bracket, rung, number = config_id
-    return f"{bracket:03d}-{rung}-{number:03d}"
-
-
-def configuration_run(
-    config_id: ConfigId,
-    configuration: dict[str, Any],
-    task: Task,
-    base: Hyperparameters,
-    study_seed: int,
-    study_folder: Path,
-) -> NESRun:
-    """The NES run of a configuration; its seed is derived from the study's."""
-    seed = int(np.random.SeedSequence([study_seed, *config_id]).generate_state(1)[0])
-    folder = study_folder / "configurations" / configuration_name(config_id)
-    return NESRun(task, to_hyperparameters(base, configuration), seed, folder)
+#: How often an error of the run is met until the configuration counts as failed.
+_ATTEMPTS = 3
 
 
 class NESTrial(tune.Trainable):  # type: ignore[misc]
     """A step is a generation; the first continues from the checkpoint, if any."""
 
-    def setup(
-        self,
-        config: dict[str, Any],
-        task: Task,
-        base: Hyperparameters,
-        study_seed: int,
-        study_folder: Path,
-        workers: int,
-    ) -> None:
-        self._fixed = (task, base, study_seed, study_folder)
+    def setup(self, config: dict[str, Any], study: Study, workers: int) -> None:
+        self._study = study
         self._pool = EvaluationPool(workers)
         self.reset_config(config)
 
     def reset_config(self, new_config: dict[str, Any]) -> bool:
         """Take the next job; the pool, started once, serves it too."""
-        job = new_config["job"]
-        self._budget = int(job["budget"])
-        self._run = configuration_run(tuple(job["id"]), job["configuration"], *self._fixed)
+        self._job = new_config["job"]
         self._state: NESState | None = None
         self._kernel_seconds_before = self._pool.kernel_seconds
         return True
 
     def step(self) -> dict[str, Any]:
-        """Run one generation and report its record (the first step reports all)."""
-        first = self._state is None
-        state = self._state or self._run.open(self._pool)
-        if state.generation < self._budget:
-            state = self._run.advance(state, self._pool)
+        """Run one generation and report its record, or what went wrong."""
+        for _ in range(_ATTEMPTS):
+            try:
+                return self._generation()
+            except StorageFailure as error:
+                return {NO_STORAGE: str(error), "done": True}
+            except Exception:
+                failure = traceback.format_exc()
+                self._state = None
+        return {FAILURE: failure, "done": True}
+
+    def _generation(self) -> dict[str, Any]:
+        study, job = self._study, self._job
+        if not (study.folder / "settings.json").exists():
+            raise StorageFailure(
+                study.folder, OSError(0, f"node {socket.gethostname()} does not see this folder")
+            )
+        told: list[str] = []
+        run = study.run(tuple(job["id"]), job["configuration"])
+        state = self._state or run.open(self._pool, tell=told.append)
+        if state.generation < job["budget"]:
+            state = run.advance(state, self._pool)
         self._state = state
-        reached = state.generation >= self._budget
-        records = state.records if first else state.records[-1:]
+        reached = state.generation >= job["budget"]
         return {
-            "records": [asdict(record) for record in records],
+            "record": asdict(state.records[-1]),
+            "best_score": state.best_score,
+            "told": told,
             OBJECTIVE: state.objective,
             BUDGET_REACHED: reached,
             KERNEL_SECONDS: self._pool.kernel_seconds - self._kernel_seconds_before,

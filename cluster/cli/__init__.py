@@ -7,7 +7,8 @@ import click
 from bilevel.errors import InvalidInput
 from cluster.cli.evaluate import evaluate
 from cluster.cli.runs import bohb, nes
-from cluster.cli.services import ui
+from cluster.cli.services import down, status, ui, up
+from cluster.cli.studies import studies, sync
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -16,7 +17,7 @@ def cli() -> None:
     """Learn synthetic environments for reinforcement learning."""
 
 
-for command in (nes, bohb, evaluate, ui):
+for command in (nes, bohb, evaluate, studies, sync, up, status, down, ui):
     cli.add_command(command)
 
 

@@ -52,7 +52,6 @@ def evaluate(
     from bilevel.synthetic_env import StoredSE, load_se
     from bilevel.tasks import get_task
     from cluster.evaluate_command import EvaluateCommand, run_evaluate
-    from cluster.home import Home
 
     if not files and real is None:
         raise InvalidInput("nothing to train on: give SE files, or --real TASK")
@@ -76,6 +75,7 @@ def evaluate(
         kinds = tuple(replace(hp, max_episodes=max_episodes) for hp in kinds)
     varied = "-vary-hp" if vary_hp else ""
     among = "-".join(hp.agent for hp in kinds)
+    home, tracking_uri, address = common.where()
     run_evaluate(
         EvaluateCommand(
             task,
@@ -85,9 +85,9 @@ def evaluate(
             vary_hp,
             common.seed,
             name or f"evaluate-{'-'.join(sources)}-{among}{varied}-seed{common.seed}"[:80],
-            Home(common.home),
-            common.uri(),
+            home,
+            tracking_uri,
             workers,
-            common.address,
+            address,
         )
     )

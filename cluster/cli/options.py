@@ -10,6 +10,7 @@ from typing import Any
 import click
 
 from bilevel.tasks import Task
+from cluster.home import Home
 
 _SECONDS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
 
@@ -37,6 +38,38 @@ home_option = click.option(
     help="Folder for checkpoints, journals, and MLflow's database.",
 )
 
+#: Agents of the user's own.
+agent_file_option = click.option(
+    "--agent-file",
+    "agent_files",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    multiple=True,
+    help="Python file that registers an agent (docs/agents.md).",
+)
+
+#: Where runs are tracked.
+tracking_option = click.option(
+    "--tracking-uri",
+    help="MLflow server or database; else the server of `up`, or a database in the home.",
+)
+
+
+def the_tracking_uri(given: str | None, home: Home) -> str:
+    """The tracking URI: given, of the environment, of the home's server, or its database."""
+    from cluster.services import address_of
+
+    named = given or os.environ.get("MLFLOW_TRACKING_URI")
+    return named or address_of("mlflow", home) or home.database_uri
+
+
+def the_address(given: str | None, home: Home) -> str | None:
+    """Address of the Ray cluster to join: given, of the environment, or of the home's
+    head; None for a cluster of the process's own."""
+    from cluster.services import address_of
+
+    named = given or os.environ.get("RAY_ADDRESS") or address_of("ray", home)
+    return None if named == "local" else named
+
 
 def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Options that all commands which train agents have in common."""
@@ -49,15 +82,12 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
             show_default=True,
             help="Agent to train; several, comma-separated: each evaluation draws one.",
         ),
+        agent_file_option,
         click.option(
-            "--agent-file",
-            "agent_files",
-            type=click.Path(exists=True, dir_okay=False, path_type=Path),
-            multiple=True,
-            help="Python file that registers an agent (docs/agents.md).",
+            "--address",
+            help="Ray cluster to join (host:port, auto); else that of `up`, or a local one.",
         ),
-        click.option("--address", help="Ray cluster to join (host:port, auto); else a local one."),
-        click.option("--tracking-uri", help="MLflow server or database; else one in the home."),
+        tracking_option,
         home_option,
         click.option("--solved-reward", type=float, help="For tasks whose spec has none."),
         click.option(
@@ -109,12 +139,14 @@ class RunOptions:
             get_agent(name)
         return names
 
-    def uri(self) -> str:
-        """The tracking URI: given, of the environment, or the home's database."""
-        from cluster.home import Home
-
-        given = self.tracking_uri or os.environ.get("MLFLOW_TRACKING_URI")
-        return given or Home(self.home).database_uri
+    def where(self) -> tuple[Home, str, str | None]:
+        """Home, tracking URI, and address of the Ray cluster to join, if any."""
+        home = Home(self.home)
+        return (
+            home,
+            the_tracking_uri(self.tracking_uri, home),
+            the_address(self.address, home),
+        )
 
 
 def agent_suffix(agents: tuple[str, ...]) -> str:

@@ -38,7 +38,6 @@ def nes(
 ) -> None:
     """One NES run on TASK (CartPole-v0, Acrobot-v1 or another gymnasium id)."""
     from bilevel.hyperparameters import best_preset, load_preset
-    from cluster.home import Home
 
     common = RunOptions(**options)
     task = common.the_task()
@@ -56,21 +55,14 @@ def nes(
         varied = "-vary-hp" if vary_hp else ""
         name = f"nes-{preset}{agent_suffix(agents)}-{update}{varied}-seed{common.seed}"
 
-    from cluster.nes_command import NESCommand, run_nes
+    home, tracking_uri, address = common.where()
+    folder = home.run_folder(task.id, name)
 
-    run_nes(
-        NESCommand(
-            task,
-            hp,
-            common.seed,
-            name,
-            Home(common.home),
-            common.uri(),
-            workers,
-            common.address,
-            solved_for,
-        )
-    )
+    from cluster.nes_command import NESCommand, run_nes
+    from cluster.nes_loop import NESRun
+
+    run = NESRun(task, hp, common.seed, folder)
+    run_nes(NESCommand(run, home, tracking_uri, workers, address, solved_for))
 
 
 @click.command()
@@ -96,8 +88,7 @@ def bohb(
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
     from bilevel.errors import one_of
-    from cluster.home import Home
-    from cluster.profiles import get_profile
+    from cluster.profiles import base_hyperparameters, get_profile
     from search_spaces import SPACES
 
     common = RunOptions(**options)
@@ -113,24 +104,31 @@ def bohb(
         "time_budget": time_budget,
     }
     size = replace(size, **{key: value for key, value in changes.items() if value is not None})
-    from cluster.bohb import study as studies
+    home, tracking_uri, address = common.where()
+    name = study or f"bohb-{profile}-{size.space}{agent_suffix(agents)}-seed{common.seed}"
+    folder = home.run_folder(task.id, name)
+
+    from cluster.bohb.brackets import budget_ladder
+    from cluster.bohb.command import StudyCommand, run_study
+    from cluster.bohb.estimate import dry_run as estimate
+    from cluster.bohb.study import Study
     from cluster.progress import Terminal
 
-    settings = studies.StudySettings(
-        task,
-        study or f"bohb-{profile}-{size.space}{agent_suffix(agents)}-seed{common.seed}",
-        profile,
-        size,
-        common.seed,
-        Home(common.home),
-        common.uri(),
+    budgets = tuple(budget_ladder(size.smallest_budget, size.largest_budget))
+    command = StudyCommand(
+        Study(
+            folder, task, common.seed, size.space, budgets, base_hyperparameters(size, task, agents)
+        ),
+        home,
+        size.brackets,
+        size.time_budget,
+        size.final_agents,
+        tracking_uri,
         workers_per_trial,
         concurrent_trials,
-        common.address,
-        agents=agents,
+        address,
     )
-    assert settings.folder  # a bad name is told before anything starts
     if dry_run:
-        studies.dry_run(settings, Terminal())
+        estimate(command, Terminal())
     else:
-        sys.exit(studies.run_study(settings))
+        sys.exit(run_study(command))

@@ -1,4 +1,4 @@
-"""Commands for what runs beside the runs: `ui`."""
+"""Commands for what runs beside the runs: `up`, `status`, `down`, `ui`."""
 
 import sys
 from pathlib import Path
@@ -7,14 +7,63 @@ import click
 
 from cluster.cli.options import home_option
 
+_port = click.IntRange(1, 65535)
+_host_option = click.option(
+    "--host", default="127.0.0.1", show_default=True, help="Address to bind to."
+)
+
 
 @click.command()
 @home_option
-@click.option("--host", default="127.0.0.1", show_default=True)
-@click.option("--port", type=click.IntRange(1, 65535), default=5000, show_default=True)
+@_host_option
+@click.option("--ray-port", type=_port, default=6379, show_default=True)
+@click.option("--dashboard-port", type=_port, default=8265, show_default=True)
+@click.option("--mlflow-port", type=_port, default=5000, show_default=True)
+def up(home: Path, host: str, ray_port: int, dashboard_port: int, mlflow_port: int) -> None:
+    """Start a Ray head and an MLflow server in the background; studies join them."""
+    from cluster import services
+    from cluster.home import Home
+
+    services.up(Home(home), host, ray_port, dashboard_port, mlflow_port, click.echo)
+
+
+@click.command()
+@home_option
+def status(home: Path) -> None:
+    """Tell how the services are; exit code 0 if all are up, else 1."""
+    from cluster.home import Home
+    from cluster.services import services
+
+    found = services(Home(home))
+    for service in found:
+        click.echo(f"{service.name:8}{service.state:15}{service.page:30}log {service.log}")
+    if not found:
+        click.echo(f"nothing is up in {str(home)!r}: start with `make up`")
+    sys.exit(0 if found and all(service.state == "up" for service in found) else 1)
+
+
+@click.command()
+@home_option
+def down(home: Path) -> None:
+    """Stop the services that `up` started here, and nothing else."""
+    from cluster import services
+    from cluster.home import Home
+
+    services.down(Home(home), click.echo)
+
+
+@click.command()
+@home_option
+@_host_option
+@click.option("--port", type=_port, default=5000, show_default=True)
 def ui(home: Path, host: str, port: int) -> None:
     """The MLflow UI on the runs of the home folder, until Ctrl-C."""
     from cluster.home import Home
-    from cluster.ui import serve_ui
+    from cluster.mlflow_server import serve_ui
+    from cluster.services import address_of
 
+    running = address_of("mlflow", Home(home))
+    if running is not None:
+        click.echo(f"MLflow is up: {running}")
+        return
     sys.exit(serve_ui(Home(home), host, port))

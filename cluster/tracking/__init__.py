@@ -1,5 +1,7 @@
 """Everything that goes to MLflow; only the driver writes there."""
 
+from cluster.tracking.mirror import Mirror
 from cluster.tracking.tracker import Tracker
+from cluster.tracking.view import Document, Point, RegisteredSE, RunView
 
-__all__ = ["Tracker"]
+__all__ = ["Document", "Mirror", "Point", "RegisteredSE", "RunView", "Tracker"]

@@ -1,32 +1,45 @@
-"""MLflow as this package uses it: experiments, runs, generations, the registry.
+"""MLflow as this package uses it: it is brought to show what a view says.
 
 One experiment a task; one run a study, one child run a configuration (nested by the
-tag `mlflow.parentRunId`). A run is found again by its tag `bilevel.key`, so a
-continued study goes on in the same runs, and a generation that is already there is
-not logged twice.
+tag `mlflow.parentRunId`). A run is found again by its tag `bilevel.key`.
+
+    show(view):
+        run <- the run with the view's key, made if there is none
+        for each of params, points, documents, model, tags, status:
+            write what the run does not have yet
+
+Every write may be repeated: a point carries the time of its event, and the database
+holds one row for a metric, time, step and value.
 """
 
 import json
 import logging
+import os
 import socket
+import tempfile
 import threading
 import warnings
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlparse
 
 from bilevel.errors import InvalidInput
-from bilevel.nes import GenerationRecord
+from cluster.tracking.registry import register_se
+from cluster.tracking.view import Document, Point, RunView
 
 _KEY = "bilevel.key"
+#: Which version of each document the run has; JSON.
+_DOCUMENTS = "bilevel.documents"
+_PARENT = "mlflow.parentRunId"
 #: Makes the UI open the experiment on its runs instead of on a page for chat traces.
 _KIND = "mlflow.experimentKind"
 _CONNECT_TIMEOUT = 5.0  # seconds until a server counts as unreachable
 
-Params = Mapping[str, Any]
+#: Metrics and parameters that one request may carry.
+_BATCH = 900
 
 
 def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
@@ -49,7 +62,7 @@ def check_tracking_uri(uri: str) -> None:
             socket.create_connection((parts.hostname or "", port), _CONNECT_TIMEOUT).close()
         except (OSError, ValueError) as error:
             raise InvalidInput(f"no MLflow server at {uri!r}: {error}") from None
-    elif parts.scheme not in ("sqlite", "postgresql", "mysql", "mssql"):
+    elif parts.scheme.partition("+")[0] not in ("sqlite", "postgresql", "mysql", "mssql"):
         raise InvalidInput(
             f"tracking URI {uri!r} is not valid: allowed are http(s)://host:port, "
             "sqlite:///path and other database URIs"
@@ -75,24 +88,43 @@ def _import_mlflow() -> None:
         import mlflow.store.tracking.sqlalchemy_store  # noqa: F401
 
 
+@dataclass
+class _Shown:
+    """What a run in MLflow has."""
+
+    run_id: str
+    status: str
+    params: set[str]
+    tags: dict[str, str]
+    marks: set[tuple[str, int]]  # points
+    documents: dict[str, str]  # versions by path
+
+
 class Tracker:
     """Writes the runs of one task to one MLflow server or database.
 
-    `artifacts` is where a database (which stores no files) puts artifacts. Raises
-    InvalidInput if MLflow cannot be reached.
+    `artifacts` is where a database (which stores no files) puts artifacts. A
+    `thorough` tracker looks at every document anew instead of believing what the run
+    says of itself. Raises InvalidInput if MLflow cannot be reached.
     """
 
-    def __init__(self, uri: str, experiment: str, artifacts: Path) -> None:
+    def __init__(self, uri: str, experiment: str, artifacts: Path, thorough: bool = False) -> None:
         check_tracking_uri(uri)
-        for name in ("alembic", "mlflow.store.db.utils", "mlflow.tracking"):
-            logging.getLogger(name).setLevel(logging.ERROR)
+        # Repeating is the caller's business, who has other things to do meanwhile.
+        os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")
+        os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "30")
+        os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             import mlflow
             from mlflow.exceptions import MlflowException
             from sqlalchemy.exc import SQLAlchemyError
+        for name in ("alembic", "mlflow", "mlflow.store.db.utils", "urllib3"):
+            logging.getLogger(name).setLevel(logging.CRITICAL)
 
         self.uri = uri
+        self._thorough = thorough
+        self._shown: dict[str, _Shown] = {}
         location = None if uri.startswith("http") else (artifacts / experiment).resolve().as_uri()
         try:
             self._client = mlflow.MlflowClient(uri, registry_uri=uri)
@@ -105,9 +137,7 @@ class Tracker:
                 )
             )
         except (MlflowException, SQLAlchemyError, OSError) as error:
-            reason = str(error).strip().splitlines()[0]
-            raise InvalidInput(f"MLflow at {uri!r} cannot be used: {reason}") from None
-        self._logged_until: dict[str, int] = {}  # run -> last generation logged
+            raise InvalidInput(f"MLflow at {uri!r} cannot be used: {first_line(error)}") from None
 
     @property
     def address(self) -> str:
@@ -116,114 +146,115 @@ class Tracker:
             return f"{self.uri.rstrip('/')}/#/experiments/{self.experiment_id}/runs"
         return f"`make ui`, experiment {self.experiment_id}"
 
-    def open_run(
-        self,
-        key: str,
-        name: str,
-        params: Params,
-        tags: Mapping[str, str],
-        parent: str | None = None,
-        description: str = "",
-    ) -> str:
-        """The id of the run with that key: reopened if it exists, else created."""
-        found = self._client.search_runs(
-            [self.experiment_id], f"tags.`{_KEY}` = '{key}'", max_results=1
+    def show(self, view: RunView) -> None:
+        """Bring MLflow to show the view. Raises what MLflow raises; then some of it may
+        be there, and showing it again completes it."""
+        shown = self._shown.pop(view.key, None) or self._open(view)
+        self._show_params(shown, view.params)
+        self._show_points(shown, view.points)
+        for document in view.documents:
+            self._show_document(shown, document)
+        if view.model is not None and shown.documents.get("model") != view.model.version:
+            register_se(self._client, shown.run_id, view.model)
+            self._note_document(shown, "model", view.model.version)
+        for name, value in view.tags.items():
+            if shown.tags.get(name) != value:
+                self._client.set_tag(shown.run_id, name, value)
+                shown.tags[name] = value
+        self._show_status(shown, view)
+        self._shown[view.key] = shown  # of a run whose writing failed nothing is believed
+
+    def forget(self) -> None:
+        """Believe nothing of what MLflow has: it was away, and may have lost something."""
+        self._shown.clear()
+
+    def _open(self, view: RunView) -> _Shown:
+        runs = self._client.search_runs(
+            [self.experiment_id],
+            f"tags.`{_KEY}` = '{view.key}'",
+            order_by=["attributes.start_time ASC", "attributes.run_id ASC"],
         )
-        if found:
-            run_id = str(found[0].info.run_id)
-            self._client.update_run(run_id, status="RUNNING")
-            history = self._client.get_metric_history(run_id, "score_mean")
-            self._logged_until[run_id] = max((metric.step for metric in history), default=-1)
-            return run_id
-        all_tags = {_KEY: key, **tags}
-        if parent is not None:
-            all_tags["mlflow.parentRunId"] = parent
-        if description:
-            all_tags["mlflow.note.content"] = description
-        run = self._client.create_run(self.experiment_id, tags=all_tags, run_name=name)
+        for twin in runs[1:]:  # a request to make the run was answered too late
+            self._client.delete_run(twin.info.run_id)
+        if not runs:
+            tags = {_KEY: view.key, **view.tags}
+            if view.parent is not None:
+                tags[_PARENT] = self._run_id(view.parent)
+            runs = [
+                self._client.create_run(
+                    self.experiment_id, _milliseconds(view.started), tags, run_name=view.name
+                )
+            ]
+        run = runs[0]
         run_id = str(run.info.run_id)
+        tags = dict(run.data.tags)
+        known = {} if self._thorough else json.loads(tags.get(_DOCUMENTS, "{}"))
+        marks = {
+            (name, metric.step)
+            for name in {point.mark[0] for point in view.points} & set(run.data.metrics)
+            for metric in self._client.get_metric_history(run_id, name)
+        }
+        return _Shown(run_id, run.info.status, set(run.data.params), tags, marks, known)
+
+    def _run_id(self, key: str) -> str:
+        if key in self._shown:
+            return self._shown[key].run_id
+        runs = self._client.search_runs([self.experiment_id], f"tags.`{_KEY}` = '{key}'")
+        if not runs:
+            raise LookupError(f"the run {key} is not there yet")
+        return str(runs[0].info.run_id)
+
+    def _show_params(self, shown: _Shown, params: Mapping[str, Any]) -> None:
         from mlflow.entities import Param
 
-        entries = [Param(k, str(v)) for k, v in flatten(params).items()]
-        self._client.log_batch(run_id, params=entries)
-        self._logged_until[run_id] = -1
-        return run_id
+        missing = {k: v for k, v in flatten(params).items() if k not in shown.params}
+        if missing:
+            entries = [Param(name, str(value)) for name, value in missing.items()]
+            self._client.log_batch(shown.run_id, params=entries)
+            shown.params |= set(missing)
 
-    def log_generations(self, run_id: str, records: Iterable[GenerationRecord]) -> None:
-        """Log the generations that are not there yet, each at its own step."""
-        for record in records:
-            if record.generation > self._logged_until[run_id]:
-                values = asdict(record)
-                self.log_metrics(run_id, values, values.pop("generation"))
-                self._logged_until[run_id] = record.generation
-
-    def log_metrics(self, run_id: str, values: Mapping[str, float], step: int) -> None:
-        """Log several metrics at one step."""
-        import time
-
+    def _show_points(self, shown: _Shown, points: tuple[Point, ...]) -> None:
         from mlflow.entities import Metric
 
-        now = int(time.time() * 1000)
-        metrics = [Metric(name, float(value), now, step) for name, value in values.items()]
-        self._client.log_batch(run_id, metrics=metrics)
+        missing = [point for point in points if point.mark not in shown.marks]
+        batch: list[Any] = []
+        for i, point in enumerate(missing):
+            time = _milliseconds(point.time)
+            batch += [Metric(k, float(v), time, point.step) for k, v in point.values.items()]
+            if len(batch) > _BATCH or i == len(missing) - 1:
+                self._client.log_batch(shown.run_id, metrics=batch)
+                batch = []
+        shown.marks |= {point.mark for point in missing}
 
-    def log_file(self, run_id: str, path: Path, folder: str | None = None) -> None:
-        """Store a file as artifact, replacing one of the same name."""
-        self._client.log_artifact(run_id, str(path), folder)
+    def _show_document(self, shown: _Shown, document: Document) -> None:
+        if shown.documents.get(document.path) == document.version:
+            return
+        parent, _, name = document.path.rpartition("/")
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / name
+            path.write_bytes(document.content())
+            self._client.log_artifact(shown.run_id, str(path), parent or None)
+        self._note_document(shown, document.path, document.version)
 
-    def log_text(self, run_id: str, text: str, name: str) -> None:
-        """Store a text as artifact."""
-        self._client.log_text(run_id, text, name)
+    def _note_document(self, shown: _Shown, path: str, version: str) -> None:
+        shown.documents[path] = version
+        self._client.set_tag(shown.run_id, _DOCUMENTS, json.dumps(shown.documents))
 
-    def log_json(self, run_id: str, values: Params, name: str) -> None:
-        """Store a dictionary as JSON artifact."""
-        self._client.log_text(run_id, json.dumps(values, indent=2), name)
+    def _show_status(self, shown: _Shown, view: RunView) -> None:
+        if view.status == shown.status:
+            return
+        if view.ended is None:
+            self._client.update_run(shown.run_id, status=view.status)
+        else:
+            self._client.set_terminated(shown.run_id, view.status, _milliseconds(view.ended))
+        shown.status = view.status
 
-    def log_figure(self, run_id: str, figure: Any, name: str) -> None:
-        """Store a matplotlib figure as artifact."""
-        self._client.log_figure(run_id, figure, name)
 
-    def set_tags(self, run_id: str, tags: Mapping[str, str]) -> None:
-        """Set tags."""
-        for name, value in tags.items():
-            self._client.set_tag(run_id, name, value)
+def first_line(error: BaseException) -> str:
+    """What an error says, in one line."""
+    lines = str(error).strip().splitlines()
+    return lines[0] if lines else type(error).__name__
 
-    def close_run(self, run_id: str, status: str = "FINISHED") -> None:
-        """Mark a run FINISHED, FAILED or KILLED."""
-        self._client.set_terminated(run_id, status)
 
-    def register_se(self, run_id: str, path: Path, task_id: str, tags: Mapping[str, str]) -> str:
-        """Register an SE file as the task's newest model version, under the alias
-        `best`; returns the model's address (`models:/name@best`).
-
-        `mlflow.pyfunc.load_model` of it gives an object whose `predict` runs the SE.
-        """
-        import tempfile
-
-        import mlflow.pyfunc
-        from mlflow.exceptions import MlflowException
-
-        name = f"SE-{task_id}"
-        with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            model = Path(folder) / "model"
-            mlflow.pyfunc.save_model(
-                model,
-                loader_module="cluster.tracking.se_model",
-                data_path=str(path),
-                pip_requirements=["bilevel"],
-            )
-            self._client.log_artifacts(run_id, str(model), "model")
-        try:
-            self._client.create_registered_model(
-                name, description=f"Synthetic environments for {task_id}."
-            )
-        except MlflowException as error:
-            if error.error_code != "RESOURCE_ALREADY_EXISTS":
-                raise
-        source = f"{self._client.get_run(run_id).info.artifact_uri}/model"
-        version = self._client.create_model_version(
-            name, source, run_id, tags={key: str(value) for key, value in tags.items()}
-        )
-        self._client.set_registered_model_alias(name, "best", version.version)
-        return f"models:/{name}@best"
+def _milliseconds(seconds: float) -> int:
+    return int(seconds * 1000)

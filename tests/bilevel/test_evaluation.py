@@ -7,6 +7,7 @@ from bilevel.evaluation import EvaluationRequest, evaluate, request_psi, train_a
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task, get_task
+from tests.conftest import ddqn
 
 
 @pytest.fixture
@@ -47,6 +48,30 @@ def test_divergence_scores_worst_and_is_told(acrobot: Task, small_hp: Hyperparam
     result = evaluate(acrobot, architecture, psi, EvaluationRequest(0, 0, small_hp.agents[0]))
     assert not result.finite
     assert result.score == acrobot.worst_score == -500.0
+
+
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_an_se_that_is_no_number_scores_worst(
+    wrong: float, acrobot: Task, small_hp: Hyperparameters
+) -> None:
+    architecture = Architecture.of(acrobot, small_hp.se)
+    psi = architecture.initialize(np.random.default_rng(0))
+    psi[::50] = wrong
+    result = evaluate(acrobot, architecture, psi, EvaluationRequest(0, 0, ddqn(small_hp)))
+    assert (result.finite, result.score) == (False, -500.0)
+
+
+def test_an_se_whose_episodes_never_end_is_bounded_by_the_step_limit(
+    cartpole: Task, small_hp: Hyperparameters
+) -> None:
+    """All networks answer 0: no episode is ever done, and no reward lets an agent stop
+    early for having learned; steps bound it, whatever the clock says."""
+    architecture = Architecture.of(cartpole, small_hp.se)
+    psi = np.zeros(architecture.parameter_count, np.float32)
+    agent = replace(ddqn(small_hp), early_out_episodes=1000)
+    result = evaluate(cartpole, architecture, psi, EvaluationRequest(0, 0, agent))
+    assert result.train_episodes == agent.max_episodes
+    assert result.train_steps == agent.max_episodes * cartpole.step_limit
 
 
 def test_task_that_gymnasium_runs(small_hp: Hyperparameters) -> None:

@@ -1,6 +1,8 @@
 import contextlib
 import json
 import pickle
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import gymnasium
@@ -70,6 +72,20 @@ class TestFile:
         np.testing.assert_array_equal(after.psi, before.psi)
         assert (after.task_id, after.step_limit, after.solved_reward) == ("CartPole-v0", 200, 195.0)
         assert after.info == {"score_mean": 12.5}
+
+    @pytest.mark.parametrize("position", [-1, -200, -1000])
+    def test_a_wrong_weight_is_told(self, position: int, se_file: Path) -> None:
+        content = bytearray(se_file.read_bytes())
+        content[position] ^= 1
+        se_file.write_bytes(content)
+        with pytest.raises(InvalidInput, match="its checksum is wrong"):
+            load_se(se_file)
+
+    def test_a_file_of_another_tool_without_checksum_is_read(self, se_file: Path) -> None:
+        with safetensors.safe_open(se_file, framework="numpy") as file:
+            header = file.metadata()["se"]
+        safetensors.numpy.save_file(safetensors.numpy.load_file(se_file), se_file, {"se": header})
+        assert load_se(se_file).task_id == "CartPole-v0"
 
     def test_tensors_carry_torchs_names_and_shapes(self, se_file: Path) -> None:
         tensors = safetensors.numpy.load_file(se_file)
@@ -144,6 +160,18 @@ class TestGymEnv:
     def test_passes_gymnasiums_own_check(self, se_file: Path) -> None:
         env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file).unwrapped
         check_env(env, skip_render_check=True)
+
+    def test_a_module_that_a_file_names_is_not_imported(self, tmp_path: Path) -> None:
+        (tmp_path / "bomb_of_an_se.py").write_text("raise SystemExit('executed')")
+        se = replace(make_se(get_task("CartPole-v0")), task_id="bomb_of_an_se:Bomb-v0")
+        save_se(se, tmp_path / "se.safetensors")
+        sys.path.insert(0, str(tmp_path))
+        try:
+            with pytest.raises(InvalidInput, match="unknown task 'Bomb-v0'"):
+                gymnasium.make("bilevel/SyntheticEnv-v0", path=tmp_path / "se.safetensors")
+        finally:
+            sys.path.remove(str(tmp_path))
+        assert "bomb_of_an_se" not in sys.modules
 
     def test_follows_the_se(self, se_file: Path) -> None:
         env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file)

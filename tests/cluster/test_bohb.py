@@ -187,8 +187,9 @@ class TestJournal:
         content = path.read_bytes()
         last = content[:-1].rfind(b"\n") + 1
         path.write_bytes(content[: max(len(content) - cut, last)])
+        torn = path.read_bytes()
         assert len(Journal(folder).results) == 12
-        assert path.read_bytes() == content[:last]
+        assert path.read_bytes() == torn  # whoever only looks changes nothing
         run_to_end(new_search(folder, brackets=1))
         assert len(Journal(folder).results) == 13
 

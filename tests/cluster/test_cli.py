@@ -14,7 +14,9 @@ def bilevel(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
     )
 
 
-@pytest.mark.parametrize("command", [[], ["nes"], ["bohb"], ["ui"]])
+@pytest.mark.parametrize(
+    "command", [[], ["nes"], ["bohb"], ["studies"], ["sync"], ["up"], ["down"], ["ui"]]
+)
 def test_help(command: list[str], tmp_path: Path) -> None:
     result = bilevel(*command, "--help", cwd=tmp_path)
     assert result.returncode == 0
@@ -58,6 +60,7 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         ),
         (["bohb"], "Missing argument 'TASK'"),
         (["ui"], "no runs in"),
+        (["sync", "none"], "no study is called 'none'"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(args: list[str], told: str, tmp_path: Path) -> None:

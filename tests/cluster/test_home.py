@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from bilevel import InvalidInput
-from cluster.home import Home, locked_settings
+from cluster.home import Home
 from cluster.progress import duration
 
 
@@ -18,32 +18,18 @@ def test_task_ids_with_a_namespace_stay_inside(tmp_path: Path) -> None:
     assert folder.resolve().is_relative_to(tmp_path)
 
 
-def test_other_settings_are_refused(tmp_path: Path) -> None:
-    with locked_settings(tmp_path / "run", {"seed": 1, "budgets": (1, 3)}) as identity:
-        pass
-    with locked_settings(tmp_path / "run", {"seed": 1, "budgets": (1, 3)}) as again:
-        assert identity == again
-    with (
-        pytest.raises(InvalidInput, match="'run' was begun with seed = 1, not 2"),
-        locked_settings(tmp_path / "run", {"seed": 2, "budgets": (1, 3)}),
-    ):
-        pass
-
-
-@pytest.mark.parametrize("content", ["", "[]", "{}", "nonsense"])
-def test_damaged_settings_are_told(content: str, tmp_path: Path) -> None:
-    (tmp_path / "settings.json").write_text(content)
-    with pytest.raises(InvalidInput, match="damaged settings"), locked_settings(tmp_path, {}):
-        pass
-
-
-def test_two_at_once_are_refused(tmp_path: Path) -> None:
-    with (
-        locked_settings(tmp_path / "run", {}),
-        pytest.raises(InvalidInput, match="run by another process"),
-        locked_settings(tmp_path / "run", {}),
-    ):
-        pass
+def test_a_run_is_found_by_its_name(tmp_path: Path) -> None:
+    home = Home(tmp_path)
+    for task, name in (("A-v0", "one"), ("A-v0", "two"), ("B-v0", "two")):
+        folder = home.run_folder(task, name)
+        folder.mkdir(parents=True)
+        (folder / "settings.json").touch()
+    assert home.find("one") == tmp_path / "A-v0" / "one"
+    assert home.find("B-v0/two") == tmp_path / "B-v0" / "two"
+    with pytest.raises(InvalidInput, match=r"several studies are called 'two'.*A-v0/two, B-v0/two"):
+        home.find("two")
+    with pytest.raises(InvalidInput, match=r"no study is called '\.\./x'.*there are A-v0/one"):
+        home.find("../x")
 
 
 @pytest.mark.parametrize(

@@ -2,14 +2,9 @@
 
 import os
 import signal
-import socket
-import subprocess
-import sys
 import time
-from collections.abc import Iterator
 from pathlib import Path
 
-import mlflow
 import pytest
 
 from bilevel.nes import NESState
@@ -188,41 +183,3 @@ def test_a_study_whose_trials_all_fail_ends_with_1(tmp_path: Path) -> None:
     assert result.stdout.count(" failed: ") == 4
     assert "no configuration finished a generation" in result.stdout
     assert "Traceback" not in result.stderr
-
-
-@pytest.fixture
-def mlflow_server(tmp_path: Path) -> Iterator[str]:
-    """A real MLflow server on a free port."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
-    log = (tmp_path / "server.log").open("w")
-    command = [sys.executable, "-m", "mlflow", "server", "--port", str(port), "--workers", "1"]
-    command += ["--backend-store-uri", f"sqlite:///{tmp_path}/server.db"]
-    command += ["--artifacts-destination", str(tmp_path / "served")]
-    process = subprocess.Popen(command, stdout=log, stderr=log, start_new_session=True)
-    for _ in range(300):
-        with socket.socket() as probe:
-            if probe.connect_ex(("127.0.0.1", port)) == 0:
-                break
-        time.sleep(0.2)
-    yield f"http://127.0.0.1:{port}"
-    os.killpg(process.pid, signal.SIGTERM)
-    process.wait(timeout=30)
-    log.close()
-
-
-def test_everything_goes_to_a_tracking_server_too(mlflow_server: str, tmp_path: Path) -> None:
-    home = tmp_path / "home"
-    args = ("--brackets", "1", "--tracking-uri", mlflow_server)
-    result = run(*SMOKE, *args, "--home", home)
-    assert result.returncode == 0, result.stderr
-    assert not (home / "mlflow.db").exists()
-    mlflow_client = mlflow.MlflowClient(mlflow_server)
-    experiment = mlflow_client.get_experiment_by_name("CartPole-v0")
-    assert experiment is not None
-    runs = mlflow_client.search_runs([experiment.experiment_id])
-    assert len(runs) == 4
-    for tracked in runs:
-        names = {file.path for file in mlflow_client.list_artifacts(tracked.info.run_id)}
-        assert "best_se.safetensors" in names

@@ -24,7 +24,7 @@ SMALL = ("nes", "CartPole-v0", "--population", "2", "--start-candidates", "2", "
 def scores(home: Path) -> list[dict[str, float]]:
     """The run's records, less the measured times."""
     state = NESState.load(home / "CartPole-v0" / "run" / "state.safetensors")
-    times = {"env_steps_per_second", "generation_seconds", "core_utilisation"}
+    times = {"env_steps_per_second", "generation_seconds", "core_utilisation", "finished"}
     return [{k: v for k, v in asdict(r).items() if k not in times} for r in state.records]
 
 

@@ -16,7 +16,7 @@ from bilevel.evaluation import EvaluationResult, evaluate
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
 from bilevel.tasks import Task
-from cluster.pool import EvaluationPool, placed_pool
+from cluster.pool import EvaluationPool
 from tests.conftest import ddqn
 
 pytestmark = [pytest.mark.timeout(120), pytest.mark.usefixtures("local_ray")]
@@ -57,7 +57,7 @@ def test_any_number_of_actors_gives_what_a_loop_gives(nes: NES, small_hp: Hyperp
     ]
     looped = [evaluate(nes.task, nes.architecture, state.psi, r) for r in requests]
     for workers in (1, 2):
-        with placed_pool(workers) as pool:
+        with EvaluationPool(workers) as pool:
             results = pool.run(nes.task, nes.architecture, state.psi, requests)
             assert pool.kernel_seconds == pytest.approx(sum(r.seconds for r in results))
         assert without_times(results) == without_times(looped)
@@ -108,7 +108,7 @@ def test_an_error_in_an_evaluation_is_the_callers(nes: NES) -> None:
 
 
 def test_the_pool_is_gone_afterwards(nes: NES) -> None:
-    with placed_pool(2) as pool:
+    with EvaluationPool(2) as pool:
         pool.run(nes.task, nes.architecture, None, [])
         assert pool.size == 2
     deadline = time.monotonic() + 20

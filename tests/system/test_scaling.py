@@ -12,7 +12,7 @@ from bilevel.evaluation import evaluate
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES, NESState
 from bilevel.tasks import Task
-from cluster.pool import placed_pool
+from cluster.pool import EvaluationPool
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -34,7 +34,7 @@ def test_a_run_is_recorded_as_it_would_go_unrecorded(recorded: NES, tmp_path: Pa
     state = nes.start(screened, [evaluate(nes.task, nes.architecture, None, r) for r in retests])
     for row in rows["generations"]:
         results = [evaluate(nes.task, nes.architecture, state.psi, r) for r in nes.ask(state)]
-        state = nes.tell(state, results, 0.0)
+        state = nes.tell(state, results, 0.0, 0.0)
         assert row["train_steps"] == [result.train_steps for result in results]
         assert row["score"] == round(state.records[-1].score_mean, 1)
     assert (NESState.load(path).psi == state.psi).all()
@@ -46,7 +46,7 @@ def test_the_pool_is_measured(recorded: NES, tmp_path: Path) -> None:
     path = generation_path(tmp_path, "CartPole-v0", 1, 0)
     path.parent.mkdir()
     recorded.start().save(path)
-    with placed_pool(1) as pool:
+    with EvaluationPool(1) as pool:
         costs = overhead(pool)
         (row,) = replayed(pool, recorded, tmp_path, [0])
     assert 0 < costs["evaluation_ms"] < costs["actor_ms"]

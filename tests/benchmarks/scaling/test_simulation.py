@@ -101,7 +101,7 @@ def simulate(
         reached[job.id] = job.budget
         return JobCourse([generation_seconds] * left, [generation_seconds] * left, job.id[2])
 
-    searcher = BohbSearcher(search, trials, float("inf"))
+    searcher = BohbSearcher(search, lambda: trials, float("inf"))
     line = simulate_search(searcher, trials, course, overhead)
     assert search.finished
     return line

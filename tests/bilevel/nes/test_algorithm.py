@@ -1,10 +1,8 @@
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
 
-from bilevel import InvalidInput
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.hyperparameters import (
     SCORE_TRANSFORMS,
@@ -12,7 +10,7 @@ from bilevel.hyperparameters import (
     AgentHyperparameters,
     Hyperparameters,
 )
-from bilevel.nes import NES, NESState
+from bilevel.nes import NES
 from bilevel.nes.updates import MemberScores, update_step
 from bilevel.tasks import Task
 from tests.conftest import ddqn
@@ -71,7 +69,7 @@ class TestTell:
     def test_results_in_any_order(self, nes: NES) -> None:
         state = nes.start()
         results = [answer(r, float(r.index % 4)) for r in nes.ask(state)]
-        one, two = nes.tell(state, results, 1.0), nes.tell(state, results[::-1], 1.0)
+        one, two = nes.tell(state, results, 1.0, 0.0), nes.tell(state, results[::-1], 1.0, 0.0)
         np.testing.assert_array_equal(one.psi, two.psi)
         assert one.records == two.records
         assert not np.array_equal(one.psi, state.psi)
@@ -83,7 +81,7 @@ class TestTell:
             answer(r, s, finite=i != 8)
             for i, (r, s) in enumerate(zip(nes.ask(state), scores, strict=True))
         ]
-        record = nes.tell(state, results, 2.5, cores=2).records[-1]
+        record = nes.tell(state, results, 2.5, 0.0, cores=2).records[-1]
         assert record.score_mean == pytest.approx(230 / 3)
         assert record.score_best == 200
         assert record.perturbed_score_mean == 3.5
@@ -97,7 +95,7 @@ class TestTell:
         states = [nes.start()]
         for score in (50.0, 199.0, 20.0):
             results = [answer(r, score + r.index * 1e-3) for r in nes.ask(states[-1])]
-            states.append(nes.tell(states[-1], results, 1.0))
+            states.append(nes.tell(states[-1], results, 1.0, 0.0))
         final = states[-1]
         assert [f.generation for f in final.finalists] == [1, 0, 2]
         np.testing.assert_array_equal(final.finalists[0].psi, states[1].psi)
@@ -107,15 +105,39 @@ class TestTell:
     def test_only_the_best_few_are_kept(self, nes: NES) -> None:
         state = nes.start()
         for score in (3.0, 9.0, 1.0, 7.0, 8.0, 2.0):
-            state = nes.tell(state, [answer(r, score) for r in nes.ask(state)], 1.0)
+            state = nes.tell(state, [answer(r, score) for r in nes.ask(state)], 1.0, 0.0)
         assert [f.score_mean for f in state.finalists] == [9.0, 8.0, 7.0, 3.0]
 
-    def test_nan_score_does_not_poison(self, nes: NES) -> None:
+    @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
+    def test_a_score_that_is_no_number_ranks_worst_and_is_counted(
+        self, wrong: float, acrobot: Task, small_hp: Hyperparameters
+    ) -> None:
+        nes = NES(acrobot, small_hp, seed=4)
         state = nes.start()
-        results = [answer(r, np.nan if r.index == 4 else float(r.index)) for r in nes.ask(state)]
-        after = nes.tell(state, results, 1.0)
-        assert np.isfinite(after.psi).all()
-        assert np.isfinite(after.records[-1].perturbed_score_mean)
+        scores = [-80.0, -90.0, -100.0, -70.0, wrong, -95.0, -60.0, -85.0, wrong]
+        asked = nes.ask(state)
+        given = [answer(r, s) for r, s in zip(asked, scores, strict=True)]
+        after = nes.tell(state, given, 1.0, 0.0)
+        worst = [
+            answer(r, s if np.isfinite(s) else -500.0) for r, s in zip(asked, scores, strict=True)
+        ]
+        expected = nes.tell(state, worst, 1.0, 0.0)
+        np.testing.assert_array_equal(after.psi, expected.psi)
+        record = after.records[-1]
+        assert record.non_finite == 2
+        assert record.perturbed_score_mean == expected.records[-1].perturbed_score_mean
+        assert record.score_mean == -90.0
+
+    def test_without_any_number_the_score_is_the_worst(
+        self, acrobot: Task, small_hp: Hyperparameters
+    ) -> None:
+        """Not 0, which would solve Acrobot."""
+        nes = NES(acrobot, small_hp, seed=4)
+        state = nes.start()
+        after = nes.tell(state, [answer(r, np.nan) for r in nes.ask(state)], 1.0, 0.0)
+        assert after.objective == after.best_score == -500.0
+        assert after.solved_streak == 0
+        assert after.records[-1].non_finite == 9
 
 
 class TestStart:
@@ -192,27 +214,6 @@ class TestUpdates:
         np.testing.assert_array_equal(step, np.zeros(50))
 
 
-class TestState:
-    def test_round_trip(self, nes: NES, tmp_path: Path) -> None:
-        state = nes.start()
-        results = [answer(r, float(r.index)) for r in nes.ask(state)]
-        state = nes.tell(state, results, 1.0)
-        state.save(tmp_path / "state")
-        loaded = NESState.load(tmp_path / "state")
-        assert loaded.records == state.records
-        assert [f.rank for f in loaded.finalists] == [f.rank for f in state.finalists]
-        np.testing.assert_array_equal(loaded.finalists[0].psi, state.finalists[0].psi)
-        assert (loaded.generation, loaded.best_score) == (1, 1.0)
-        np.testing.assert_array_equal(loaded.psi, state.psi)
-        assert nes.ask(loaded) == nes.ask(state)
-
-    @pytest.mark.parametrize("content", [b"", b"nonsense", b"\x08\0\0\0\0\0\0\0{}      "])
-    def test_damage_is_told(self, content: bytes, tmp_path: Path) -> None:
-        (tmp_path / "state").write_bytes(content)
-        with pytest.raises(InvalidInput, match="damaged checkpoint"):
-            NESState.load(tmp_path / "state")
-
-
 def test_nes_improves_a_real_score(cartpole: Task, small_hp: Hyperparameters) -> None:
     """A few generations of real evaluations raise the perturbed members' scores."""
     agent = replace(
@@ -229,6 +230,6 @@ def test_nes_improves_a_real_score(cartpole: Task, small_hp: Hyperparameters) ->
     for _ in range(8):
         requests = nes.ask(state)
         results = [evaluate(cartpole, nes.architecture, state.psi, r) for r in requests]
-        state = nes.tell(state, results, 1.0)
+        state = nes.tell(state, results, 1.0, 0.0)
     scores = [record.perturbed_score_mean for record in state.records]
     assert np.mean(scores[-3:]) > 1.3 * scores[0]

@@ -1,0 +1,85 @@
+"""Inject every fault, and write `results/faults.json`; some twenty minutes.
+
+python -m benchmarks.faults [--folder FOLDER] [FAULT ...]
+
+With faults named, only their rows are made anew.
+"""
+
+import argparse
+import json
+import tempfile
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+
+from benchmarks.faults import disks, processes, tracking
+from benchmarks.faults.row import Row
+from benchmarks.faults.stage import ONE_BY_ONE, Stage
+from benchmarks.machine import RESULTS, write_result
+
+Fault = Callable[[], Row]
+
+
+def faults(stage: Stage, folder: Path) -> dict[str, Fault]:
+    """All faults, by the name that the command line knows."""
+    study = stage.study("whole", *ONE_BY_ONE)
+    if study.run() != 0:
+        raise RuntimeError(f"the undisturbed study fails: see {study.log}")
+    whole = study.outcome()
+
+    def served(fault: Callable[[tracking.Server], Row]) -> Row:
+        with tracking.Server(folder / f"server-{time.monotonic_ns()}") as server:
+            return fault(server)
+
+    return {
+        "driver": lambda: processes.driver(stage, whole, 20),
+        "everything": lambda: processes.everything(
+            folder, whole, 3, lambda: stage.chance.uniform(8.0, 16.0)
+        ),
+        "own-raylet": lambda: processes.own_raylet(
+            folder, whole, 2, lambda: stage.chance.uniform(12.0, 16.0)
+        ),
+        "ctrl-c": lambda: processes.ctrl_c(stage, whole, 4),
+        "actor": lambda: processes.killed_children(
+            stage, whole, "ray::_Worker", "actor of the pool", 5
+        ),
+        "trial": lambda: processes.killed_children(stage, whole, "ray::NESTrial", "trial", 4),
+        "nodes": lambda: served(lambda s: processes.nodes(stage, whole, s.uri, 3)),
+        "server": lambda: served(lambda s: tracking.server_killed(stage, whole, s, 3)),
+        "locked": lambda: tracking.database_locked(stage, whole, 2),
+        "full-disk": lambda: disks.full_disk(folder, whole),
+        "torn": lambda: disks.torn_lines(stage, whole, 4),
+        "damaged": lambda: disks.damaged_checkpoints(stage, whole, 3),
+        "twice": lambda: disks.two_processes(stage, whole, 3),
+    }
+
+
+def main() -> None:
+    """Run the faults named, or all."""
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--folder", type=Path, help="for studies and logs; else a temporary one")
+    parser.add_argument("fault", nargs="*")
+    arguments = parser.parse_args()
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = arguments.folder or Path(temporary)
+        folder.mkdir(parents=True, exist_ok=True)
+        with Stage(folder) as stage:
+            known = faults(stage, folder)
+            for name in arguments.fault or known:
+                begun = time.monotonic()
+                row = known[name]()
+                print(f"{name}: {row}, {time.monotonic() - begun:.0f} s", flush=True)
+                _write(name, row, list(known))
+
+
+def _write(name: str, row: Row, order: list[str]) -> None:
+    path = RESULTS / "faults.json"
+    rows = json.loads(path.read_text())["rows"] if path.exists() else {}
+    rows[name] = asdict(row)
+    rows = {known: rows[known] for known in order if known in rows}
+    write_result("faults", "python -m benchmarks.faults", {"rows": rows})
+
+
+if __name__ == "__main__":
+    main()

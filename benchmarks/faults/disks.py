@@ -1,0 +1,106 @@
+"""Faults of disks and of what lies on them: full, torn, damaged, taken."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+from benchmarks.faults.outcome import Outcome, disagreements
+from benchmarks.faults.row import Row
+from benchmarks.faults.stage import ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
+from cluster.home import Home
+
+
+def torn_lines(stage: Stage, whole: Outcome, times: int) -> Row:
+    """Kill the driver, and cut the last line of the journal somewhere: what a crash of
+    the machine can leave. Only a line that nothing was built on may be cut."""
+    study = stage.study("torn", *ONE_BY_ONE)
+    torn = 0
+    while torn < times:
+        study.live(stage.chance.uniform(5.0, 9.0))
+        torn += _tear(study, stage.chance.uniform)
+    code = study.run()
+    return Row.of("last journal line cut short", torn, code, whole, study)
+
+
+def _tear(study: StudyOnStage, uniform: Callable[[float, float], float]) -> int:
+    path = study.folder / "results.json"
+    content = path.read_bytes() if path.exists() else b""
+    if not content.endswith(b"\n"):
+        return 0
+    last = content[:-1].rfind(b"\n") + 1
+    begun_since = len((study.folder / "configs.json").read_bytes().splitlines())
+    if begun_since > len(content.splitlines()):  # the next job was derived from this line
+        with path.open("ab") as file:
+            file.write(content[last : last + int(uniform(1, len(content) - last - 1))])
+    else:
+        os.truncate(path, int(uniform(last + 1, len(content) - 1)))
+    return 1
+
+
+def damaged_checkpoints(stage: Stage, whole: Outcome, times: int) -> Row:
+    """Kill the driver, and flip a bit, empty, or cut short a checkpoint."""
+    study = stage.study("damaged", *ONE_BY_ONE)
+    done = 0
+    while done < times:
+        study.live(stage.chance.uniform(6.0, 10.0))
+        for path in sorted(study.folder.glob("configurations/*/state.safetensors"))[-1:]:
+            content = bytearray(path.read_bytes())
+            place = stage.chance.randrange(len(content))
+            content[place] ^= 1 << stage.chance.randrange(8)
+            path.write_bytes([bytes(content), b"", bytes(content[:place])][done % 3])
+            done += 1
+    code = study.run()
+    return Row.of("checkpoint damaged (bit, emptied, cut)", done, code, whole, study)
+
+
+def two_processes(stage: Stage, whole: Outcome, times: int) -> Row:
+    """The same command again and again while it runs; all but the first are refused."""
+    study = stage.study("twice", *ONE_BY_ONE)
+    refused = [0]
+
+    def again() -> None:
+        if refused[0] < times and study.folder.exists():
+            second = StudyOnStage(
+                study.home, study.tracking_uri, study.arguments, study.log.with_suffix(".2.log")
+            )
+            assert second.run() == 2
+            assert "is being run by another process" in second.log.read_text()
+            refused[0] += 1
+
+    code = study.run(again)
+    return Row.of("the same study started a second time", refused[0], code, whole, study)
+
+
+def full_disk(folder: Path, whole: Outcome) -> Row:
+    """The home on a disk that fills up during the study; then there is room again.
+
+    The disk is a tmpfs in a mount namespace of its own, with a Ray cluster in it.
+    """
+    disk, kept = folder / "disk", folder / "kept"
+    disk.mkdir()
+    log = folder / "full-disk.log"
+    bilevel = Path(sys.executable).with_name("bilevel")
+    command = " ".join(map(str, (bilevel, "bohb", TASK, *SMOKE, *ONE_BY_ONE, "--home", disk)))
+    uri = f"sqlite:///{folder}/full-disk.db"
+    script = f"""
+        mount -t tmpfs -o size=300k none {disk} || exit 99
+        {command} --tracking-uri {uri} >> {log} 2>&1; first=$?
+        mount -o remount,size=100m {disk}
+        {command} --tracking-uri {uri} >> {log} 2>&1; second=$?
+        cp -r {disk}/{TASK} {kept}
+        exit $((first * 10 + second))
+    """
+    unshare = ["unshare", "--map-root-user", "--mount", "bash", "-c", script]
+    code = subprocess.run(unshare, timeout=280, check=False).returncode
+    if code == 99:
+        raise OSError("no disk can be mounted here")
+    assert code // 10 == 2, log.read_text()
+    assert "No space left on device" in log.read_text()
+    home = Home(folder / "full-disk")
+    shutil.copytree(kept, home.folder / TASK)
+    study = home.run_folder(TASK, STUDY)
+    wrong = disagreements(study, uri)
+    return Row.compare("disk full", 1, code % 10, whole, Outcome.of(study), wrong)

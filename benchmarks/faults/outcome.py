@@ -1,0 +1,107 @@
+"""What a study came to, for comparison: all of it, less the measured times."""
+
+import hashlib
+from collections import Counter
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import mlflow
+
+from bilevel.nes import NESState
+from cluster.bohb import Journal
+from cluster.views import views_of
+
+#: Fields of a generation's record that are measured.
+_TIMES = ("env_steps_per_second", "generation_seconds", "core_utilisation", "finished")
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """Everything that a seed determines."""
+
+    configs: list[Any]  # (id, configuration, info), in order
+    results: list[Any]  # (id, budget, loss, exception), in order
+    states: dict[str, Any]  # by configuration: checksum of SEs, and all records
+    best_se: str  # checksum of the file
+
+    @classmethod
+    def of(cls, folder: Path) -> "Outcome":
+        """Read from a study's folder."""
+        journal = Journal(folder)
+        return cls(
+            [(line.id, line.configuration, line.info) for line in journal.configs],
+            [(line.id, line.budget, line.loss, line.exception) for line in journal.results],
+            {
+                path.parent.name: comparable_state(path)
+                for path in folder.glob("configurations/*/state.*")
+            },
+            hashlib.sha256((folder / "best_se.safetensors").read_bytes()).hexdigest(),
+        )
+
+    def lost(self, other: "Outcome") -> int:
+        """Results of this one that the other lacks."""
+        return len({row[:2] for row in self.results} - {row[:2] for row in other.results})
+
+    @property
+    def duplicated(self) -> int:
+        """Results that stand twice."""
+        counts = Counter(row[:2] for row in self.results)
+        return sum(count - 1 for count in counts.values())
+
+    def same_scores(self, other: "Outcome") -> bool:
+        """Whether every configuration that both have scored the same, to the bit: all that
+        can be asked when several trials at a time decide what is proposed next."""
+        proposed = [{row[0]: row[1] for row in o.configs} for o in (self, other)]
+        losses = [{row[:2]: row[2] for row in o.results} for o in (self, other)]
+        return all(
+            losses[0][key] == losses[1][key]
+            for key in losses[0].keys() & losses[1].keys()
+            if proposed[0][key[0]] == proposed[1][key[0]]
+        )
+
+
+def comparable_state(path: Path) -> Any:
+    """A checkpoint: checksum of its SEs, and its records less the measured times."""
+    state = NESState.load(path)
+    digest = hashlib.sha256(state.psi.tobytes())
+    for finalist in state.finalists:
+        digest.update(finalist.psi.tobytes())
+    records = [asdict(record) for record in state.records]
+    return digest.hexdigest(), [
+        {name: value for name, value in record.items() if name not in _TIMES} for record in records
+    ]
+
+
+def disagreements(folder: Path, tracking_uri: str) -> list[str]:
+    """Where MLflow shows anything else than what is on disk: a run that is missing, there
+    twice or left running, a point missing, added or doubled, a file missing."""
+    client = mlflow.MlflowClient(tracking_uri, registry_uri=tracking_uri)
+    experiment = client.get_experiment_by_name(folder.parent.name)
+    if experiment is None:
+        return ["no experiment"]
+    views, found = views_of(folder), []
+    for key in views.keys():  # noqa: SIM118  (a method, not a dictionary's)
+        view = views.view(key)
+        runs = client.search_runs([experiment.experiment_id], f"tags.`bilevel.key` = '{key}'")
+        if len(runs) != 1:
+            found.append(f"{view.name}: {len(runs)} runs")
+            continue
+        run_id = runs[0].info.run_id
+        if runs[0].info.status != view.status or view.status == "RUNNING":
+            found.append(f"{view.name}: {runs[0].info.status} instead of {view.status}")
+        expected: dict[str, list[tuple[int, float]]] = {}
+        for point in view.points:
+            for name, value in point.values.items():
+                expected.setdefault(name, []).append((point.step, float(value)))
+        if set(runs[0].data.metrics) != set(expected):
+            found.append(f"{view.name}: other metrics")
+        for name, series in expected.items():
+            history = client.get_metric_history(run_id, name)
+            if sorted((m.step, m.value) for m in history) != sorted(series):
+                found.append(f"{view.name}: {name} has steps {[m.step for m in history]}")
+        stored = {file.path for file in client.list_artifacts(run_id)}
+        lacking = {document.path.split("/")[0] for document in view.documents} - stored
+        if lacking:
+            found.append(f"{view.name}: lacks {sorted(lacking)}")
+    return found

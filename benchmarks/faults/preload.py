@@ -1,0 +1,10 @@
+"""What the processes of `lives` share: all the command line imports, and nothing begun."""
+
+import mlflow.pyfunc
+import ray.tune
+
+import cluster.bohb.command
+import cluster.cli
+import cluster.nes_command
+
+__all__ = ["cluster", "mlflow", "ray"]

@@ -1,0 +1,50 @@
+"""A line of the table: a fault, how often it was injected, and what came of it."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from benchmarks.faults.outcome import Outcome
+
+if TYPE_CHECKING:
+    from benchmarks.faults.stage import StudyOnStage
+
+
+@dataclass(frozen=True)
+class Row:
+    """What came of a fault, compared with a study that was left in peace."""
+
+    fault: str
+    injected: int
+    results: int
+    lost: int
+    duplicated: int
+    identical: bool  # journal (less times), checkpoints (less times), best SE file
+    mlflow: list[str]  # where MLflow shows anything else than the disk
+    exit_code: int
+
+    @classmethod
+    def of(
+        cls, fault: str, injected: int, code: int, whole: Outcome, study: "StudyOnStage"
+    ) -> "Row":
+        """Of a study that has come to its end."""
+        return cls.compare(fault, injected, code, whole, study.outcome(), study.disagreements())
+
+    @classmethod
+    def compare(
+        cls,
+        fault: str,
+        injected: int,
+        code: int,
+        whole: Outcome,
+        outcome: Outcome,
+        wrong: list[str],
+    ) -> "Row":
+        """Of an outcome at hand."""
+        lost, twice = whole.lost(outcome), outcome.duplicated
+        same = outcome == whole
+        return cls(fault, injected, len(outcome.results), lost, twice, same, wrong, code)
+
+    @property
+    def good(self) -> bool:
+        """Whether nothing can be told from a study that was left in peace."""
+        return self.identical and not (self.lost or self.duplicated or self.mlflow)

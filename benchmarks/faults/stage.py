@@ -1,0 +1,119 @@
+"""Where faults happen: a Ray cluster of several nodes, small studies, one undisturbed."""
+
+import os
+import random
+import signal
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import psutil
+from ray.cluster_utils import Cluster
+
+from benchmarks.faults import lives
+from benchmarks.faults.outcome import Outcome, disagreements
+from cluster.home import Home
+
+TASK = "CartPole-v0"
+STUDY = "study"
+
+#: Small enough to be run over and over: two brackets, six results, eleven generations.
+SMOKE = ("--profile", "smoke", "--brackets", "2", "--study", STUDY)
+ONE_BY_ONE = ("--concurrent-trials", "1")
+
+_LONGEST = 240.0  # seconds that any study may take
+
+
+class Stage:
+    """A Ray cluster on this machine; a context manager that ends it.
+
+    `folder` is for homes and logs. Nodes are raylets of their own, with a core each.
+    """
+
+    def __init__(self, folder: Path, cores: int = 1, seed: int = 0) -> None:
+        self.folder = folder
+        self.chance = random.Random(seed)
+        self.cluster = Cluster(
+            initialize_head=True, head_node_args={"num_cpus": cores, "include_dashboard": False}
+        )
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.cluster.shutdown()
+
+    def study(self, name: str, *options: str, tracking_uri: str | None = None) -> "StudyOnStage":
+        """A study of its own, in the home `name`; not begun yet."""
+        home = Home(self.folder / name)
+        uri = tracking_uri or home.database_uri
+        arguments = ["bohb", TASK, *SMOKE, *options, "--home", str(home.folder)]
+        arguments += ["--address", self.cluster.address, "--tracking-uri", uri]
+        return StudyOnStage(home, uri, arguments, self.folder / f"{name}.log")
+
+    def processes(self, title: str) -> list[psutil.Process]:
+        """Processes of this cluster's nodes that Ray calls so (`ray::_Worker`, ...)."""
+        found = []
+        for node in self.cluster.list_all_nodes():
+            try:
+                raylet = psutil.Process(node.all_processes["raylet"][0].process.pid)
+                found += [
+                    child
+                    for child in raylet.children(recursive=True)
+                    if " ".join(child.cmdline()).startswith(title)
+                ]
+            except (psutil.Error, KeyError, IndexError):
+                continue
+        return found
+
+
+class StudyOnStage:
+    """A study that is run in processes which may be killed."""
+
+    def __init__(self, home: Home, tracking_uri: str, arguments: list[str], log: Path) -> None:
+        self.home = home
+        self.tracking_uri = tracking_uri
+        self.arguments = arguments
+        self.log = log
+
+    @property
+    def folder(self) -> Path:
+        """The study's folder."""
+        return self.home.run_folder(TASK, STUDY)
+
+    def live(self, seconds: float, number: int = signal.SIGKILL) -> int:
+        """Run until `seconds` have passed, then send the signal; the exit code."""
+        process = lives.start(self.arguments, self.log)
+        process.join(seconds)
+        if process.is_alive() and process.pid is not None:
+            os.kill(process.pid, number)
+            process.join(60)
+        return process.exitcode or 0
+
+    def run(self, meanwhile: Callable[[], None] | None = None) -> int:
+        """Run to the end; the exit code. `meanwhile` is called over and over."""
+        process = lives.start(self.arguments, self.log)
+        deadline = time.monotonic() + _LONGEST
+        while process.is_alive():
+            if meanwhile is not None:
+                meanwhile()
+            process.join(0.1)
+            if time.monotonic() > deadline:
+                process.kill()
+                raise TimeoutError(f"the study does not end: see {self.log}")
+        return process.exitcode or 0
+
+    def outcome(self) -> Outcome:
+        """What it came to."""
+        return Outcome.of(self.folder)
+
+    def disagreements(self) -> list[str]:
+        """Where MLflow shows anything else."""
+        return disagreements(self.folder, self.tracking_uri)

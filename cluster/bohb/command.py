@@ -1,0 +1,259 @@
+"""`bilevel bohb`: run a study, or go on with it."""
+
+import time
+from dataclasses import dataclass, field
+
+from cluster.bohb.brackets import bracket_table
+from cluster.bohb.journal import Journal
+from cluster.bohb.report import StudyReport
+from cluster.bohb.search import BracketSearch
+from cluster.bohb.searcher import BohbSearcher
+from cluster.bohb.stopping import InterruptGuard, StudyStopper
+from cluster.bohb.study import Study, configuration_name
+from cluster.bohb.summary import StudySummary
+from cluster.bohb.tuning import run_trials
+from cluster.final import Contender, choose_best, hand_over, score_anew
+from cluster.home import Home
+from cluster.live_run import live_run
+from cluster.pool import EvaluationPool
+from cluster.progress import Terminal, duration
+from cluster.ray_cluster import (
+    fair_share,
+    ray_cluster,
+    require_capacity,
+    require_server_for_nodes,
+    sharing,
+)
+from cluster.run_folder import Begun, Standing, locked_settings
+from cluster.tracking import Mirror, Tracker
+from cluster.tracking.registry import model_address
+from cluster.tracking.tracker import check_tracking_uri, mlflow_imported_meanwhile
+from cluster.views import StudyViews
+from cluster.views.nes import state_on_disk
+from search_spaces import search_space
+
+#: Seconds of a time budget that are kept for the end: stopping the trials, scoring
+#: the best SE anew.
+_RESERVE = 60.0
+
+#: SEs that are retested at the end of a study.
+_CONTENDERS = 6
+
+
+@dataclass(frozen=True)
+class StudyCommand:
+    """A study, and how and where it is run this time."""
+
+    study: Study
+    home: Home
+    brackets: int
+    time_budget: float | None  # seconds; None runs all brackets
+    final_agents: int  # trained on the best SE at the end, with fresh seeds
+    tracking_uri: str
+    workers_per_trial: int = 1
+    concurrent_trials: int | None = None  # None: as many as the cluster's cores hold
+    address: str | None = None
+
+    @property
+    def trials(self) -> int:
+        """Trials at a time, on the cluster as it is now: nodes and other studies may come
+        and go."""
+        return self.concurrent_trials or fair_share(self.workers_per_trial)
+
+
+def brackets_to_reach(
+    journal: Journal, budgets: tuple[int, ...], more: int, standing: Standing | None
+) -> int:
+    """How many brackets the study should have: what was meant or is open is finished
+    first, and a study that has come to its end gets `more` of them."""
+    begun = max((line.id[0] for line in journal.configs), default=-1) + 1
+    if standing is not None and standing.status != "FINISHED":
+        return max(standing.target, begun, more)
+    done = {(line.id, line.budget) for line in journal.results}
+    rungs = bracket_table(begun, list(budgets))
+    complete = len(done) >= sum(rung.configurations for rung in rungs)
+    return begun + more if complete else max(begun, more)
+
+
+def run_study(command: StudyCommand) -> int:
+    """Run (or continue) the study; returns the exit code: 0, 1 if no trial
+    succeeded, 130 after Ctrl-C. Raises InvalidInput before anything is written, and
+    StorageFailure when there is no room any more."""
+    deadline = time.monotonic() + (
+        max(command.time_budget - _RESERVE, command.time_budget / 2)
+        if command.time_budget is not None
+        else float("inf")
+    )
+    study = command.study
+    check_tracking_uri(command.tracking_uri)
+    with (
+        Terminal() as terminal,
+        InterruptGuard(terminal) as guard,
+        mlflow_imported_meanwhile(),
+        ray_cluster(command.address),
+        sharing(),
+    ):
+        require_capacity(command.workers_per_trial, command.trials)
+        require_server_for_nodes(command.tracking_uri)
+        command.home.prepare()
+        tracker = Tracker(command.tracking_uri, study.task.id, command.home.artifacts)
+        with locked_settings(study.folder, study.settings()) as begun:
+            return _LiveStudy(command, begun, tracker, terminal, guard).go(deadline)
+
+
+@dataclass
+class _LiveStudy:
+    """A study while it runs."""
+
+    command: StudyCommand
+    begun: Begun
+    tracker: Tracker
+    terminal: Terminal
+    guard: InterruptGuard
+    live: set[str] = field(default_factory=set)  # names of configurations
+
+    def __post_init__(self) -> None:
+        study = self.command.study
+        self.journal = Journal(study.folder)
+        self.brackets = brackets_to_reach(
+            self.journal, study.budgets, self.command.brackets, Standing.load(study.folder)
+        )
+        self.search = BracketSearch(
+            search_space(study.space, study.agents),
+            list(study.budgets),
+            self.brackets,
+            study.seed,
+            self.journal,
+            study.model,
+        )
+
+    def go(self, deadline: float) -> int:
+        """To the end; the exit code."""
+        study = self.command.study
+        self._introduce()
+        views = StudyViews(study, self.begun, self.live)
+        try:
+            with live_run(study.folder, self.brackets, views, self.tracker, self.terminal) as run:
+                try:
+                    code = self._to_the_end(deadline, views, run.mirror)
+                finally:
+                    self.live.clear()
+                run.status = "FINISHED" if code == 0 else "FAILED"
+                return code
+        except KeyboardInterrupt:
+            self.terminal.line("stopped; the same command goes on where it was, nothing is lost")
+            return 130
+
+    def _introduce(self) -> None:
+        command, line = self.command, self.terminal.line
+        study = command.study
+        line(
+            f"BOHB on {study.task.id}: study {study.name!r}, space {study.space}, population "
+            f"{study.base.nes.population_size}, budgets {'/'.join(map(str, study.budgets))} "
+            f"generations, {command.trials} trial(s) at a time with {command.workers_per_trial} "
+            "worker(s) each"
+        )
+        line(f"folder {study.folder}; to look at it: {self.tracker.address}")
+        if command.time_budget is not None:
+            line(f"time budget {duration(command.time_budget)}")
+        if self.journal.results:
+            line(f"going on: {len(self.journal.results)} results of this study count already")
+
+    def _to_the_end(self, deadline: float, views: StudyViews, mirror: Mirror) -> int:
+        command, line = self.command, self.terminal.line
+        searcher = BohbSearcher(
+            self.search, lambda: command.trials, deadline, command.workers_per_trial
+        )
+        report = StudyReport(
+            command.study,
+            self.brackets,
+            command.time_budget,
+            self.journal,
+            searcher,
+            views,
+            self.live,
+            mirror,
+            self.terminal,
+        )
+        with self.guard.orderly():
+            run_trials(
+                command.study,
+                command.workers_per_trial,
+                searcher,
+                StudyStopper(searcher, self.guard),
+                report,
+            )
+        if self.guard.interrupted:
+            raise KeyboardInterrupt
+        if searcher.stopped_by is not None:
+            raise searcher.stopped_by
+        if searcher.time_is_up and not self.search.finished:
+            line("the time budget is spent; the same command goes on where it was")
+        if searcher.core_utilisation > 0:
+            line(
+                f"evaluations took {searcher.core_utilisation:.0%} of the cores' time while trials "
+                "ran"
+            )
+        mirror.mark([views.parent])
+        return self._finish()
+
+    def _finish(self) -> int:
+        """Choose the best SE of all configurations, and score it anew."""
+        study, line = self.command.study, self.terminal.line
+        with EvaluationPool(self.command.workers_per_trial * self.command.trials) as pool:
+            contenders = self._contenders(pool)
+            if not contenders:
+                line("no configuration finished a generation: see the errors above")
+                return 1
+            line(f"retesting the {len(contenders)} best SEs with fresh agents")
+            best = choose_best(study.task, contenders, (study.seed,), pool)
+            score = score_anew(study.task, best, self.command.final_agents, (study.seed,), pool)
+        path = hand_over(best.se, score, study.folder, len(self.journal.results))
+        self._say_incumbent()
+        line(str(score))
+        line(f"best SE: {path}  ({model_address(study.task.id)} in MLflow's model registry)")
+        line("look at everything with `make ui`; the same command adds brackets to the study")
+        return 0 if any(result.loss is not None for result in self.journal.results) else 1
+
+    def _contenders(self, pool: EvaluationPool) -> list[Contender]:
+        """The SEs whose own agents scored highest, of all configurations, best first.
+        A checkpoint that is damaged or lost is made again."""
+        reached: dict[object, int] = {}
+        for result in self.journal.results:
+            if result.loss is not None:
+                reached[result.id] = max(result.budget, reached.get(result.id, 0))
+        found = []
+        for line in self.journal.configs:
+            run = self.command.study.run(line.id, line.configuration)
+            generations = reached.get(line.id, 0)
+            state = (
+                run.reach(generations, pool, self.terminal.line)
+                if generations
+                else state_on_disk(run)
+            )
+            if state is not None:
+                ses = run.finalists(state)
+                found += [
+                    (f.rank, Contender(se, run.hp))
+                    for f, se in zip(state.finalists, ses, strict=True)
+                ]
+        found.sort(key=lambda pair: pair[0], reverse=True)
+        return [contender for _, contender in found[:_CONTENDERS]]
+
+    def _say_incumbent(self) -> None:
+        line = self.terminal.line
+        rungs = bracket_table(self.brackets, list(self.command.study.budgets))
+        summary = StudySummary(self.journal, rungs)
+        line(
+            f"{len(self.journal.results)} results of {len(self.journal.configs)} configurations "
+            f"({summary.model_based} proposed by the model)"
+        )
+        incumbent = summary.incumbent
+        if incumbent is None:
+            return
+        line(
+            f"incumbent {configuration_name(incumbent.id)}: objective "
+            f"{incumbent.objective:.1f} over {incumbent.budget} generations"
+        )
+        for name, value in summary.configuration(incumbent.id).items():
+            line(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")

@@ -1,0 +1,76 @@
+"""Ray Tune as a study uses it: it places trials, restarts them, and keeps nothing."""
+
+import logging
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from ray import tune
+
+from cluster.bohb.report import StudyReport
+from cluster.bohb.searcher import DEATHS, BohbSearcher
+from cluster.bohb.stopping import StudyStopper
+from cluster.bohb.study import Study
+from cluster.bohb.trial import NESTrial
+
+#: Tune's own files within the study's folder; nothing is ever read from them.
+_TUNES_FOLDER = "ray"
+
+
+def run_trials(
+    study: Study,
+    workers_per_trial: int,
+    searcher: BohbSearcher,
+    stopper: StudyStopper,
+    report: StudyReport,
+) -> None:
+    """Run what the searcher hands out until it has no more, or the stopper says so."""
+    trainable = tune.with_parameters(NESTrial, study=study, workers=workers_per_trial)
+    bundles: list[dict[str, float]] = [{}, *({"CPU": 1.0} for _ in range(workers_per_trial))]
+    resources = tune.PlacementGroupFactory(bundles)
+    shutil.rmtree(study.folder / _TUNES_FOLDER, ignore_errors=True)
+    with _quiet_tune():
+        tune.Tuner(
+            tune.with_resources(trainable, resources),
+            tune_config=tune.TuneConfig(search_alg=searcher, num_samples=-1, reuse_actors=True),
+            run_config=tune.RunConfig(
+                name=_TUNES_FOLDER,
+                storage_path=str(study.folder),
+                callbacks=[report],
+                stop=stopper,
+                # The run's own checkpoint is on disk after every generation: a trial
+                # that is started again continues from it.
+                checkpoint_config=tune.CheckpointConfig(checkpoint_at_end=False),
+                failure_config=tune.FailureConfig(max_failures=DEATHS),
+                verbose=0,
+            ),
+        ).fit()
+    shutil.rmtree(study.folder / _TUNES_FOLDER, ignore_errors=True)
+
+
+@contextmanager
+def _quiet_tune() -> Iterator[None]:
+    """Tune without its own files, messages and signal handling: the journal and the
+    checkpoints are the study's state, the report its voice, `InterruptGuard` its
+    Ctrl-C."""
+    for name in ("ray.tune", "hpbandster"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    wanted = {
+        "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",
+        "TUNE_DISABLE_SIGINT_HANDLER": "1",
+        "TUNE_DISABLE_STRICT_METRIC_CHECKING": "1",
+        "TUNE_MAX_PENDING_TRIALS_PG": "1",
+        "TUNE_GLOBAL_CHECKPOINT_S": "3600",
+        "TUNE_RESULT_BUFFER_LENGTH": "0",
+    }
+    before = {name: os.environ.get(name) for name in wanted}
+    os.environ.update(wanted)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value

@@ -1,0 +1,50 @@
+"""Commands on what lies in a home: `studies` and `sync`."""
+
+from pathlib import Path
+
+import click
+
+from cluster.cli.options import (
+    agent_file_option,
+    home_option,
+    the_tracking_uri,
+    tracking_option,
+)
+
+
+@click.command()
+@home_option
+def studies(home: Path) -> None:
+    """List studies and NES runs: state, progress, best score."""
+    from cluster.home import Home
+    from cluster.overview import overview, print_overview
+    from cluster.progress import Terminal
+
+    lines = overview(Home(home))
+    if lines:
+        print_overview(lines, Terminal().console)
+    else:
+        click.echo(f"nothing in {str(home)!r} yet: begin with `make nes-cartpole`")
+
+
+@click.command()
+@click.argument("study")
+@home_option
+@tracking_option
+@agent_file_option
+def sync(study: str, home: Path, tracking_uri: str | None, agent_files: tuple[Path, ...]) -> None:
+    """Write STUDY to MLflow as it is on disk: what is missing there, or all of it.
+
+    STUDY is a study or an NES run by its name, or TASK/NAME where several tasks have one
+    of that name.
+    """
+    from cluster.agent_files import load_agent_file
+    from cluster.home import Home
+    from cluster.progress import Terminal
+    from cluster.sync import sync as write
+
+    for file in agent_files:
+        load_agent_file(file)
+    place = Home(home)
+    folder = place.find(study)
+    write(folder, place, the_tracking_uri(tracking_uri, place), Terminal())

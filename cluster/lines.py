@@ -1,0 +1,73 @@
+"""Files of JSON values, one a line, that only ever grow.
+
+A line counts once it is flushed to the disk with its end. A last line that was cut
+short, by a crash or a full disk, never counted: readers skip it, and the next append
+writes over it.
+"""
+
+import contextlib
+import errno
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from bilevel.durable import sync_folder
+from bilevel.errors import InvalidInput, StorageFailure
+
+
+class Lines:
+    """The values of such a file, read once, and those appended since.
+
+    Raises InvalidInput for a whole line that is not JSON. Reading changes nothing,
+    so that anyone may look on while one process writes.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        try:
+            data = path.read_bytes()
+        except FileNotFoundError:
+            data = b""
+        except OSError as error:
+            raise InvalidInput(f"cannot read {str(path)!r}: {error.strerror}") from None
+        self._end = data.rfind(b"\n") + 1
+        self.values = [
+            self._parsed(number, line)
+            for number, line in enumerate(data[: self._end].split(b"\n")[:-1], start=1)
+        ]
+
+    def damaged(self, index: int, reason: object) -> InvalidInput:
+        """The error for the value at `index`, if whoever reads it finds it wrong."""
+        text = " ".join(str(reason).split()) or type(reason).__name__
+        return InvalidInput(f"damaged journal {str(self.path)!r}, line {index + 1}: {text}")
+
+    def append(self, value: Any) -> None:
+        """Add a value, durably. Raises StorageFailure, with nothing added."""
+        line = json.dumps(value).encode() + b"\n"
+        try:
+            self.path.parent.mkdir(parents=True, exist_ok=True)
+            new = not self.path.exists()
+            with self.path.open("wb" if new else "r+b", buffering=0) as file:
+                file.truncate(self._end)
+                file.seek(self._end)
+                try:
+                    if file.write(line) != len(line):  # what room there was
+                        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+                    os.fsync(file.fileno())
+                except OSError:
+                    with contextlib.suppress(OSError):
+                        file.truncate(self._end)
+                    raise
+            if new:
+                sync_folder(self.path.parent)
+        except OSError as error:
+            raise StorageFailure(self.path, error) from None
+        self._end += len(line)
+        self.values.append(value)
+
+    def _parsed(self, number: int, line: bytes) -> Any:
+        try:
+            return json.loads(line)
+        except (ValueError, RecursionError) as error:
+            raise self.damaged(number - 1, error) from None

@@ -1,0 +1,95 @@
+"""`bilevel studies`: what lies in a home, how it stands, how good it is."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from rich.console import Console
+from rich.table import Table
+
+from bilevel.errors import InvalidInput
+from bilevel.nes import NESState
+from cluster.bohb.brackets import bracket_table
+from cluster.bohb.journal import Journal
+from cluster.bohb.study import KIND as STUDY_KIND
+from cluster.bohb.summary import StudySummary
+from cluster.home import Home
+from cluster.lines import Lines
+from cluster.nes_loop import KIND as NES_KIND
+from cluster.nes_loop import STATE_FILE
+from cluster.run_folder import Standing, finals, is_held, read_settings
+from cluster.views.evaluation import KIND as EVALUATION_KIND
+from cluster.views.evaluation import RESULTS_FILE
+
+_STATES = {"FINISHED": "finished", "KILLED": "stopped", "FAILED": "failed", "RUNNING": "killed"}
+
+
+@dataclass(frozen=True)
+class Line:
+    """A study or NES run in one line."""
+
+    task: str
+    name: str
+    kind: str
+    state: str  # running, finished, stopped, killed, failed, damaged
+    progress: str
+    best: str  # best objective (study) or score (NES run) so far
+    final: str  # mean score of fresh agents on the best SE
+
+
+def overview(home: Home) -> list[Line]:
+    """All studies and NES runs in a home, by task and name."""
+    return [_line(folder) for folder in home.runs()]
+
+
+def print_overview(lines: list[Line], console: Console) -> None:
+    """As a table."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in ("task", "name", "kind", "state", "progress"):
+        table.add_column(column, no_wrap=True)
+    table.add_column("best", justify="right")
+    table.add_column("fresh agents", justify="right")
+    for line in lines:
+        cells = (line.task, line.name, line.kind, line.state, line.progress, line.best, line.final)
+        table.add_row(*cells)
+    console.print(table)
+
+
+def _line(folder: Path) -> Line:
+    task, name = folder.parent.name, folder.name
+    try:
+        kind = str(read_settings(folder)["kind"])
+        standing = Standing.load(folder)
+        state = "running" if is_held(folder) else _STATES[standing.status if standing else "KILLED"]
+        target = 0 if standing is None else standing.target
+        kinds = {STUDY_KIND: _study, NES_KIND: _nes, EVALUATION_KIND: _evaluation}
+        progress, best = kinds[kind](folder, target)
+        scores = [end.metrics.get("final_score_mean") for end in finals(folder)]
+        final = f"{scores[-1]:.1f}" if scores and scores[-1] is not None else ""
+    except (InvalidInput, KeyError, ValueError, TypeError) as error:
+        return Line(task, name, "", "damaged", str(error), "", "")
+    return Line(task, name, kind, state, progress, best, final)
+
+
+def _study(folder: Path, brackets: int) -> tuple[str, str]:
+    journal = Journal(folder)
+    rungs = bracket_table(brackets, [int(budget) for budget in read_settings(folder)["budgets"]])
+    incumbent = StudySummary(journal, rungs).incumbent
+    total = max(sum(rung.configurations for rung in rungs), len(journal.results))
+    best = "" if incumbent is None else f"{incumbent.objective:.1f}"
+    return f"{len(journal.results)}/{total} results", best
+
+
+def _nes(folder: Path, generations: int) -> tuple[str, str]:
+    path = folder / STATE_FILE
+    if not path.exists():
+        return f"0/{generations} generations", ""
+    state = NESState.load(path)
+    if not state.records:
+        return f"0/{generations} generations", ""
+    return f"{state.generation}/{generations} generations", f"{state.best_score:.1f}"
+
+
+def _evaluation(folder: Path, agents: int) -> tuple[str, str]:
+    settings = read_settings(folder)
+    total = agents * len(settings["sources"]) * len(settings["kinds"])
+    return f"{len(Lines(folder / RESULTS_FILE).values)}/{total} agents", ""

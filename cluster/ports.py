@@ -1,0 +1,28 @@
+"""Ports of this machine."""
+
+import socket
+
+from bilevel.errors import InvalidInput
+
+
+def require_free(host: str, port: int) -> None:
+    """Raise InvalidInput if nothing can be served there."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind((host, port))
+        except OSError as error:
+            raise InvalidInput(f"cannot serve on {host}:{port}: {error.strerror}") from None
+
+
+def free_port() -> int:
+    """A port that nobody uses now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
+def listening(host: str, port: int) -> bool:
+    """Whether somebody answers there."""
+    with socket.socket() as probe:
+        return probe.connect_ex((host, port)) == 0

@@ -1,0 +1,214 @@
+"""`bilevel up`, `status`, `down`: a Ray head and an MLflow server beside the studies.
+
+What was started stands in `services.json` of the home; studies of that home join it,
+and `down` ends that and nothing else.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+import psutil
+
+from bilevel.durable import write_aside
+from bilevel.errors import InvalidInput
+from cluster.home import Home
+from cluster.mlflow_server import mlflow_server
+from cluster.ports import free_port, require_free
+
+#: Seconds until a service that starts must answer, one that answers counts as slow, and
+#: one that was asked to end is killed.
+_START, _ANSWER, _END = 120.0, 3.0, 15.0
+
+
+@dataclass(frozen=True)
+class Service:
+    """A process in the background, with all its children."""
+
+    name: str  # ray, mlflow
+    pid: int
+    created: float  # unix time, seconds; tells the process from a later one of that number
+    address: str  # where studies reach it
+    page: str  # where people do
+    health: str  # answers if it is well
+    log: str
+
+    @property
+    def process(self) -> psutil.Process | None:
+        """The process, if it is still the one that was started."""
+        try:
+            process = psutil.Process(self.pid)
+            same = abs(process.create_time() - self.created) < 1.0
+            return process if same and process.status() != psutil.STATUS_ZOMBIE else None
+        except psutil.NoSuchProcess:
+            return None
+
+    @property
+    def state(self) -> str:
+        """up, not answering, or gone."""
+        if self.process is None:
+            return "gone"
+        return "up" if _answers(self.health) else "not answering"
+
+
+def services(home: Home) -> list[Service]:
+    """What `up` started in this home. Raises InvalidInput if the record is damaged."""
+    path = _record(home)
+    if not path.exists():
+        return []
+    try:
+        return [Service(**values) for values in json.loads(path.read_bytes())]
+    except (OSError, ValueError, TypeError) as error:
+        raise InvalidInput(f"damaged {str(path)!r}: {error}") from None
+
+
+def address_of(name: str, home: Home) -> str | None:
+    """Where to reach a service of this home, if it is up."""
+    for service in services(home):
+        if service.name == name and service.state == "up":
+            return service.address
+    return None
+
+
+def up(
+    home: Home,
+    host: str,
+    ray_port: int,
+    dashboard_port: int,
+    mlflow_port: int,
+    tell: Callable[[str], None],
+) -> None:
+    """Start what is not up yet, and wait until it is well.
+
+    Raises InvalidInput if a port is taken or a service does not come up; then what
+    this call started has ended again.
+    """
+    home.prepare()
+    wanted: dict[str, Callable[[], Service]] = {
+        "ray": lambda: _start_ray(home, host, ray_port, dashboard_port),
+        "mlflow": lambda: _start_mlflow(home, host, mlflow_port),
+    }
+    for name, start in wanted.items():
+        known = [service for service in services(home) if service.name != name]
+        for service in services(home):
+            if service.name == name and service.process is not None:
+                tell(f"{name} is up already: {service.page}")
+                break
+        else:
+            tell(f"starting {name}")
+            service = start()
+            _save(home, [*known, service])
+            try:
+                _wait_until_well(service)
+            except BaseException:
+                _end(service)
+                _save(home, known)
+                raise
+            tell(f"{name} is up: {service.page}")
+
+
+def down(home: Home, tell: Callable[[str], None]) -> None:
+    """End what `up` started, children included."""
+    found = services(home)
+    if not found:
+        tell(f"nothing is up in {str(home.folder)!r}")
+    for service in reversed(found):
+        gone = service.process is None
+        _end(service)
+        tell(f"{service.name} {'was gone' if gone else 'is down'}")
+    _record(home).unlink(missing_ok=True)
+
+
+def _start_ray(home: Home, host: str, port: int, dashboard_port: int) -> Service:
+    require_free(host, port)
+    require_free(host, dashboard_port)
+    local = _reachable(host)
+    command = ["ray", "start", "--head", "--block", "--disable-usage-stats", "--port", str(port)]
+    command += ["--node-ip-address", local, "--include-dashboard", "true"]
+    command += ["--dashboard-host", host, "--dashboard-port", str(dashboard_port)]
+    # Fixed by default, and then in the way of any other Ray on this machine.
+    command += ["--ray-client-server-port", str(free_port())]
+    command += ["--dashboard-agent-listen-port", str(free_port())]
+    page = f"http://{local}:{dashboard_port}"
+    return _start(home, "ray", command, f"{local}:{port}", page, f"{page}/api/gcs_healthz")
+
+
+def _start_mlflow(home: Home, host: str, port: int) -> Service:
+    require_free(host, port)
+    command, environment = mlflow_server(home, host, port)
+    page = f"http://{_reachable(host)}:{port}"
+    return _start(home, "mlflow", command, page, page, f"{page}/health", environment)
+
+
+def _start(
+    home: Home,
+    name: str,
+    command: Sequence[str],
+    address: str,
+    page: str,
+    health: str,
+    environment: dict[str, str] | None = None,
+) -> Service:
+    log = home.folder / f"{name}.log"
+    with log.open("w") as output:
+        process = subprocess.Popen(
+            [str(Path(sys.executable).with_name(command[0])), *command[1:]],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=subprocess.STDOUT,
+            env={**os.environ, **(environment or {})},
+            start_new_session=True,  # a terminal's Ctrl-C is not for it
+        )
+    created = psutil.Process(process.pid).create_time()
+    return Service(name, process.pid, created, address, page, health, str(log))
+
+
+def _wait_until_well(service: Service) -> None:
+    begun = time.monotonic()
+    while service.state != "up":
+        if service.process is None:
+            raise InvalidInput(f"{service.name} ended at once: see {service.log}")
+        if time.monotonic() - begun > _START:
+            raise InvalidInput(f"{service.name} does not answer: see {service.log}")
+        time.sleep(0.2)
+
+
+def _end(service: Service) -> None:
+    process = service.process
+    if process is None:
+        return
+    family = [process, *process.children(recursive=True)]
+    process.terminate()
+    _, alive = psutil.wait_procs(family, _END)
+    for left in alive:
+        left.kill()
+    psutil.wait_procs(alive, _END)
+
+
+def _answers(url: str) -> bool:
+    try:
+        with urllib.request.urlopen(url, timeout=_ANSWER) as answer:
+            return bool(answer.status == 200)
+    except (OSError, urllib.error.URLError, ValueError):
+        return False
+
+
+def _reachable(host: str) -> str:
+    """Where a server bound to `host` is reached from this machine."""
+    return "127.0.0.1" if host in ("0.0.0.0", "::", "localhost") else host
+
+
+def _record(home: Home) -> Path:
+    return home.folder / "services.json"
+
+
+def _save(home: Home, found: Sequence[Service]) -> None:
+    text = json.dumps([asdict(service) for service in found], indent=2)
+    write_aside(_record(home), text.encode())

@@ -1,0 +1,107 @@
+"""Keeps MLflow up to date with what is on disk, in a thread of its own.
+
+The disk is the truth and MLflow a view of it. So whoever runs a study only marks
+what has changed; if MLflow is away, the marks wait, and nothing else does.
+"""
+
+import threading
+import time
+from collections.abc import Callable, Iterable
+
+from bilevel.errors import InvalidInput
+from cluster.tracking.tracker import Tracker, first_line
+from cluster.tracking.view import RunView
+
+#: Seconds until MLflow is tried again: first, and at most (doubled each time).
+_FIRST_RETRY, _LAST_RETRY = 1.0, 30.0
+
+#: Seconds that the end of a run waits for MLflow to catch up, if it answers, and if it
+#: does not.
+_PATIENCE, _PATIENCE_AWAY = 120.0, 10.0
+
+
+class Mirror:
+    """Shows the runs whose keys are marked; `view_of` makes a key's view from the
+    disk, in the mirror's thread. `tell` gets a line when MLflow goes and comes."""
+
+    def __init__(
+        self, tracker: Tracker, view_of: Callable[[str], RunView], tell: Callable[[str], None]
+    ) -> None:
+        self.tracker = tracker
+        self._view_of = view_of
+        self._tell = tell
+        self._marked: dict[str, None] = {}  # in order: parents are marked before children
+        self._change = threading.Condition()
+        self._showing: set[str] = set()
+        self._closing = False
+        self._away = False
+        self._given_up = False
+        self._thread = threading.Thread(target=self._run, name="mirror", daemon=True)
+        self._thread.start()
+
+    def mark(self, keys: Iterable[str]) -> None:
+        """These runs have changed on disk."""
+        with self._change:
+            self._marked.update(dict.fromkeys(keys))
+            self._change.notify()
+
+    def close(self) -> int:
+        """Show what is marked and end; returns how many runs could not be shown."""
+        with self._change:
+            self._closing = True
+            self._change.notify()
+        begun = time.monotonic()
+        while self._thread.is_alive():
+            patience = _PATIENCE_AWAY if self._away else _PATIENCE
+            if time.monotonic() - begun > patience:
+                self._given_up = True
+                break
+            self._thread.join(0.1)
+        return len({*self._marked, *self._showing})
+
+    def _run(self) -> None:
+        retry = _FIRST_RETRY
+        while True:
+            with self._change:
+                self._change.wait_for(lambda: self._marked or self._closing)
+                keys = list(self._marked)
+            if not keys or self._given_up:
+                return
+            try:
+                for key in keys:
+                    self._show(key)
+            except Exception as error:  # whatever MLflow has: the study goes on
+                self.tracker.forget()
+                if not self._away:
+                    self._away = True
+                    self._tell(
+                        f"MLflow at {self.tracker.uri} is away ({first_line(error)}): the run goes "
+                        "on, and what is missing is written when it is back"
+                    )
+                with self._change:
+                    if self._change.wait_for(lambda: self._closing, retry):
+                        time.sleep(_FIRST_RETRY)
+                retry = min(2 * retry, _LAST_RETRY)
+            else:
+                retry = _FIRST_RETRY
+
+    def _show(self, key: str) -> None:
+        with self._change:
+            self._marked.pop(key, None)  # marked again while it is shown, it is shown again
+            self._showing = {key}
+        try:
+            view = self._view_of(key)
+        except InvalidInput as error:
+            self._tell(f"{error}; MLflow does not show it")
+            self._showing = set()
+            return
+        try:
+            self.tracker.show(view)
+        except Exception:
+            with self._change:
+                self._marked[key] = None
+            raise
+        self._showing = set()
+        if self._away and not self._given_up:
+            self._away = False
+            self._tell("MLflow is back, and catches up")

@@ -1,0 +1,56 @@
+"""MLflow's model registry: the newest SE of each task, under the alias `best`."""
+
+import tempfile
+import warnings
+from pathlib import Path
+from typing import Any
+
+from cluster.tracking.view import RegisteredSE
+
+#: Tag of a model version: checksum of its SE file.
+_VERSION = "bilevel.sha256"
+
+
+def model_address(task_id: str) -> str:
+    """How a task's best SE is addressed: `mlflow.pyfunc.load_model` of it gives an
+    object whose `predict` runs the SE."""
+    return f"models:/{_model_name(task_id)}@best"
+
+
+def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
+    """Make an SE file the task's newest model version, once, with the alias `best`."""
+    import mlflow.pyfunc
+    from mlflow.exceptions import MlflowException
+
+    name = _model_name(se.task_id)
+    with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = Path(folder) / "model"
+        mlflow.pyfunc.save_model(
+            model,
+            loader_module="cluster.tracking.se_model",
+            data_path=str(se.path),
+            pip_requirements=["bilevel"],
+        )
+        client.log_artifacts(run_id, str(model), "model")
+    try:
+        client.create_registered_model(
+            name, description=f"Synthetic environments for {se.task_id}."
+        )
+    except MlflowException as error:
+        if error.error_code != "RESOURCE_ALREADY_EXISTS":
+            raise
+    versions = [
+        version
+        for version in client.search_model_versions(f"run_id = '{run_id}'")
+        if version.name == name and version.tags.get(_VERSION) == se.version
+    ]
+    if not versions:
+        source = f"{client.get_run(run_id).info.artifact_uri}/model"
+        tags = {**se.tags, _VERSION: se.version}
+        versions = [client.create_model_version(name, source, run_id, tags=tags)]
+    client.set_registered_model_alias(name, "best", versions[0].version)
+
+
+def _model_name(task_id: str) -> str:
+    return f"SE-{task_id}"

@@ -1,0 +1,53 @@
+"""An evaluation of many agents (`bilevel evaluate`) as MLflow shows it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from cluster.run_folder import Begun, Standing, finals, read_settings
+from cluster.tracking import Document, RunView
+from cluster.views.nes import final_point
+
+#: The kind of run that `settings.json` tells.
+KIND = "evaluate"
+
+RESULTS_FILE, REPORT_FILE, PICTURE_FILE = "results.jsonl", "report.json", "violins.png"
+
+
+@dataclass(frozen=True)
+class EvaluationViews:
+    """The one run that an evaluation is shown as."""
+
+    folder: Path
+    begun: Begun
+    live: bool
+
+    @classmethod
+    def of(cls, folder: Path) -> "EvaluationViews":
+        """Of an evaluation that nobody works on. Raises InvalidInput."""
+        return cls(folder, Begun.read(folder), False)
+
+    def keys(self) -> list[str]:
+        """The evaluation's identity."""
+        return [self.begun.identity]
+
+    def view(self, key: str) -> RunView:
+        """The run as it is on disk. Raises InvalidInput."""
+        settings, ends = read_settings(self.folder), finals(self.folder)
+        standing = Standing.load(self.folder) or Standing("KILLED", self.begun.time, 0)
+        over = not (self.live and standing.status == "RUNNING")
+        kinds: dict[str, Any] = settings["kinds"]
+        sources, task = ", ".join(settings["sources"]), settings["task"]["id"]
+        note = f"{standing.target} fresh agents of each kind on {sources}, tested on {task}."
+        files = [self.folder / name for name in (REPORT_FILE, PICTURE_FILE, RESULTS_FILE)]
+        return RunView(
+            key,
+            self.folder.name,
+            standing.ended_as if over else "RUNNING",
+            self.begun.time,
+            standing.since if over else None,
+            {"agents": kinds, "vary": settings["vary"], "seed": settings["seed"], "task": task},
+            {"bilevel.kind": KIND, "mlflow.note.content": note},
+            tuple(final_point(end) for end in ends),
+            tuple(Document.of_file(path) for path in files if over and path.exists()),
+        )

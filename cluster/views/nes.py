@@ -1,0 +1,136 @@
+"""An NES run as MLflow shows it; of a study's configurations the same parts."""
+
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from bilevel.errors import InvalidInput
+from bilevel.nes import NESState
+from bilevel.synthetic_env import se_bytes
+from cluster.final import BEST_FILE, LAST_FILE
+from cluster.nes_loop import NESRun
+from cluster.run_folder import Begun, Final, Standing, finals
+from cluster.tracking import Document, Point, RegisteredSE, RunView, plots
+
+
+def generation_points(state: NESState | None) -> list[Point]:
+    """A point a generation."""
+    return [] if state is None else [Point.of(record) for record in state.records]
+
+
+def state_on_disk(run: NESRun) -> NESState | None:
+    """The run's state; a damaged one will be run again, and shows nothing till then."""
+    try:
+        return run.load()
+    except InvalidInput:
+        return None
+
+
+def run_documents(run: NESRun, state: NESState, title: str, best: Document) -> list[Document]:
+    """Best and last SE, learning curve and hyperparameters."""
+    version = f"generation {state.generation}"
+
+    def curve() -> bytes:
+        return png(plots.learning_curve(state.records, run.task, title))
+
+    return [
+        best,
+        Document(LAST_FILE, version, lambda: se_bytes(run.last_se(state))),
+        Document("learning_curve.png", version, curve),
+        Document.of_text("configuration.json", json.dumps(run.hp.to_dict(), indent=2)),
+    ]
+
+
+def final_point(final: Final) -> Point:
+    """The scores of fresh agents on the best SE."""
+    return Point(final.metrics, final.step, final.time)
+
+
+def registered(folder: Path, task_id: str, last: Final) -> RegisteredSE:
+    """The best SE of a run that has come to an end."""
+    return RegisteredSE(
+        folder / BEST_FILE, task_id, {name: f"{value:.6g}" for name, value in last.metrics.items()}
+    )
+
+
+def png(figure: Figure) -> bytes:
+    """A picture as a PNG file."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=150)
+    return buffer.getvalue()
+
+
+@dataclass(frozen=True)
+class NESViews:
+    """The one run that an NES run is shown as; `live` while a process works on it."""
+
+    run: NESRun
+    begun: Begun
+    live: bool
+
+    @classmethod
+    def of(cls, folder: Path) -> "NESViews":
+        """Of a run that nobody works on. Raises InvalidInput."""
+        return cls(NESRun.read(folder), Begun.read(folder), False)
+
+    def keys(self) -> list[str]:
+        """The run's identity."""
+        return [self.begun.identity]
+
+    def view(self, key: str) -> RunView:
+        """The run as it is on disk. Raises InvalidInput."""
+        run, ends = self.run, finals(self.run.folder)
+        state = state_on_disk(run)
+        standing = Standing.load(run.folder) or Standing("KILLED", self.begun.time, 0)
+        over = not (self.live and standing.status == "RUNNING")
+        points = generation_points(state)
+        for end in ends:
+            if state is not None and end.step <= state.generation:
+                scores = [record.score_mean for record in state.records[: end.step]]
+                values = {"objective": float(np.mean(scores)), "budget": float(end.step)}
+                points.append(Point(values, end.step, end.time))
+            points.append(final_point(end))
+        documents: list[Document] = []
+        if over and state is not None and state.finalists:
+            best = (
+                Document.of_file(run.folder / BEST_FILE)
+                if ends
+                else Document(
+                    BEST_FILE,
+                    f"generation {state.generation}",
+                    lambda: se_bytes(run.finalists(state)[0]),
+                )
+            )
+            documents = run_documents(run, state, f"{self.name} on {run.task.id}", best)
+        return RunView(
+            key,
+            self.name,
+            standing.ended_as if over else "RUNNING",
+            self.begun.time,
+            standing.since if over else None,
+            {**run.hp.to_dict(), "seed": run.seed, "task": run.task.id},
+            {"bilevel.kind": "nes", "mlflow.note.content": self._description()},
+            tuple(points),
+            tuple(documents),
+            model=registered(run.folder, run.task.id, ends[-1]) if ends else None,
+        )
+
+    @property
+    def name(self) -> str:
+        """The run's name."""
+        return self.run.folder.name
+
+    def _description(self) -> str:
+        run, nes = self.run, self.run.hp.nes
+        return (
+            f"One NES run on **{run.task.id}** ({nes.update} update, population "
+            f"{nes.population_size}, step size {nes.step_size:g}, std. dev. {nes.std_dev:g}, seed "
+            f"{run.seed}). Per generation: `score_*`, `train_*` and `solved_fraction` are of "
+            "agents trained on the unperturbed SE. It stops early once the task has been solved "
+            "for several generations in a row and fresh agents confirm it; `final_*` are of fresh "
+            "agents trained on the best SE."
+        )

@@ -1,0 +1,199 @@
+"""A study as MLflow shows it.
+
+One run for the study, with what BOHB found; one under it for each configuration,
+with its generations.
+"""
+
+import json
+import time
+from collections.abc import Container
+from dataclasses import dataclass
+from pathlib import Path
+
+from bilevel.errors import InvalidInput
+from bilevel.synthetic_env import se_bytes
+from cluster.bohb.brackets import bracket_table
+from cluster.bohb.journal import ConfigLine, Journal, ResultLine
+from cluster.bohb.study import KIND, Study, configuration_name
+from cluster.bohb.summary import StudySummary
+from cluster.final import BEST_FILE
+from cluster.run_folder import Begun, Standing, finals
+from cluster.tracking import Document, Point, RunView, plots
+from cluster.views.nes import (
+    final_point,
+    generation_points,
+    png,
+    registered,
+    run_documents,
+    state_on_disk,
+)
+
+__all__ = ["KIND", "StudyViews"]
+
+
+@dataclass(frozen=True)
+class StudyViews:
+    """The runs that a study is shown as. `live` are the names of the configurations
+    that are being run, None if nobody works on the study."""
+
+    study: Study
+    begun: Begun
+    live: Container[str] | None
+
+    @classmethod
+    def of(cls, folder: Path) -> "StudyViews":
+        """Of a study that nobody works on. Raises InvalidInput."""
+        return cls(Study.read(folder), Begun.read(folder), None)
+
+    @property
+    def parent(self) -> str:
+        """Key of the study's own run."""
+        return self.begun.identity
+
+    def key(self, name: str) -> str:
+        """Key of a configuration's run."""
+        return f"{self.parent}/{name}"
+
+    def keys(self) -> list[str]:
+        """All keys, the study's own first. Raises InvalidInput."""
+        journal = Journal(self.study.folder)
+        return [self.parent, *(self.key(configuration_name(line.id)) for line in journal.configs)]
+
+    def view(self, key: str) -> RunView:
+        """The run with that key as it is on disk. Raises InvalidInput."""
+        journal = Journal(self.study.folder)
+        if key == self.parent:
+            return self._study(journal)
+        for line in journal.configs:
+            if self.key(configuration_name(line.id)) == key:
+                results = [result for result in journal.results if result.id == line.id]
+                return self._configuration(line, results)
+        raise InvalidInput(f"study {self.study.name!r} has no run {key}")
+
+    # -- the study's own run -----------------------------------------------------
+
+    def _study(self, journal: Journal) -> RunView:
+        study, ends = self.study, finals(self.study.folder)
+        standing = Standing.load(study.folder) or Standing("KILLED", self.begun.time, 0)
+        over = self.live is None or standing.status != "RUNNING"
+        summary = StudySummary(journal, bracket_table(standing.target, list(study.budgets)))
+        tags = {"bilevel.kind": KIND, "mlflow.note.content": self._description()}
+        incumbent = summary.incumbent
+        if incumbent is not None:
+            tags["bilevel.incumbent"] = configuration_name(incumbent.id)
+        points = [
+            Point(
+                {"incumbent_objective": line.objective or 0.0, "incumbent_budget": line.budget},
+                number,
+                journal.results[number - 1].finished,
+            )
+            for number, line in summary.incumbents()
+        ]
+        points += [
+            Point({"core_utilisation": line.info["core_utilisation"]}, number, line.finished)
+            for number, line in enumerate(journal.results, start=1)
+            if "core_utilisation" in line.info
+        ]
+        return RunView(
+            self.parent,
+            study.name,
+            standing.ended_as if over else "RUNNING",
+            self.begun.time,
+            standing.since if over else None,
+            {
+                "task": study.task.id,
+                "seed": study.seed,
+                "space": study.space,
+                "budgets": list(study.budgets),
+                "model": study.model,
+                "base": study.base.to_dict(),
+            },
+            tags,
+            (*points, *(final_point(end) for end in ends)),
+            tuple(self._documents(journal, summary, bool(ends))),
+            model=registered(study.folder, study.task.id, ends[-1]) if ends else None,
+        )
+
+    def _documents(self, journal: Journal, summary: StudySummary, ended: bool) -> list[Document]:
+        study = self.study
+        documents = [Document.of_file(study.folder / BEST_FILE)] if ended else []
+        incumbent = summary.incumbent
+        if not journal.results:
+            return documents
+
+        def picture() -> bytes:
+            return png(plots.objective_against_cost(summary.points(), study.task, study.name))
+
+        documents += [
+            Document("objective_against_cost.png", f"{len(journal.results)} results", picture),
+            Document.of_text("brackets.md", summary.bracket_table()),
+            *(Document.of_file(path, "journal/") for path in journal.paths),
+        ]
+        if incumbent is not None:
+            values = summary.configuration(incumbent.id)
+            documents.append(Document.of_text("incumbent.json", json.dumps(values, indent=2)))
+        return documents
+
+    def _description(self) -> str:
+        study = self.study
+        return (
+            f"BOHB over NES on **{study.task.id}**: search space `{study.space}`, population "
+            f"{study.base.nes.population_size}, budgets {list(study.budgets)} generations (eta 3), "
+            f"seed {study.seed}. Each child run is one configuration; a promoted one goes on in "
+            "the same run. `objective` is the mean over the run's generations of each generation's "
+            "score (the area under the learning curve), so that fast and good both count; BOHB "
+            "maximises it. `final_*` are of fresh agents trained on the best SE of all "
+            "configurations."
+        )
+
+    # -- a configuration's run ---------------------------------------------------
+
+    def _configuration(self, line: ConfigLine, results: list[ResultLine]) -> RunView:
+        study, name = self.study, configuration_name(line.id)
+        run = study.run(line.id, line.configuration)
+        state = state_on_disk(run)
+        live = self.live is not None and name in self.live
+        tags = {
+            "bilevel.kind": "configuration",
+            "bilevel.bracket": str(line.id[0]),
+            "bilevel.model_based_pick": str(bool(line.info.get("model_based_pick"))).lower(),
+        }
+        failure = next((r.exception for r in results if r.exception is not None), None)
+        documents: list[Document] = []
+        if failure is not None:
+            tags["bilevel.error"] = failure.strip().splitlines()[-1][:250]
+            documents.append(Document.of_text("error.txt", failure))
+        if state is not None and state.finalists and not live:
+            version = f"generation {state.generation}"
+            best = Document(BEST_FILE, version, lambda: se_bytes(run.finalists(state)[0]))
+            documents += run_documents(run, state, f"{study.name}, {name}", best)
+        points = generation_points(state)
+        points += [
+            Point({"objective": r.objective, "budget": float(r.budget)}, r.budget, r.finished)
+            for r in results
+            if r.objective is not None
+        ]
+        times = [point.time for point in points] + [result.finished for result in results]
+        started = self.begun.time if results else time.time()
+        if state is not None and state.records:
+            started = state.records[0].finished - state.records[0].generation_seconds
+        return RunView(
+            self.key(name),
+            f"{study.name}/{name}",
+            "RUNNING" if live else _status(results, 0 if state is None else state.generation),
+            started,
+            None if live else max(times, default=started),
+            {**run.hp.to_dict(), "seed": run.seed, "task": run.task.id},
+            tags,
+            tuple(points),
+            tuple(documents),
+            parent=self.parent,
+        )
+
+
+def _status(results: list[ResultLine], generations: int) -> str:
+    """How a configuration's run ended that nobody works on."""
+    if any(result.loss is None for result in results):
+        return "FAILED"
+    reached = max((result.budget for result in results), default=0)
+    return "FINISHED" if reached > 0 and generations <= reached else "KILLED"

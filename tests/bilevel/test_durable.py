@@ -1,0 +1,52 @@
+import sys
+from pathlib import Path
+
+import pytest
+
+from bilevel.durable import checksum, write_aside
+from tests.small_disk import on_small_disk, small_disks
+
+
+def test_a_file_is_replaced(tmp_path: Path) -> None:
+    path = tmp_path / "new" / "file"
+    write_aside(path, b"one")
+    write_aside(path, b"two")
+    assert path.read_bytes() == b"two"
+    assert list(path.parent.iterdir()) == [path]
+
+
+@pytest.mark.skipif(not small_disks(), reason="no small disk can be mounted here")
+def test_a_full_disk_leaves_the_old_file(tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    script = f"""{sys.executable} - <<'END'
+from pathlib import Path
+from bilevel.durable import write_aside
+from bilevel.errors import StorageFailure
+path = Path({str(disk)!r}) / "file"
+write_aside(path, b"old" * 100)
+try:
+    write_aside(path, b"new" * 100_000)
+except StorageFailure as failure:
+    print(failure)
+assert path.read_bytes() == b"old" * 100
+assert list(path.parent.iterdir()) == [path]
+write_aside(path, b"new")
+END"""
+    result = on_small_disk(disk, "64k", script)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout == f"cannot write '{disk}/file': No space left on device\n"
+
+
+def test_a_path_in_the_way_is_no_failure_of_the_disk(tmp_path: Path) -> None:
+    (tmp_path / "file").touch()
+    with pytest.raises(FileExistsError):
+        write_aside(tmp_path / "file" / "inside", b"")
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(IsADirectoryError):
+        write_aside(tmp_path / "folder", b"")
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_checksum_tells_where_a_part_ends() -> None:
+    assert checksum(b"ab", b"c") != checksum(b"a", b"bc")
+    assert len(checksum()) == 64

@@ -1,0 +1,140 @@
+"""The journal's files under every kind of damage."""
+
+import contextlib
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from bilevel import InvalidInput
+from cluster.bohb import Journal
+from cluster.bohb.journal import ConfigLine, ResultLine
+from cluster.lines import Lines
+from tests.small_disk import on_small_disk, small_disks
+
+json_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=5) | st.dictionaries(st.text(max_size=8), inner),
+    max_leaves=12,
+)
+
+STAMPS = {"submitted": 1.0, "started": 1.0, "finished": 2.0}
+
+
+def write_journal(folder: Path) -> list[str]:
+    """Three configurations, two results; the lines of both files."""
+    journal = Journal(folder)
+    for number in range(3):
+        journal.add_config(ConfigLine((0, 0, number), {"nes.step_size": 0.1}, {}))
+    journal.add_result(ResultLine((0, 0, 0), 1, -12.5, {}, STAMPS))
+    journal.add_result(ResultLine((0, 0, 1), 1, None, {}, STAMPS, "it failed"))
+    return [path.read_text() for path in journal.paths]
+
+
+@given(values=st.lists(json_values.filter(lambda v: v == v), max_size=5), cut=st.integers(0, 40))
+@settings(max_examples=60)
+def test_whole_lines_survive_a_cut(
+    values: list[Any], cut: int, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.mktemp("lines") / "file"
+    for value in values:
+        Lines(path).append(value)
+    content = path.read_bytes() if values else b""
+    kept = content[: max(len(content) - cut, 0)]
+    path.write_bytes(kept)
+    whole = [json.loads(line) for line in kept.split(b"\n")[:-1]]
+    lines = Lines(path)
+    assert repr(lines.values) == repr(whole)
+    assert path.read_bytes() == kept
+    lines.append("next")
+    assert repr(Lines(path).values) == repr([*whole, "next"])
+
+
+@given(data=st.data())
+@settings(max_examples=150)
+def test_any_damage_to_a_journal_is_told_or_is_none(
+    data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    """Bytes changed, cut out or put in: a Journal or an InvalidInput in one line, never
+    another exception."""
+    folder = tmp_path_factory.mktemp("journal")
+    write_journal(folder)
+    path = folder / data.draw(st.sampled_from(["configs.json", "results.json"]))
+    content = path.read_bytes()
+    start = data.draw(st.integers(0, len(content)))
+    end = data.draw(st.integers(start, min(start + 8, len(content))))
+    path.write_bytes(content[:start] + data.draw(st.binary(max_size=8)) + content[end:])
+    told = ""
+    try:
+        Journal(folder)
+    except InvalidInput as error:
+        told = str(error)
+    assert "\n" not in told
+
+
+@given(row=json_values, name=st.sampled_from(["configs.json", "results.json"]))
+@settings(max_examples=150)
+def test_any_json_line_is_read_or_refused(
+    row: Any, name: str, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    folder = tmp_path_factory.mktemp("journal")
+    (folder / name).write_text(json.dumps(row) + "\n")
+    with contextlib.suppress(InvalidInput):
+        Journal(folder)
+
+
+@pytest.mark.parametrize(
+    ("name", "line", "told"),
+    [
+        ("results.json", "[[0, 0, 2], 1, {}, null, null]", "line 3: 'submitted'"),
+        ("results.json", json.dumps([[0, 0, 9], 1, STAMPS, None, ""]), "was never proposed"),
+        ("results.json", json.dumps([[0, 0, 0], 1, STAMPS, None, ""]), "stands there twice"),
+        ("results.json", json.dumps([[0, 0, 2], 0, STAMPS, None, ""]), "line 3: budget 0"),
+        (
+            "results.json",
+            json.dumps([[0, 0, 2], 1, STAMPS, {"loss": float("nan"), "info": {}}, None]),
+            "line 3: nan is not a finite number",
+        ),
+        ("configs.json", "[[0, 0, 1], {}, {}]", "line 4: (0, 0, 1) stands there twice"),
+        ("configs.json", "[[0, -1, 1], {}, {}]", "line 4: configuration id [0, -1, 1]"),
+        ("configs.json", '["../..", {}, {}]', "line 4: configuration id '../..'"),
+        ("configs.json", "[" * 100_000, "line 4: "),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_line(
+    name: str, line: str, told: str, tmp_path: Path
+) -> None:
+    write_journal(tmp_path)
+    with (tmp_path / name).open("a") as file:
+        file.write(line + "\n")
+    with pytest.raises(InvalidInput) as caught:
+        Journal(tmp_path)
+    assert told in str(caught.value)
+    assert name in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.skipif(not small_disks(), reason="no small disk can be mounted here")
+def test_a_full_disk_adds_nothing(tmp_path: Path) -> None:
+    disk = tmp_path / "disk"
+    script = f"""{sys.executable} - <<'END'
+from pathlib import Path
+from bilevel.errors import StorageFailure
+from cluster.lines import Lines
+lines = Lines(Path({str(disk)!r}) / "file")
+lines.append("first")
+try:
+    lines.append("x" * 100_000)
+except StorageFailure as failure:
+    print(failure)
+assert Lines(lines.path).values == lines.values == ["first"]
+lines.append("second")
+assert Lines(lines.path).values == ["first", "second"]
+END"""
+    result = on_small_disk(disk, "64k", script)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout == f"cannot write '{disk}/file': No space left on device\n"

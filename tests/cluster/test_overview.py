@@ -1,0 +1,65 @@
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from cluster.home import Home
+from cluster.overview import overview, print_overview
+from cluster.run_folder import Standing, held
+from tests.studies import make_study, new_study
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Home:
+    return Home(tmp_path)
+
+
+def test_nothing_yet(home: Home) -> None:
+    assert overview(home) == []
+
+
+def test_states_progress_and_scores(home: Home) -> None:
+    for name in ("ended", "stopped", "killed", "running"):
+        make_study(home.run_folder("CartPole-v0", name))
+    Standing("KILLED", 0.0, 4).save(home.run_folder("CartPole-v0", "stopped"))
+    for name in ("killed", "running"):
+        Standing("RUNNING", 0.0, 2).save(home.run_folder("CartPole-v0", name))
+    with held(home.run_folder("CartPole-v0", "running")):
+        lines = {line.name: line for line in overview(home)}
+    assert {name: line.state for name, line in lines.items()} == {
+        "ended": "finished",
+        "stopped": "stopped",
+        "killed": "killed",
+        "running": "running",
+    }
+    assert lines["ended"].progress == "6/6 results"
+    assert lines["stopped"].progress == "6/12 results"
+    assert lines["ended"].final == "100.0"
+    assert 0 < float(lines["ended"].best) < 100
+
+
+def test_a_damaged_study_is_listed_as_such(home: Home) -> None:
+    folder = home.run_folder("CartPole-v0", "broken")
+    make_study(folder)
+    (folder / "results.json").write_text("nonsense\n")
+    (line,) = overview(home)
+    assert line.state == "damaged"
+    assert "results.json', line 1" in line.progress
+
+
+def test_table(home: Home, capsys: pytest.CaptureFixture[str]) -> None:
+    make_study(home.run_folder("CartPole-v0", "one"))
+    print_overview(overview(home), Console(width=100))
+    header, line = capsys.readouterr().out.splitlines()
+    assert header.split() == [
+        *("task", "name", "kind", "state", "progress", "best", "fresh", "agents")
+    ]
+    assert line.split()[:6] == ["CartPole-v0", "one", "study", "finished", "6/6", "results"]
+
+
+def test_a_study_is_read_as_it_was_begun(home: Home) -> None:
+    from cluster.bohb.study import Study
+
+    folder = home.run_folder("CartPole-v0", "one")
+    make_study(folder)
+    assert Study.read(folder) == new_study(folder)

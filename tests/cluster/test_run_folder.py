@@ -1,0 +1,120 @@
+import json
+import multiprocessing
+from pathlib import Path
+
+import pytest
+
+from bilevel import InvalidInput
+from bilevel.tasks import BUILT_IN_TASKS
+from cluster.run_folder import (
+    Begun,
+    Final,
+    Standing,
+    add_final,
+    finals,
+    held,
+    is_held,
+    locked_settings,
+    stored_task,
+)
+
+
+def test_other_settings_are_refused(tmp_path: Path) -> None:
+    with locked_settings(tmp_path / "run", {"seed": 1, "budgets": (1, 3)}) as identity:
+        pass
+    with locked_settings(tmp_path / "run", {"seed": 1, "budgets": (1, 3)}) as again:
+        assert identity == again
+    with (
+        pytest.raises(InvalidInput, match="'run' was begun with seed = 1, not 2"),
+        locked_settings(tmp_path / "run", {"seed": 2, "budgets": (1, 3)}),
+    ):
+        pass
+
+
+@pytest.mark.parametrize(
+    "content",
+    ["", "[]", "{}", "nonsense", '{"identity": "\' OR 1=1", "begun": 0}', '{"identity": 7}'],
+)
+def test_damaged_settings_are_told(content: str, tmp_path: Path) -> None:
+    (tmp_path / "settings.json").write_text(content)
+    with pytest.raises(InvalidInput, match="damaged settings"), locked_settings(tmp_path, {}):
+        pass
+
+
+def test_two_at_once_are_refused(tmp_path: Path) -> None:
+    with (
+        locked_settings(tmp_path / "run", {}),
+        pytest.raises(InvalidInput, match="run by another process"),
+        locked_settings(tmp_path / "run", {}),
+    ):
+        pass
+
+
+def _hold_for_ever(folder: Path, taken: "multiprocessing.synchronize.Event") -> None:
+    with held(folder):
+        taken.set()
+        multiprocessing.Event().wait()
+
+
+def test_the_lock_of_a_killed_process_is_free(tmp_path: Path) -> None:
+    context = multiprocessing.get_context("spawn")
+    taken = context.Event()
+    process = context.Process(target=_hold_for_ever, args=(tmp_path, taken))
+    process.start()
+    assert taken.wait(60)
+    assert is_held(tmp_path)
+    process.kill()
+    process.join()
+    assert not is_held(tmp_path)
+    with held(tmp_path):
+        pass
+
+
+def test_standing_round_trip(tmp_path: Path) -> None:
+    assert Standing.load(tmp_path) is None
+    standing = Standing("RUNNING", 12.5, 3)
+    standing.save(tmp_path)
+    assert Standing.load(tmp_path) == standing
+    assert standing.ended_as == "KILLED"
+    assert Standing("FINISHED", 0.0, 1).ended_as == "FINISHED"
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        "",
+        "[1, 2, 3]",
+        '{"status": "RUNNING"}',
+        '{"status": "ASLEEP", "since": 1, "target": 1}',
+        '{"status": "RUNNING", "since": NaN, "target": 1}',
+        '{"status": "RUNNING", "since": 1, "target": "all"}',
+    ],
+)
+def test_damaged_standing_is_told(content: str, tmp_path: Path) -> None:
+    (tmp_path / "standing.json").write_text(content)
+    with pytest.raises(InvalidInput, match=r"damaged|unknown status"):
+        Standing.load(tmp_path)
+
+
+def test_an_end_is_written_once(tmp_path: Path) -> None:
+    add_final(tmp_path, Final(6, 1.0, {"score": 2.0}))
+    add_final(tmp_path, Final(6, 9.0, {"score": 2.0}))  # killed just after, and run again
+    add_final(tmp_path, Final(8, 9.0, {"score": 3.0}))
+    assert [final.step for final in finals(tmp_path)] == [6, 8]
+
+
+def test_begun_stays_the_same(tmp_path: Path) -> None:
+    with locked_settings(tmp_path / "run", {"seed": 1}) as begun:
+        assert Begun.read(tmp_path / "run") == begun
+
+
+def test_a_stored_task_asks_gymnasium_for_nothing(tmp_path: Path) -> None:
+    facts = json.loads(
+        '{"id": "antigravity:Env-v0", "state_size": 2, "n_actions": 2, "step_limit": 9, '
+        '"solved_reward": 1.0, "worst_score": 0.0, "dynamics": 0}'
+    )
+    assert stored_task(facts).id == "antigravity:Env-v0"
+    for name, wrong in (("step_limit", 0), ("state_size", "4"), ("id", None), ("extra", 1)):
+        with pytest.raises((TypeError, ValueError)):
+            stored_task({**facts, name: wrong})
+    assert all(task.dynamics >= 0 for task in BUILT_IN_TASKS.values())

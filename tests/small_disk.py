@@ -1,0 +1,31 @@
+"""A real disk that is really full: a small tmpfs in a mount namespace of its own."""
+
+import shutil
+import subprocess
+from functools import cache
+from pathlib import Path
+
+
+def on_small_disk(
+    folder: Path, size: str, script: str, timeout: float = 60
+) -> subprocess.CompletedProcess[str]:
+    """Run a bash script while a disk of that size (tmpfs's way to say it) is mounted on
+    `folder`; what is on it is gone afterwards."""
+    folder.mkdir(parents=True, exist_ok=True)
+    mounted = f"mount -t tmpfs -o size={size} none {folder} && {script}"
+    command = ["unshare", "--map-root-user", "--mount", "bash", "-c", mounted]
+    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
+
+
+@cache
+def small_disks() -> bool:
+    """Whether this machine lets us mount one."""
+    return (
+        shutil.which("unshare") is not None
+        and subprocess.run(
+            ["unshare", "--map-root-user", "--mount", "mount", "-t", "tmpfs", "none", "/mnt"],
+            capture_output=True,
+            check=False,
+        ).returncode
+        == 0
+    )

@@ -1,0 +1,68 @@
+"""Studies on disk, made in moments: the search and NES are real, the scores are not
+trained for but made up from the configuration."""
+
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from bilevel.evaluation import EvaluationResult
+from bilevel.tasks import get_task
+from cluster.bohb import BracketSearch, Job, Journal
+from cluster.bohb.study import Study
+from cluster.final import FinalScore, hand_over
+from cluster.nes_loop import STATE_FILE
+from cluster.profiles import base_hyperparameters, get_profile
+from cluster.run_folder import Standing, locked_settings
+from search_spaces import search_space
+
+
+def new_study(folder: Path, seed: int = 0) -> Study:
+    """Of the smoke profile's size."""
+    task, profile = get_task("CartPole-v0"), get_profile("smoke")
+    base = base_hyperparameters(profile, task)
+    base = replace(base, se=replace(base.se, hidden_size=48))
+    return Study(folder, task, seed, "core", (1, 3), base)
+
+
+def run_job(study: Study, job: Job) -> float:
+    """Generations up to the job's budget; the objective."""
+    run = study.run(job.id, job.configuration)
+    nes = run.nes
+    state = run.load() or nes.start()
+    while state.generation < job.budget:
+        results = [
+            EvaluationResult(
+                (100 * math.sin(r.seed % 1000) ** 2,), 500, 20, True, index=r.index, seconds=0.01
+            )
+            for r in nes.ask(state)
+        ]
+        state = nes.tell(state, results, 0.5, time.time())
+        state.save(run.folder / STATE_FILE)
+    return state.objective
+
+
+def make_study(folder: Path, brackets: int = 2, fail: tuple[int, ...] = ()) -> Study:
+    """A study that has come to its end; the jobs with the numbers in `fail` failed."""
+    study = new_study(folder)
+    with locked_settings(folder, study.settings()):
+        space, budgets = search_space(study.space, study.agents), list(study.budgets)
+        search = BracketSearch(space, budgets, brackets, study.seed, Journal(folder))
+        number = 0
+        while (job := search.next_job()) is not None:
+            if number in fail:
+                search.register(job, None, exception="Traceback\nValueError: made to fail")
+            else:
+                search.register(job, -run_job(study, job))
+            number += 1
+        line = next(line for line in Journal(folder).results if line.loss is not None)
+        proposed = next(c for c in Journal(folder).configs if c.id == line.id)
+        run = study.run(line.id, proposed.configuration)
+        state = run.load()
+        assert state is not None
+        score = FinalScore(np.array([90.0, 110.0]), np.array([400, 600]), 195.0)
+        hand_over(run.finalists(state)[0], score, folder, len(Journal(folder).results))
+        Standing("FINISHED", time.time(), brackets).save(folder)
+    return study

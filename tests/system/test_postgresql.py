@@ -1,0 +1,59 @@
+"""MLflow on a real PostgreSQL: the server's database, as docs/cluster.md sets it up."""
+
+import os
+import shutil
+import subprocess
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from benchmarks.faults.outcome import disagreements
+from benchmarks.faults.tracking import Server
+from cluster.home import Home
+from cluster.ports import free_port
+from cluster.progress import Terminal
+from cluster.sync import sync
+from tests.studies import make_study
+
+pytestmark = [
+    pytest.mark.timeout(180),
+    pytest.mark.skipif(shutil.which("initdb") is None, reason="PostgreSQL is not installed"),
+]
+
+
+@pytest.fixture
+def postgresql(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+    """Address of an empty database in a server of its own. PostgreSQL refuses to be run by
+    root, so root runs it as nobody."""
+    folder = tmp_path_factory.mktemp("postgresql")
+    data, port = folder / "data", free_port()
+    as_user: list[str] = []
+    if os.geteuid() == 0:
+        as_user = ["setpriv", "--reuid", "nobody", "--regid", "nogroup", "--clear-groups"]
+        shutil.chown(folder, "nobody", "nogroup")
+        for parent in folder.parents:
+            if parent.stat().st_uid == 0 and parent.name.startswith("pytest"):
+                parent.chmod(0o755)
+
+    def call(*command: str) -> None:
+        subprocess.run([*as_user, *command], check=True, capture_output=True, cwd=folder)
+
+    call("initdb", "-D", str(data), "-U", "mlflow", "--auth=trust", "--no-sync")
+    options = f"-p {port} -k {folder} -c listen_addresses=127.0.0.1 -c fsync=off"
+    call("pg_ctl", "-D", str(data), "-l", str(folder / "log"), "-w", "-o", options, "start")
+    yield f"postgresql+psycopg2://mlflow@127.0.0.1:{port}/postgres"
+    call("pg_ctl", "-D", str(data), "-m", "immediate", "-w", "stop")
+
+
+def test_a_study_is_tracked_in_postgresql(postgresql: str, tmp_path: Path) -> None:
+    pytest.importorskip("psycopg2")
+    home = Home(tmp_path)
+    home.prepare()
+    folder = home.run_folder("CartPole-v0", "made")
+    make_study(folder, fail=(1,))
+    with Server(tmp_path / "server", postgresql) as server:
+        for _ in range(2):  # the second time there is nothing to add
+            sync(folder, home, server.uri, Terminal())
+            assert disagreements(folder, server.uri) == []
+    assert any((tmp_path / "server" / "artifacts").rglob("best_se.safetensors"))

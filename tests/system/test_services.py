@@ -1,0 +1,137 @@
+"""`bilevel up`, `status`, `down`: real Ray head, real MLflow server, studies that join."""
+
+import json
+import os
+import subprocess
+import urllib.request
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+import pytest
+
+from benchmarks.faults.outcome import disagreements
+from cluster.home import Home
+from cluster.ports import free_port, listening
+from cluster.services import services
+from tests.system.conftest import BILEVEL, run
+
+pytestmark = pytest.mark.timeout(290)
+
+
+@dataclass(frozen=True)
+class Up:
+    home: Path
+    ray_port: int
+    dashboard: int
+    mlflow: int
+
+
+@pytest.fixture(scope="module")
+def up(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Up]:
+    it = Up(tmp_path_factory.mktemp("home"), free_port(), free_port(), free_port())
+    ports = ("--ray-port", it.ray_port, "--dashboard-port", it.dashboard)
+    result = run("up", "--home", it.home, *map(str, (*ports, "--mlflow-port", it.mlflow)))
+    try:
+        assert result.returncode == 0, result.stderr
+        yield it
+    finally:
+        run("down", "--home", it.home)
+
+
+def test_status_tells_and_both_are_healthy(up: Up) -> None:
+    result = run("status", "--home", up.home)
+    assert result.returncode == 0
+    assert [line.split()[:2] for line in result.stdout.splitlines()] == [
+        ["ray", "up"],
+        ["mlflow", "up"],
+    ]
+    with urllib.request.urlopen(f"http://127.0.0.1:{up.dashboard}/api/version") as answer:
+        assert json.load(answer)["ray_version"]
+
+
+def test_they_are_bound_to_this_machine_alone(up: Up) -> None:
+    ours = {up.dashboard, up.mlflow}
+    bound = {
+        connection.laddr.ip
+        for service in services(Home(up.home))
+        for process in psutil.Process(service.pid).children(recursive=True)
+        for connection in process.net_connections("tcp")
+        if connection.status == psutil.CONN_LISTEN and connection.laddr.port in ours
+    }
+    assert bound <= {"127.0.0.1"}
+    assert listening("127.0.0.1", up.mlflow)
+
+
+def test_up_again_starts_nothing(up: Up) -> None:
+    before = services(Home(up.home))
+    result = run("up", "--home", up.home)
+    assert result.returncode == 0
+    assert "ray is up already" in result.stdout
+    assert services(Home(up.home)) == before
+
+
+def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> None:
+    """A study in a home of its own would not join; these do, without being told where."""
+    study = ("bohb", "CartPole-v0", "--profile", "smoke", "--brackets", "1", "--home", str(up.home))
+    environment = {k: v for k, v in os.environ.items() if k != "RAY_ADDRESS"}
+    running = [
+        subprocess.Popen(
+            [BILEVEL, *study, "--study", name, "--seed", str(seed)],
+            stdout=subprocess.PIPE,
+            text=True,
+            env=environment,
+        )
+        for seed, name in enumerate(("one", "two"))
+    ]
+    outputs = [process.communicate(timeout=240)[0] for process in running]
+    assert [process.returncode for process in running] == [0, 0], outputs
+    listed = run("studies", "--home", up.home).stdout
+    assert listed.count("finished") == 2
+    assert listed.count("4/4 results") == 2
+    ray = str(Path(BILEVEL).with_name("ray"))
+    command = [ray, "job", "submit", "--address", f"http://127.0.0.1:{up.dashboard}", "--", BILEVEL]
+    command += [*study, "--study", "submitted"]
+    submitted = subprocess.run(
+        command, capture_output=True, text=True, timeout=200, env=environment, check=False
+    )
+    assert submitted.returncode == 0, submitted.stdout + submitted.stderr
+    for name in ("one", "two", "submitted"):
+        folder = Home(up.home).run_folder("CartPole-v0", name)
+        assert disagreements(folder, f"http://127.0.0.1:{up.mlflow}") == []
+
+
+def test_down_stops_all_it_started_and_nothing_else(up: Up) -> None:
+    stranger = subprocess.Popen(["sleep", "600"])
+    family = [
+        process
+        for service in services(Home(up.home))
+        for process in [
+            psutil.Process(service.pid),
+            *psutil.Process(service.pid).children(recursive=True),
+        ]
+    ]
+    assert len(family) > 4
+    result = run("down", "--home", up.home)
+    assert result.returncode == 0
+    assert result.stdout.splitlines() == ["mlflow is down", "ray is down"]
+    assert not [process for process in family if process.is_running()]
+    assert stranger.poll() is None
+    stranger.kill()
+    stranger.wait()
+    assert run("status", "--home", up.home).returncode == 1
+    assert "nothing is up" in run("down", "--home", up.home).stdout
+
+
+def test_a_taken_port_is_told(tmp_path: Path, up: Up) -> None:
+    import socket
+
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = taken.getsockname()[1]
+        result = run("up", "--home", tmp_path, "--ray-port", str(port))
+    assert result.returncode == 2
+    assert f"cannot serve on 127.0.0.1:{port}" in result.stderr
+    assert services(Home(tmp_path)) == []

@@ -1,0 +1,151 @@
+"""MLflow is a view of the disk: it may be away, locked, full, empty or ahead."""
+
+import sqlite3
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import mlflow
+import pytest
+
+from benchmarks.faults.outcome import disagreements
+from benchmarks.faults.tracking import Server
+from bilevel import InvalidInput
+from cluster.home import Home
+from cluster.progress import Terminal
+from cluster.run_folder import Begun, held
+from cluster.sync import sync
+from cluster.tracking import Mirror, Tracker
+from cluster.views import StudyViews, views_of
+from tests.studies import make_study
+
+pytestmark = pytest.mark.timeout(120)
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Home:
+    home = Home(tmp_path / "home")
+    home.prepare()
+    return home
+
+
+@pytest.fixture
+def folder(home: Home) -> Path:
+    folder = home.run_folder("CartPole-v0", "made")
+    make_study(folder, fail=(1,))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """Each test leaves it running; studies have identities of their own."""
+    with Server(tmp_path_factory.mktemp("server")) as server:
+        yield server
+
+
+def until(true: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while not true():
+        assert time.monotonic() < deadline, "it does not come about"
+        time.sleep(0.05)
+
+
+def test_sync_rebuilds_a_study_in_an_empty_database(home: Home, folder: Path) -> None:
+    sync(folder, home, home.database_uri, Terminal())
+    assert disagreements(folder, home.database_uri) == []
+    client = mlflow.MlflowClient(home.database_uri, registry_uri=home.database_uri)
+    best = client.get_model_version_by_alias("SE-CartPole-v0", "best")
+    (failed,) = client.search_runs(["1"], "attributes.status = 'FAILED'")
+    assert failed.data.tags["bilevel.error"] == "ValueError: made to fail"
+    (parent,) = client.search_runs(["1"], "tags.`bilevel.kind` = 'study'")
+    assert best.run_id == parent.info.run_id
+
+    sync(folder, home, home.database_uri, Terminal())  # once more: nothing is there twice
+    assert disagreements(folder, home.database_uri) == []
+    assert len(client.search_model_versions("name = 'SE-CartPole-v0'")) == 1
+
+
+def test_sync_adds_what_is_missing_and_removes_a_twin(home: Home, folder: Path) -> None:
+    views = views_of(folder)
+    parent, child, *_ = views.keys()
+    tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
+    tracker.show(views.view(parent))
+    tracker.show(views.view(child))
+    client = mlflow.MlflowClient(home.database_uri)
+    twin = client.create_run("1", tags={"bilevel.key": child})  # whose answer came too late
+    client.log_metric(twin.info.run_id, "score_mean", 1.0, step=0)
+    assert disagreements(folder, home.database_uri) != []
+    sync(folder, home, home.database_uri, Terminal())
+    assert disagreements(folder, home.database_uri) == []
+
+
+def test_sync_leaves_a_study_alone_that_is_being_run(home: Home, folder: Path) -> None:
+    with held(folder), pytest.raises(InvalidInput, match="being run by another process"):
+        sync(folder, home, home.database_uri, Terminal())
+
+
+def mirror_of(folder: Path, tracker: Tracker, told: list[str]) -> tuple[Mirror, list[str]]:
+    views = StudyViews.of(folder)
+    assert views.begun == Begun.read(folder)
+    return Mirror(tracker, views.view, told.append), views.keys()
+
+
+def test_a_server_killed_and_started_again_has_everything_once(
+    home: Home, folder: Path, server: Server
+) -> None:
+    told: list[str] = []
+    tracker = Tracker(server.uri, "CartPole-v0", home.artifacts)
+    mirror, keys = mirror_of(folder, tracker, told)
+    mirror.mark(keys[:2])
+    until(lambda: keys[0] in tracker._shown)
+    time.sleep(0.1)  # in the middle of the next one
+    server.kill()
+    mirror.mark(keys)
+    until(lambda: bool(told))
+    assert f"MLflow at {server.uri} is away" in told[0]
+    assert "\n" not in told[0]
+    server.start()
+    until(lambda: len(told) > 1)
+    assert told[1] == "MLflow is back, and catches up"
+    assert mirror.close() == 0
+    assert disagreements(folder, server.uri) == []
+    assert len(told) == 2
+
+
+def test_what_a_server_lacks_in_the_end_is_told_and_synced_later(
+    home: Home, folder: Path, server: Server, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("cluster.tracking.mirror._PATIENCE_AWAY", 1.0)
+    mirror, keys = mirror_of(folder, Tracker(server.uri, "CartPole-v0", home.artifacts), [])
+    server.kill()
+    mirror.mark(keys)
+    assert mirror.close() == len(keys)
+    server.start()
+    sync(folder, home, server.uri, Terminal())
+    assert disagreements(folder, server.uri) == []
+
+
+def test_a_locked_database_is_waited_for(home: Home, folder: Path) -> None:
+    told: list[str] = []
+    tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
+    lock = sqlite3.connect(home.folder / "mlflow.db")
+    lock.execute("BEGIN EXCLUSIVE")
+    mirror, keys = mirror_of(folder, tracker, told)
+    mirror.mark(keys)
+    until(lambda: bool(told))
+    assert "database is locked" in told[0]
+    lock.rollback()
+    lock.close()
+    assert mirror.close() == 0
+    assert disagreements(folder, home.database_uri) == []
+
+
+def test_a_view_that_cannot_be_made_does_not_hold_up_the_others(home: Home, folder: Path) -> None:
+    told: list[str] = []
+    mirror, keys = mirror_of(
+        folder, Tracker(home.database_uri, "CartPole-v0", home.artifacts), told
+    )
+    mirror.mark([f"{keys[0]}/nobody", *keys])
+    assert mirror.close() == 0
+    assert told == [f"study 'made' has no run {keys[0]}/nobody; MLflow does not show it"]
+    assert disagreements(folder, home.database_uri) == []
