@@ -94,10 +94,17 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             self._mirror.mark([self._views.parent])
 
     def on_trial_error(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
-        """The trial's process died too often; the configuration counts as the worst."""
+        """The trial's process died: the job is run again, unless that was once too often."""
         job = self._close(trial.trial_id)
-        if job is not None:
-            self._failed(job, self._journal.results[-1].exception or "")
+        if job is None:
+            return
+        last = self._journal.results[-1] if self._journal.results else None
+        if last is not None and (last.id, last.budget) == (job.id, job.budget):
+            self._failed(job, last.exception or "")
+        else:
+            self._terminal.line(
+                f"{configuration_name(job.id)}: the trial's process died; it is started again"
+            )
 
     # -- parts -------------------------------------------------------------------
 

@@ -12,10 +12,11 @@ from typing import Any
 from ray.tune.search import Searcher
 
 from bilevel.errors import InvalidInput
+from cluster.bohb.journal import ConfigId
 from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.trial import BUDGET_REACHED, FAILURE, KERNEL_SECONDS, NO_STORAGE, OBJECTIVE
 
-#: How often a trial's process may die until the configuration counts as failed.
+#: How often the process of one job's trial may die until the configuration has failed.
 DEATHS = 20
 
 
@@ -48,6 +49,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         self._core_seconds = 0.0  # of all trials' cores, until then
         self._kernel_seconds: dict[str, float] = {}  # in evaluations, by trial
         self.jobs: dict[str, Job] = {}  # of the live trials
+        self._deaths: dict[tuple[ConfigId, int], int] = {}  # by job
         self.stopped_by: InvalidInput | None = None
 
     @property
@@ -93,7 +95,8 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
     def on_trial_complete(
         self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False
     ) -> None:
-        """Register the trial's result; one that was stopped short will run again.
+        """Register the trial's result; a job that was stopped short, or whose process
+        died, is handed out again, and goes on from its checkpoint.
 
         Nothing is raised: Tune would take it for an error of the trial.
         """
@@ -109,9 +112,14 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
             self._search.put_back(job)
 
     def _register(self, job: Job, result: dict[str, Any], error: bool) -> None:
-        if error:
-            text = f"the trial's process died {DEATHS + 1} times"
-            self._search.register(job, None, exception=text)
+        if error:  # of the trial's process or node, or of one that it was to take over
+            key = job.id, job.budget
+            self._deaths[key] = self._deaths.get(key, 0) + 1
+            if self._deaths[key] < DEATHS:
+                self._search.put_back(job)
+            else:
+                text = f"the trial's process died {DEATHS} times"
+                self._search.register(job, None, exception=text)
         elif NO_STORAGE in result:
             raise InvalidInput(str(result[NO_STORAGE]))
         elif FAILURE in result:

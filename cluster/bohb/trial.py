@@ -3,9 +3,9 @@
 Ray Tune places the trial and its pool together, in one placement group: an empty
 bundle for the trial itself, which mostly waits, and a core for each worker.
 
-A trial whose process or node dies is started again by Tune and goes on from its
-checkpoint. An error of the run itself is tried again here and then reported, so
-that the two are not taken for each other.
+A trial whose process or node dies is started again and goes on from its checkpoint. An
+error of the run itself is tried again here and then reported, so that the two are not
+taken for each other.
 """
 
 import socket

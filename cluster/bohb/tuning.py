@@ -1,4 +1,4 @@
-"""Ray Tune as a study uses it: it places trials, restarts them, and keeps nothing."""
+"""Ray Tune as a study uses it: it places trials, and keeps nothing."""
 
 import logging
 import os
@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from ray import tune
 
 from cluster.bohb.report import StudyReport
-from cluster.bohb.searcher import DEATHS, BohbSearcher
+from cluster.bohb.searcher import BohbSearcher
 from cluster.bohb.stopping import StudyStopper
 from cluster.bohb.study import Study
 from cluster.bohb.trial import NESTrial
@@ -42,7 +42,8 @@ def run_trials(
                 # The run's own checkpoint is on disk after every generation: a trial
                 # that is started again continues from it.
                 checkpoint_config=tune.CheckpointConfig(checkpoint_at_end=False),
-                failure_config=tune.FailureConfig(max_failures=DEATHS),
+                # The searcher hands the job of a trial that died out again.
+                failure_config=tune.FailureConfig(max_failures=0),
                 verbose=0,
             ),
         ).fit()

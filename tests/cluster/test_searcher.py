@@ -1,0 +1,101 @@
+"""The searcher, told what Ray Tune tells it."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bilevel.errors import InvalidInput, StorageFailure
+from cluster.bohb import BracketSearch, Journal
+from cluster.bohb.searcher import DEATHS, BohbSearcher
+from cluster.bohb.trial import BUDGET_REACHED, FAILURE, NO_STORAGE, OBJECTIVE
+from search_spaces import search_space
+
+
+@pytest.fixture
+def journal(tmp_path: Path) -> Journal:
+    return Journal(tmp_path)
+
+
+@pytest.fixture
+def searcher(journal: Journal) -> BohbSearcher:
+    search = BracketSearch(search_space("core"), [1, 3], 1, 0, journal)
+    return BohbSearcher(search, lambda: 2, math.inf)
+
+
+def suggested(searcher: BohbSearcher, trial_id: str) -> Any:
+    job = searcher.suggest(trial_id)
+    assert isinstance(job, dict)
+    return job["job"]
+
+
+def test_as_many_jobs_at_a_time_as_the_cluster_has_room_for(searcher: BohbSearcher) -> None:
+    suggested(searcher, "a")
+    suggested(searcher, "b")
+    assert searcher.suggest("c") is None
+    searcher.on_trial_complete("a", {OBJECTIVE: 1.0, BUDGET_REACHED: True})
+    suggested(searcher, "c")
+
+
+def test_a_job_whose_process_died_is_the_next_one_again(
+    searcher: BohbSearcher, journal: Journal
+) -> None:
+    first = suggested(searcher, "a")
+    for number in range(DEATHS - 1):
+        searcher.on_trial_complete("a" if number == 0 else str(number), None, error=True)
+        assert suggested(searcher, str(number + 1)) == first
+    assert journal.results == []
+    searcher.on_trial_complete(str(DEATHS - 1), None, error=True)
+    (line,) = journal.results
+    assert line.loss is None
+    assert line.exception == f"the trial's process died {DEATHS} times"
+    assert suggested(searcher, "other") != first
+
+
+@pytest.mark.parametrize(
+    ("result", "told"),
+    [
+        ({FAILURE: "Traceback\nValueError: no"}, "ValueError: no"),
+        ({OBJECTIVE: math.nan, BUDGET_REACHED: True}, "the objective is nan"),
+        ({OBJECTIVE: math.inf, BUDGET_REACHED: True}, "the objective is inf"),
+    ],
+)
+def test_what_is_no_result_counts_as_failed(
+    result: dict[str, Any], told: str, searcher: BohbSearcher, journal: Journal
+) -> None:
+    suggested(searcher, "a")
+    searcher.on_trial_complete("a", result)
+    (line,) = journal.results
+    assert line.loss is None
+    assert told in (line.exception or "")
+
+
+def test_a_job_that_was_stopped_short_counts_as_nothing(
+    searcher: BohbSearcher, journal: Journal
+) -> None:
+    first = suggested(searcher, "a")
+    searcher.on_trial_complete("a", {OBJECTIVE: 1.0, BUDGET_REACHED: False})
+    assert journal.results == []
+    assert suggested(searcher, "b") == first
+
+
+def test_no_room_stops_the_study_and_the_job_counts_as_nothing(
+    searcher: BohbSearcher, journal: Journal
+) -> None:
+    suggested(searcher, "a")
+    searcher.on_trial_complete("a", {NO_STORAGE: "cannot write '/x': No space left on device"})
+    assert isinstance(searcher.stopped_by, InvalidInput)
+    assert journal.results == []
+    assert searcher.suggest("b") == BohbSearcher.FINISHED
+
+
+def test_a_journal_that_cannot_be_written_stops_the_study(
+    searcher: BohbSearcher, journal: Journal
+) -> None:
+    """Its file is a link to a device that is always full."""
+    suggested(searcher, "a")
+    journal.paths[1].symlink_to("/dev/full")
+    searcher.on_trial_complete("a", {OBJECTIVE: 1.0, BUDGET_REACHED: True})
+    assert isinstance(searcher.stopped_by, StorageFailure)
+    assert journal.results == []
