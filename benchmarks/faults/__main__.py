@@ -40,7 +40,8 @@ def faults(stage: Stage, folder: Path) -> dict[str, Fault]:
         "own-raylet": lambda: processes.own_raylet(
             folder, whole, 2, lambda: stage.chance.uniform(12.0, 16.0)
         ),
-        "ctrl-c": lambda: processes.ctrl_c(stage, whole, 4),
+        "ctrl-c": lambda: processes.ctrl_c(stage, whole, 4, presses=1),
+        "ctrl-c-twice": lambda: processes.ctrl_c(stage, whole, 3, presses=2),
         "actor": lambda: processes.killed_children(
             stage, whole, "ray::_Worker", "actor of the pool", 5
         ),

@@ -2,6 +2,7 @@
 
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -19,7 +20,7 @@ def torn_lines(stage: Stage, whole: Outcome, times: int) -> Row:
     study = stage.study("torn", *ONE_BY_ONE)
     torn = 0
     while torn < times:
-        study.live(stage.chance.uniform(5.0, 9.0))
+        study.live(stage.chance.uniform(5.0, 9.0), signal.SIGKILL)
         torn += _tear(study, stage.chance.uniform)
     code = study.run()
     return Row.of("last journal line cut short", torn, code, whole, study)
@@ -45,7 +46,7 @@ def damaged_checkpoints(stage: Stage, whole: Outcome, times: int) -> Row:
     study = stage.study("damaged", *ONE_BY_ONE)
     done = 0
     while done < times:
-        study.live(stage.chance.uniform(6.0, 10.0))
+        study.live(stage.chance.uniform(6.0, 10.0), signal.SIGKILL)
         for path in sorted(study.folder.glob("configurations/*/state.safetensors"))[-1:]:
             content = bytearray(path.read_bytes())
             place = stage.chance.randrange(len(content))

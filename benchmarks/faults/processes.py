@@ -21,18 +21,18 @@ def driver(stage: Stage, whole: Outcome, kills: int) -> Row:
     let it end."""
     study = stage.study("driver", *ONE_BY_ONE)
     for _ in range(kills):
-        study.live(stage.chance.uniform(0.5, 9.0))
+        study.live(stage.chance.uniform(0.5, 9.0), signal.SIGKILL)
     code = study.run()
     return Row.of("driver killed (SIGKILL), one study", kills, code, whole, study)
 
 
-def ctrl_c(stage: Stage, whole: Outcome, times: int) -> Row:
-    """Ctrl-C, the orderly stop."""
-    study = stage.study("ctrl-c", *ONE_BY_ONE)
+def ctrl_c(stage: Stage, whole: Outcome, times: int, presses: int) -> Row:
+    """Ctrl-C once, the orderly stop, or twice, which stops at once."""
+    study = stage.study(f"ctrl-c-{presses}", *ONE_BY_ONE)
     for _ in range(times):
-        study.live(stage.chance.uniform(3.0, 10.0), signal.SIGINT)
+        study.live(stage.chance.uniform(3.0, 10.0), *[signal.SIGINT] * presses)
     code = study.run()
-    return Row.of("Ctrl-C", times, code, whole, study)
+    return Row.of("Ctrl-C" if presses == 1 else "Ctrl-C twice", times, code, whole, study)
 
 
 def killed_children(stage: Stage, whole: Outcome, title: str, what: str, times: int) -> Row:

@@ -2,7 +2,6 @@
 
 import os
 import random
-import signal
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -88,13 +87,18 @@ class StudyOnStage:
         """The study's folder."""
         return self.home.run_folder(TASK, STUDY)
 
-    def live(self, seconds: float, number: int = signal.SIGKILL) -> int:
-        """Run until `seconds` have passed, then send the signal; the exit code."""
+    def live(self, seconds: float, *numbers: int) -> int:
+        """Run until `seconds` have passed, then send the signals, half a second apart; the
+        exit code."""
         process = lives.start(self.arguments, self.log)
         process.join(seconds)
-        if process.is_alive() and process.pid is not None:
-            os.kill(process.pid, number)
-            process.join(60)
+        for number in numbers:
+            if process.is_alive() and process.pid is not None:
+                os.kill(process.pid, number)
+                process.join(0.5)
+        process.join(60)
+        if process.is_alive():
+            raise TimeoutError(f"the study does not stop: see {self.log}")
         return process.exitcode or 0
 
     def run(self, meanwhile: Callable[[], None] | None = None) -> int:
