@@ -15,7 +15,7 @@ from pathlib import Path
 
 from benchmarks.faults import disks, processes, tracking
 from benchmarks.faults.row import Row
-from benchmarks.faults.stage import ONE_BY_ONE, Stage
+from benchmarks.faults.stage import ACTOR, ONE_BY_ONE, TRIAL, Stage
 from benchmarks.machine import RESULTS, write_result
 
 Fault = Callable[[], Row]
@@ -42,10 +42,8 @@ def faults(stage: Stage, folder: Path) -> dict[str, Fault]:
         ),
         "ctrl-c": lambda: processes.ctrl_c(stage, whole, 4, presses=1),
         "ctrl-c-twice": lambda: processes.ctrl_c(stage, whole, 3, presses=2),
-        "actor": lambda: processes.killed_children(
-            stage, whole, "ray::_Worker", "actor of the pool", 5
-        ),
-        "trial": lambda: processes.killed_children(stage, whole, "ray::NESTrial", "trial", 4),
+        "actor": lambda: processes.killed_children(stage, whole, ACTOR, "actor of the pool", 5),
+        "trial": lambda: processes.killed_children(stage, whole, TRIAL, "trial", 4),
         "nodes": lambda: served(lambda s: processes.nodes(stage, whole, s.uri, 3)),
         "server": lambda: served(lambda s: tracking.server_killed(stage, whole, s, 3)),
         "locked": lambda: tracking.database_locked(stage, whole, 2),

@@ -12,7 +12,7 @@ import psutil
 
 from benchmarks.faults.outcome import Outcome, disagreements
 from benchmarks.faults.row import Row
-from benchmarks.faults.stage import ONE_BY_ONE, SMOKE, STUDY, TASK, Stage
+from benchmarks.faults.stage import ACTOR, ONE_BY_ONE, SMOKE, STUDY, TASK, Stage
 from cluster.home import Home
 
 
@@ -35,19 +35,20 @@ def ctrl_c(stage: Stage, whole: Outcome, times: int, presses: int) -> Row:
     return Row.of("Ctrl-C" if presses == 1 else "Ctrl-C twice", times, code, whole, study)
 
 
-def killed_children(stage: Stage, whole: Outcome, title: str, what: str, times: int) -> Row:
+def killed_children(
+    stage: Stage, whole: Outcome, titles: tuple[str, ...], what: str, times: int
+) -> Row:
     """SIGKILL processes of a study, one every second or two."""
-    study = stage.study(title.removeprefix("ray::"), *ONE_BY_ONE)
+    study = stage.study(what.split()[0], *ONE_BY_ONE)
     killed: list[int] = []
     pause = [time.monotonic() + 3.0]
 
     def kill_one() -> None:
         if len(killed) >= times or time.monotonic() < pause[0]:
             return
-        for process in stage.processes(title)[:1]:
-            with_its_number = process.pid
+        for process in stage.processes(*titles)[:1]:
             process.kill()
-            killed.append(with_its_number)
+            killed.append(process.pid)
             pause[0] = time.monotonic() + stage.chance.uniform(1.0, 2.5)
 
     code = study.run(kill_one)
@@ -62,7 +63,7 @@ def nodes(stage: Stage, whole: Outcome, tracking_uri: str, times: int) -> Row:
     pause = [time.monotonic() + 8.0]
 
     def move() -> None:
-        if left[0] >= times or time.monotonic() < pause[0] or not stage.processes("ray::_Worker"):
+        if left[0] >= times or time.monotonic() < pause[0] or not stage.processes(*ACTOR):
             return
         working.append(stage.cluster.add_node(num_cpus=1))
         stage.cluster.remove_node(working.pop(0), allow_graceful=False)

@@ -22,6 +22,9 @@ STUDY = "study"
 SMOKE = ("--profile", "smoke", "--brackets", "2", "--study", STUDY)
 ONE_BY_ONE = ("--concurrent-trials", "1")
 
+#: Titles of the processes of actors and trials, when they work and when they wait.
+ACTOR, TRIAL = ("ray::_Worker",), ("ray::ResourceTrainable", "ray::NESTrial")
+
 _LONGEST = 240.0  # seconds that any study may take
 
 
@@ -57,8 +60,8 @@ class Stage:
         arguments += ["--address", self.cluster.address, "--tracking-uri", uri]
         return StudyOnStage(home, uri, arguments, self.folder / f"{name}.log")
 
-    def processes(self, title: str) -> list[psutil.Process]:
-        """Processes of this cluster's nodes that Ray calls so (`ray::_Worker`, ...)."""
+    def processes(self, *titles: str) -> list[psutil.Process]:
+        """Processes of this cluster's nodes whose title, which Ray gives them, begins so."""
         found = []
         for node in self.cluster.list_all_nodes():
             try:
@@ -66,7 +69,7 @@ class Stage:
                 found += [
                     child
                     for child in raylet.children(recursive=True)
-                    if " ".join(child.cmdline()).startswith(title)
+                    if " ".join(child.cmdline()).startswith(titles)
                 ]
             except (psutil.Error, KeyError, IndexError):
                 continue

@@ -8,7 +8,7 @@ import pytest
 from benchmarks.faults import disks, processes
 from benchmarks.faults.outcome import Outcome, comparable_state
 from benchmarks.faults.row import Row
-from benchmarks.faults.stage import ONE_BY_ONE, Stage
+from benchmarks.faults.stage import ONE_BY_ONE, TRIAL, Stage
 from benchmarks.faults.tracking import Server
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.tasks import Task
@@ -47,7 +47,7 @@ def test_a_driver_killed_twenty_times_at_random_moments(stage: Stage, whole: Out
 
 
 def test_killed_trials_go_on_from_their_checkpoints(stage: Stage, whole: Outcome) -> None:
-    row = processes.killed_children(stage, whole, "ray::NESTrial", "trial", 2)
+    row = processes.killed_children(stage, whole, TRIAL, "trial", 2)
     assert row.injected == 2
     assert_nothing_can_be_told(row)
 
