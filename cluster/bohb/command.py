@@ -88,10 +88,10 @@ def run_study(command: StudyCommand) -> int:
     check_tracking_uri(command.tracking_uri)
     with (
         Terminal() as terminal,
-        InterruptGuard(terminal) as guard,
         mlflow_imported_meanwhile(),
         ray_cluster(command.address),
         sharing(),
+        InterruptGuard(terminal) as guard,  # after Ray, which takes SIGTERM for itself
     ):
         require_capacity(command.workers_per_trial, command.trials)
         require_server_for_nodes(command.tracking_uri)
