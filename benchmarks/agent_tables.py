@@ -1,15 +1,9 @@
 """The tables of docs/agents.md, from the committed results."""
 
-import json
 from collections.abc import Callable
 from typing import Any
 
-from benchmarks.machine import RESULTS
-
-
-def _load(name: str) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text())
-    return content
+from benchmarks.machine import read_result
 
 
 def _row(*cells: str) -> str:
@@ -34,7 +28,7 @@ def baseline() -> str:
     """Agents on the real task, beside the authors' figures."""
     head = ("task", "agent", "agents", "test return", "solved", "train steps")
     rows = [_row(*head, "authors' return", "authors' train steps"), _row(*["---"] * 8)]
-    results = [_load(f"baseline_{task}") for task in ("CartPole-v0", "Acrobot-v1")]
+    results = [read_result(f"baseline_{task}") for task in ("CartPole-v0", "Acrobot-v1")]
     for task, result in zip(("CartPole-v0", "Acrobot-v1"), results, strict=True):
         for group in result["groups"]:
             authors = group["authors"]
@@ -50,7 +44,7 @@ def baseline() -> str:
 
 def transfer() -> str:
     """Agents on an SE."""
-    result = _load("transfer_CartPole-v0")
+    result = read_result("transfer_CartPole-v0")
     rows = [
         _row("agent", "hyperparameters", "agents", "test return", "solved", "train steps"),
         _row(*["---"] * 6),

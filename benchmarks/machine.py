@@ -48,3 +48,16 @@ def write_result(name: str, command: str, values: dict[str, Any]) -> Path:
     content = json.dumps({"command": command, "machine": machine(), **values}, indent=2)
     path.write_text(_PLAIN_LIST.sub(lambda match: " ".join(match[0].split()), content) + "\n")
     return path
+
+
+class NotMeasured(LookupError):
+    """A result is not there."""
+
+
+def read_result(name: str, *parts: str) -> dict[str, Any]:
+    """`results/NAME.json`. Raises NotMeasured if there is none, or one without these parts."""
+    path = RESULTS / f"{name}.json"
+    content: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
+    if not content or any(part not in content for part in parts):
+        raise NotMeasured(f"`benchmarks/results/{name}.json`")
+    return content

@@ -3,7 +3,6 @@
 python -m benchmarks.readme
 """
 
-import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -12,15 +11,10 @@ from typing import Any
 from benchmarks import agent_tables
 from benchmarks import speed_tables as speed
 from benchmarks.faults import tables as faults
-from benchmarks.machine import RESULTS
+from benchmarks.machine import NotMeasured, read_result
 from benchmarks.scaling import tables as scaling
 
 ROOT = Path(__file__).parent.parent
-
-
-def _load(name: str) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text())
-    return content
 
 
 def _where(result: dict[str, Any]) -> str:
@@ -30,7 +24,7 @@ def _where(result: dict[str, Any]) -> str:
 
 def inner_loop() -> str:
     """Kernel against definition."""
-    result = _load("inner_loop")
+    result = read_result("inner_loop")
     rows = ["| agent | compiled | torch definition | ratio |", "| --- | --- | --- | --- |"]
     for name, case in result["results"].items():
         kernel, torch, ratio = case["kernel_us"], case["torch_us"], case["ratio"]
@@ -50,7 +44,7 @@ def nes_seeds() -> str:
         "| --- | --- | --- | --- | --- | --- |",
     ]
     for task in ("CartPole-v0", "Acrobot-v1"):
-        result = _load(f"nes_seeds_{task}")
+        result = read_result(f"nes_seeds_{task}")
 
         def column(name: str, form: str, runs: list[dict[str, Any]] = result["runs"]) -> str:
             return ", ".join(format(run[name], form) for run in runs)
@@ -62,7 +56,9 @@ def nes_seeds() -> str:
         )
     rows.append("\nOne figure a seed, seeds 0, 1, ...; *solved* is a mean test return of at least")
     rows.append("195 (CartPole-v0) and -100 (Acrobot-v1) of ten agents trained with fresh seeds.")
-    commands = [_load(f"nes_seeds_{task}")["command"] for task in ("CartPole-v0", "Acrobot-v1")]
+    commands = [
+        read_result(f"nes_seeds_{task}")["command"] for task in ("CartPole-v0", "Acrobot-v1")
+    ]
     machine = result["machine"]
     rows.append(f"({machine['cores']} cores of {machine['processor']}; `{'`, `'.join(commands)}`)")
     return "\n".join(rows)
@@ -70,7 +66,7 @@ def nes_seeds() -> str:
 
 def bohb() -> str:
     """One study of the local profile."""
-    result = _load("bohb_CartPole-v0")
+    result = read_result("bohb_CartPole-v0")
     final = result["best_se"]
     rows = [
         "| budget | results | best objective | median objective | median, model's picks | "
@@ -108,7 +104,11 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
 def filled(text: str, tables: dict[str, Callable[[], str]]) -> str:
     """A document's text with all tables made anew."""
     for name, table in tables.items():
-        block = f"<!-- {name} -->\n{table()}\n<!-- /{name} -->"
+        try:
+            content = table()
+        except NotMeasured as missing:
+            content = f"*Not measured yet: {missing}*"
+        block = f"<!-- {name} -->\n{content}\n<!-- /{name} -->"
         pattern = rf"<!-- {name} -->(?:.*?<!-- /{name} -->)?"
         text = re.sub(pattern, lambda _, block=block: block, text, flags=re.DOTALL)  # type: ignore[misc]
     return text

@@ -1,15 +1,9 @@
 """The tables of docs/speed.md, from the committed results."""
 
-import json
 from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
-from benchmarks.machine import RESULTS
-
-
-def _load(name: str) -> dict[str, Any]:
-    content: dict[str, Any] = json.loads((RESULTS / f"{name}.json").read_text())
-    return content
+from benchmarks.machine import read_result
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]], result: dict[str, Any]) -> str:
@@ -30,7 +24,7 @@ def _percent(share: float) -> str:
 
 def inner_loop() -> str:
     """Kernel, definition and arithmetic bound."""
-    result = _load("inner_loop")
+    result = read_result("inner_loop", "core")
     rows = [
         [
             name,
@@ -48,7 +42,7 @@ def inner_loop() -> str:
 
 def generation() -> str:
     """Parts of a generation's time."""
-    result = _load("generation")
+    result = read_result("generation")
     rows = []
     for task, case in result["results"].items():
         numbers = ", ".join(map(str, case["generations"]))
@@ -70,7 +64,7 @@ def generation() -> str:
 
 def two_actors() -> str:
     """Speed-up of the second actor."""
-    result = _load("generation")
+    result = read_result("generation")
     rows = [
         [task, _spread(case["two_actors_over_one"], ".2f"), _percent(_overhead(case, "1"))]
         for task, case in result["results"].items()
@@ -85,7 +79,7 @@ def _overhead(case: dict[str, Any], actors: str) -> float:
 
 def handing_out() -> str:
     """Early against on demand."""
-    result = _load("handing_out")
+    result = read_result("handing_out")
     rows = [
         [name, f"{_spread(value, '.2f')} ms"] for name, value in result["beyond_kernel_ms"].items()
     ]
@@ -94,7 +88,7 @@ def handing_out() -> str:
 
 def startup() -> str:
     """Parts of the start."""
-    result = _load("startup")
+    result = read_result("startup")
     rows = [
         [home, *(_spread(parts[name], ".1f") for name in (*result["parts"], "all"))]
         for home, parts in result["seconds"].items()
@@ -104,7 +98,7 @@ def startup() -> str:
 
 def small_things() -> str:
     """Loading, testing, memory."""
-    result = _load("startup")
+    result = read_result("startup")
     rows = [["load an SE file", f"{result['se_load_ms']:.2f} ms"]]
     rows += [
         [f"10 test episodes on {task}, at most", f"{milliseconds:.1f} ms"]
@@ -119,7 +113,7 @@ def small_things() -> str:
 
 def utilisation() -> str:
     """Of a search."""
-    result = _load("utilisation")
+    result = read_result("utilisation")
     row = [
         f"{result['minutes']:.1f}",
         str(result["results"]),
