@@ -6,6 +6,7 @@ and `down` ends that and nothing else.
 
 import json
 import os
+import secrets
 import subprocess
 import sys
 import time
@@ -39,6 +40,7 @@ class Service:
     page: str  # where people do
     health: str  # answers if it is well
     log: str
+    environment: dict[str, str]  # of the service, and of whoever wants to reach it
 
     @property
     def process(self) -> psutil.Process | None:
@@ -69,10 +71,12 @@ def services(home: Home) -> list[Service]:
         raise InvalidInput(f"damaged {str(path)!r}: {error}") from None
 
 
-def address_of(name: str, home: Home) -> str | None:
-    """Where to reach a service of this home, if it is up."""
+def join(name: str, home: Home) -> str | None:
+    """Where to reach a service of this home, if it is up; from then on this process (and
+    its children) may. To be called before Ray is imported."""
     for service in services(home):
         if service.name == name and service.state == "up":
+            os.environ.update(service.environment)
             return service.address
     return None
 
@@ -137,7 +141,19 @@ def _start_ray(home: Home, host: str, port: int, dashboard_port: int) -> Service
     command += ["--ray-client-server-port", str(free_port())]
     command += ["--dashboard-agent-listen-port", str(free_port())]
     page = f"http://{local}:{dashboard_port}"
-    return _start(home, "ray", command, f"{local}:{port}", page, f"{page}/api/gcs_healthz")
+    return _start(
+        home, "ray", command, f"{local}:{port}", page, f"{page}/api/gcs_healthz", _ray_token(home)
+    )
+
+
+def _ray_token(home: Home) -> dict[str, str]:
+    """A token for this home's Ray alone, which only its owner can read: whoever reaches
+    a Ray cluster can run code on it."""
+    path = home.folder / "ray.token"
+    descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o600)
+    with os.fdopen(descriptor, "w") as file:
+        file.write(secrets.token_hex(32))
+    return {"RAY_AUTH_MODE": "token", "RAY_AUTH_TOKEN_PATH": str(path)}
 
 
 def _start_mlflow(home: Home, host: str, port: int) -> Service:
@@ -154,7 +170,7 @@ def _start(
     address: str,
     page: str,
     health: str,
-    environment: dict[str, str] | None = None,
+    environment: dict[str, str],
 ) -> Service:
     log = home.folder / f"{name}.log"
     with log.open("w") as output:
@@ -163,11 +179,11 @@ def _start(
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,
-            env={**os.environ, **(environment or {})},
+            env={**os.environ, **environment},
             start_new_session=True,  # a terminal's Ctrl-C is not for it
         )
     created = psutil.Process(process.pid).create_time()
-    return Service(name, process.pid, created, address, page, health, str(log))
+    return Service(name, process.pid, created, address, page, health, str(log), environment)
 
 
 def _wait_until_well(service: Service) -> None:

@@ -56,18 +56,18 @@ tracking_option = click.option(
 
 def the_tracking_uri(given: str | None, home: Home) -> str:
     """The tracking URI: given, of the environment, of the home's server, or its database."""
-    from cluster.services import address_of
+    from cluster.services import join
 
     named = given or os.environ.get("MLFLOW_TRACKING_URI")
-    return named or address_of("mlflow", home) or home.database_uri
+    return named or join("mlflow", home) or home.database_uri
 
 
 def the_address(given: str | None, home: Home) -> str | None:
     """Address of the Ray cluster to join: given, of the environment, or of the home's
     head; None for a cluster of the process's own."""
-    from cluster.services import address_of
+    from cluster.services import join
 
-    named = given or os.environ.get("RAY_ADDRESS") or address_of("ray", home)
+    named = given or os.environ.get("RAY_ADDRESS") or join("ray", home)
     return None if named == "local" else named
 
 

@@ -60,9 +60,9 @@ def ui(home: Path, host: str, port: int) -> None:
     """The MLflow UI on the runs of the home folder, until Ctrl-C."""
     from cluster.home import Home
     from cluster.mlflow_server import serve_ui
-    from cluster.services import address_of
+    from cluster.services import join
 
-    running = address_of("mlflow", Home(home))
+    running = join("mlflow", Home(home))
     if running is not None:
         click.echo(f"MLflow is up: {running}")
         return

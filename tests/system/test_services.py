@@ -2,6 +2,7 @@
 
 import os
 import subprocess
+import urllib.error
 import urllib.request
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -51,7 +52,7 @@ def test_status_tells_and_both_are_healthy(up: Up) -> None:
             assert answer.status == 200
 
 
-def test_they_are_bound_to_this_machine_alone(up: Up) -> None:
+def test_their_pages_are_bound_to_this_machine_alone(up: Up) -> None:
     ours = {up.dashboard, up.mlflow}
     bound = {
         connection.laddr.ip
@@ -62,6 +63,13 @@ def test_they_are_bound_to_this_machine_alone(up: Up) -> None:
     }
     assert bound <= {"127.0.0.1"}
     assert listening("127.0.0.1", up.mlflow)
+
+
+def test_ray_asks_for_the_homes_token(up: Up) -> None:
+    token = up.home / "ray.token"
+    assert token.stat().st_mode & 0o777 == 0o600
+    with pytest.raises(urllib.error.HTTPError, match="401"):
+        urllib.request.urlopen(f"http://127.0.0.1:{up.dashboard}/api/version")
 
 
 def test_up_again_starts_nothing(up: Up) -> None:
@@ -93,8 +101,14 @@ def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> No
     ray = str(Path(BILEVEL).with_name("ray"))
     command = [ray, "job", "submit", "--address", f"http://127.0.0.1:{up.dashboard}", "--", BILEVEL]
     command += [*study, "--study", "submitted"]
+    (head,) = (service for service in services(Home(up.home)) if service.name == "ray")
     submitted = subprocess.run(
-        command, capture_output=True, text=True, timeout=200, env=environment, check=False
+        command,
+        capture_output=True,
+        text=True,
+        timeout=200,
+        env={**environment, **head.environment},
+        check=False,
     )
     assert submitted.returncode == 0, submitted.stdout + submitted.stderr
     for name in ("one", "two", "submitted"):
