@@ -38,8 +38,16 @@ _CACHE_FOLDER = _cache_folder()
 def _compile(function: Callable[..., Any], fastmath: set[str]) -> Callable[..., Any]:
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _CACHE_FOLDER
     try:
+        # Always inlined: a function left to be called exists in several libraries, each
+        # optimised on its own, and which of them a call reaches depends on what the
+        # process has compiled or loaded before. Their sums differ in the last bits.
         jitted: Callable[..., Any] = numba.njit(
-            function, cache=True, nogil=True, error_model="numpy", fastmath=fastmath
+            function,
+            cache=True,
+            nogil=True,
+            error_model="numpy",
+            fastmath=fastmath,
+            forceinline=True,
         )
     finally:
         numba.config.CACHE_DIR = before
