@@ -5,16 +5,11 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.faults import disks, processes
-from benchmarks.faults.outcome import Outcome, comparable_state
+from benchmarks.faults import processes
+from benchmarks.faults.outcome import Outcome
 from benchmarks.faults.row import Row
 from benchmarks.faults.stage import ONE_BY_ONE, TRIAL, Stage
 from benchmarks.faults.tracking import Server
-from bilevel.hyperparameters import Hyperparameters
-from bilevel.tasks import Task
-from cluster.nes_loop import STATE_FILE, NESRun
-from cluster.pool import EvaluationPool
-from tests.small_disk import small_disks
 
 pytestmark = pytest.mark.timeout(295)
 
@@ -67,27 +62,3 @@ def test_sqlite_is_refused_with_several_nodes(stage: Stage) -> None:
     stage.cluster.remove_node(node)
     assert "a cluster of 2 nodes cannot be tracked in 'sqlite:" in study.log.read_text()
     assert not study.home.folder.exists()
-
-
-@pytest.mark.skipif(not small_disks(), reason="no small disk can be mounted here")
-def test_a_full_disk_stops_a_study_that_goes_on_later(whole: Outcome, tmp_path: Path) -> None:
-    assert_nothing_can_be_told(disks.full_disk(tmp_path, whole))
-
-
-def test_a_damaged_checkpoint_is_set_aside_and_made_again(
-    local_ray: None, cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
-) -> None:
-    run = NESRun(cartpole, small_hp, 5, tmp_path / "run")
-    told: list[str] = []
-    with EvaluationPool(1) as pool:
-        run.reach(2, pool, told.append)
-        path = run.folder / STATE_FILE
-        before = comparable_state(path)
-        content = bytearray(path.read_bytes())
-        content[-3] ^= 4
-        path.write_bytes(content)
-        run.reach(2, pool, told.append)
-    assert len(told) == 1
-    assert "its checksum is wrong; it is now 'state.damaged'" in told[0]
-    assert path.with_suffix(".damaged").read_bytes() == content
-    assert comparable_state(path) == before
