@@ -8,6 +8,7 @@ from typing import Any
 
 from bilevel.errors import InvalidInput
 
+#: Folders of the files imported so far, the last one first.
 _FOLDERS: list[str] = []
 
 
@@ -22,9 +23,7 @@ def load_agent_file(file: Path) -> None:
         raise InvalidInput(f"agent file {str(file)!r} must be a Python file, NAME.py")
     folder = str(file.resolve().parent)
     sys.path.insert(0, folder)
-    _FOLDERS.append(folder)
-    others = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
-    os.environ["PYTHONPATH"] = os.pathsep.join([folder, *others])
+    _FOLDERS.insert(0, folder)
     try:
         module = importlib.import_module(file.stem)
     except Exception as error:
@@ -39,4 +38,5 @@ def runtime_env() -> dict[str, Any] | None:
     """What Ray has to tell the actors: nothing unless agent files were loaded."""
     if not _FOLDERS:
         return None
-    return {"env_vars": {"PYTHONPATH": os.environ["PYTHONPATH"]}}
+    others = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
+    return {"env_vars": {"PYTHONPATH": os.pathsep.join([*_FOLDERS, *others])}}

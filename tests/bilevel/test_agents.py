@@ -28,7 +28,7 @@ AGENTS = ("ddqn", "dueling-ddqn", "td3", "reinforce")
 def _documented_agent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "path", [*sys.path])
-        patch.setenv("PYTHONPATH", "")
+        patch.setattr("cluster.agent_files._FOLDERS", [])
         file = tmp_path_factory.mktemp("agents") / "reinforce.py"
         file.write_text(documented_agent())
         load_agent_file(file)
