@@ -15,6 +15,7 @@ from bilevel.tasks import get_task
 from cluster.evaluate_command import EvaluateCommand, run_evaluate
 from cluster.evaluation_report import as_json
 from cluster.home import Home
+from cluster.place import Place
 
 #: Mean and standard deviation of train steps and mean test return on the real task, 40
 #: times 10 agents: constants of the plotting scripts in the authors' repository
@@ -49,8 +50,7 @@ def main() -> None:
             True,
             0,
             "baseline",
-            home,
-            home.database_uri,
+            Place(home, home.database_uri),
         )
     )
     rows = as_json(groups)

@@ -23,6 +23,7 @@ from cluster.final import BEST_FILE
 from cluster.home import Home
 from cluster.nes_command import NESCommand, run_nes
 from cluster.nes_loop import NESRun
+from cluster.place import Place
 
 ROOT = Path(__file__).parent.parent
 
@@ -50,7 +51,8 @@ def main() -> None:
 
     hp = load_preset(best_preset(task.id), task.id)
     run = NESRun(task, hp, options.seed, home.run_folder(task.id, "transfer"))
-    state = run_nes(NESCommand(run, home, home.database_uri))
+    place = Place(home, home.database_uri)
+    state = run_nes(NESCommand(run, place))
     se = load_se(run.folder / BEST_FILE)
 
     rows = []
@@ -64,8 +66,7 @@ def main() -> None:
             vary,
             options.seed,
             f"transfer-{'-'.join(names)}",
-            home,
-            home.database_uri,
+            place,
         )
         for group in as_json(run_evaluate(command)):
             rows.append({"varied": vary, **group})

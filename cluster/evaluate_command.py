@@ -25,20 +25,13 @@ from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
 from cluster.evaluation_report import Group, as_json, as_table, violins
-from cluster.home import Home
 from cluster.lines import Lines
 from cluster.live_run import live_run
+from cluster.place import Place
 from cluster.pool import EvaluationPool
 from cluster.progress import Terminal
-from cluster.ray_cluster import (
-    cluster_cores,
-    ray_cluster,
-    require_capacity,
-    require_server_for_nodes,
-)
 from cluster.run_folder import Begun, Final, add_final, locked_settings
 from cluster.tracking import Tracker
-from cluster.tracking.tracker import check_tracking_uri, mlflow_imported_meanwhile
 from cluster.views.evaluation import (
     KIND,
     PICTURE_FILE,
@@ -64,10 +57,8 @@ class EvaluateCommand:
     vary: bool
     seed: int
     name: str
-    home: Home
-    tracking_uri: str
+    place: Place
     workers: int | None = None  # actors; None: one a core of the cluster
-    address: str | None = None
 
     def settings(self) -> dict[str, Any]:
         """What must stay the same when it is continued; more agents may be added."""
@@ -89,17 +80,14 @@ def run_evaluate(command: EvaluateCommand) -> list[Group]:
     Results are on disk as they come: the same command again goes on. Raises
     InvalidInput before anything is written.
     """
-    folder = command.home.run_folder(command.task.id, command.name)
-    check_tracking_uri(command.tracking_uri)
-    with Terminal() as terminal, mlflow_imported_meanwhile(), ray_cluster(command.address):
-        workers = command.workers or cluster_cores()
-        require_capacity(workers)
-        require_server_for_nodes(command.tracking_uri)
-        command.home.prepare()
-        with EvaluationPool(workers) as pool:
-            tracker = Tracker(command.tracking_uri, command.task.id, command.home.artifacts)
-            with locked_settings(folder, command.settings()) as begun:
-                return _Evaluation(command, folder, begun, pool, tracker, terminal).go()
+    folder = command.place.home.run_folder(command.task.id, command.name)
+    with (
+        command.place.entered() as terminal,
+        EvaluationPool.on_cluster(command.workers) as pool,
+    ):
+        tracker = command.place.tracker(command.task.id)
+        with locked_settings(folder, command.settings()) as begun:
+            return _Evaluation(command, folder, begun, pool, tracker, terminal).go()
 
 
 @dataclass

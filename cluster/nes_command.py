@@ -8,21 +8,14 @@ from bilevel.durable import write_aside
 from bilevel.nes import NESState
 from bilevel.synthetic_env import save_se
 from cluster.final import LAST_FILE, Contender, choose_best, hand_over, score_anew
-from cluster.home import Home
 from cluster.live_run import live_run
 from cluster.nes_loop import NESRun
+from cluster.place import Place
 from cluster.pool import EvaluationPool
 from cluster.progress import Terminal, duration, generation_line
-from cluster.ray_cluster import (
-    cluster_cores,
-    ray_cluster,
-    require_capacity,
-    require_server_for_nodes,
-)
 from cluster.run_folder import Begun, locked_settings
 from cluster.tracking import Tracker, plots
 from cluster.tracking.registry import model_address
-from cluster.tracking.tracker import check_tracking_uri, mlflow_imported_meanwhile
 from cluster.views import NESViews
 from cluster.views.nes import png
 
@@ -40,10 +33,8 @@ class NESCommand:
     """
 
     run: NESRun
-    home: Home
-    tracking_uri: str
+    place: Place
     workers: int | None = None  # actors; None: one a core of the cluster
-    address: str | None = None
     solved_for: int = 5
 
 
@@ -54,16 +45,13 @@ def run_nes(command: NESCommand) -> NESState:
     no room any more; Ctrl-C loses at most the generation in flight.
     """
     run = command.run
-    check_tracking_uri(command.tracking_uri)
-    with Terminal() as terminal, mlflow_imported_meanwhile(), ray_cluster(command.address):
-        workers = command.workers or cluster_cores()
-        require_capacity(workers)
-        require_server_for_nodes(command.tracking_uri)
-        command.home.prepare()
-        with EvaluationPool(workers) as pool:
-            tracker = Tracker(command.tracking_uri, run.task.id, command.home.artifacts)
-            with locked_settings(run.folder, run.settings()) as begun:
-                return _LiveRun(command, run, begun, pool, tracker, terminal).go()
+    with (
+        command.place.entered() as terminal,
+        EvaluationPool.on_cluster(command.workers) as pool,
+    ):
+        tracker = command.place.tracker(run.task.id)
+        with locked_settings(run.folder, run.settings()) as begun:
+            return _LiveRun(command, run, begun, pool, tracker, terminal).go()
 
 
 @dataclass

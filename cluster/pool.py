@@ -17,6 +17,7 @@ from ray.exceptions import RayError, RayTaskError
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task
+from cluster.ray_cluster import cluster_cores, require_capacity
 from cluster.request_queue import RequestQueue
 
 #: Deaths of actors on one and the same request after which it is given up: then it
@@ -54,6 +55,16 @@ class EvaluationPool:
         self._deaths_on_arrival = 0
         #: Seconds its actors have spent in evaluations.
         self.kernel_seconds = 0.0
+
+    @classmethod
+    def on_cluster(cls, workers: int | None) -> Self:
+        """A pool of that many actors, or of one a core of the cluster.
+
+        Raises InvalidInput if the cluster has fewer cores.
+        """
+        workers = workers or cluster_cores()
+        require_capacity(workers)
+        return cls(workers)
 
     @property
     def size(self) -> int:

@@ -17,6 +17,7 @@ from cluster.bohb.command import StudyCommand, run_study
 from cluster.bohb.journal import ResultLine
 from cluster.bohb.study import Study
 from cluster.home import Home
+from cluster.place import Place
 from cluster.profiles import Profile, base_hyperparameters
 
 LADDER = (1, 9)
@@ -28,8 +29,8 @@ REAL = Profile("core", 4, *LADDER, 1000, 1, brackets=3, time_budget=None, final_
 def run(home: Path, name: str, profile: Profile, trials: int) -> dict[str, Any]:
     """One study; its jobs in the order of their ends, with the seconds of the generations
     that each had left to run."""
-    task, place = get_task("CartPole-v0"), Home(home)
-    folder, base = place.run_folder(task.id, name), base_hyperparameters(profile, task)
+    task, place = get_task("CartPole-v0"), Place(Home(home), Home(home).database_uri)
+    folder, base = place.home.run_folder(task.id, name), base_hyperparameters(profile, task)
     study = Study(folder, task, 0, profile.space, LADDER, base)
     command = StudyCommand(
         study,
@@ -37,7 +38,6 @@ def run(home: Path, name: str, profile: Profile, trials: int) -> dict[str, Any]:
         profile.brackets,
         profile.time_budget,
         profile.final_agents,
-        place.database_uri,
         concurrent_trials=trials,
     )
     assert run_study(command) == 0

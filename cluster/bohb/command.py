@@ -13,21 +13,14 @@ from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.tuning import run_trials
 from cluster.final import Contender, choose_best, hand_over, score_anew
-from cluster.home import Home
 from cluster.live_run import live_run
+from cluster.place import Place
 from cluster.pool import EvaluationPool
 from cluster.progress import Terminal, duration
-from cluster.ray_cluster import (
-    fair_share,
-    ray_cluster,
-    require_capacity,
-    require_server_for_nodes,
-    sharing,
-)
+from cluster.ray_cluster import fair_share, require_capacity, sharing
 from cluster.run_folder import Begun, Standing, locked_settings
 from cluster.tracking import Mirror, Tracker
 from cluster.tracking.registry import model_address
-from cluster.tracking.tracker import check_tracking_uri, mlflow_imported_meanwhile
 from cluster.views import StudyViews
 from cluster.views.nes import state_on_disk
 from search_spaces import search_space
@@ -45,14 +38,12 @@ class StudyCommand:
     """A study, and how and where it is run this time."""
 
     study: Study
-    home: Home
+    place: Place
     brackets: int
     time_budget: float | None  # seconds; None runs all brackets
     final_agents: int  # trained on the best SE at the end, with fresh seeds
-    tracking_uri: str
     workers_per_trial: int = 1
     concurrent_trials: int | None = None  # None: as many as the cluster's cores hold
-    address: str | None = None
 
     @property
     def trials(self) -> int:
@@ -85,18 +76,13 @@ def run_study(command: StudyCommand) -> int:
         else float("inf")
     )
     study = command.study
-    check_tracking_uri(command.tracking_uri)
     with (
-        Terminal() as terminal,
-        mlflow_imported_meanwhile(),
-        ray_cluster(command.address),
+        command.place.entered() as terminal,
         sharing(),
         InterruptGuard(terminal) as guard,  # after Ray, which takes SIGTERM for itself
     ):
         require_capacity(command.workers_per_trial, command.trials)
-        require_server_for_nodes(command.tracking_uri)
-        command.home.prepare()
-        tracker = Tracker(command.tracking_uri, study.task.id, command.home.artifacts)
+        tracker = command.place.tracker(study.task.id)
         with locked_settings(study.folder, study.settings()) as begun:
             return _LiveStudy(command, begun, tracker, terminal, guard).go(deadline)
 

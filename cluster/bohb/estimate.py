@@ -6,9 +6,8 @@ from bilevel.evaluation import EvaluationRequest, evaluate
 from bilevel.synthetic_env import Architecture
 from cluster.bohb.brackets import bracket_table, generations_to_run
 from cluster.bohb.command import StudyCommand
-from cluster.progress import Terminal, duration
-from cluster.ray_cluster import ray_cluster, require_capacity
-from cluster.tracking.tracker import check_tracking_uri
+from cluster.progress import duration
+from cluster.ray_cluster import require_capacity
 from search_spaces import search_space, to_hyperparameters
 
 
@@ -27,16 +26,15 @@ class Estimate:
         return self.evaluations * self.seconds_per_evaluation / self.cores
 
 
-def dry_run(command: StudyCommand, terminal: Terminal) -> None:
+def dry_run(command: StudyCommand) -> None:
     """Print the bracket table, the cost, and whether the cluster can place it.
 
     The time is estimated from evaluations of randomly drawn configurations, made
-    here and now on one core.
+    here and now on one core. Raises InvalidInput where the study itself would.
     """
-    check_tracking_uri(command.tracking_uri)
     study = command.study
     rungs = bracket_table(command.brackets, list(study.budgets))
-    with ray_cluster(command.address):
+    with command.place.entered() as terminal:
         trials = command.trials
         require_capacity(command.workers_per_trial, trials)
     terminal.line(f"study {study.name!r} on {study.task.id}, budgets in generations")

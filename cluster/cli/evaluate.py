@@ -75,7 +75,6 @@ def evaluate(
         kinds = tuple(replace(hp, max_episodes=max_episodes) for hp in kinds)
     varied = "-vary-hp" if vary_hp else ""
     among = "-".join(hp.agent for hp in kinds)
-    home, tracking_uri, address = common.where()
     run_evaluate(
         EvaluateCommand(
             task,
@@ -85,9 +84,7 @@ def evaluate(
             vary_hp,
             common.seed,
             name or f"evaluate-{'-'.join(sources)}-{among}{varied}-seed{common.seed}"[:80],
-            home,
-            tracking_uri,
+            common.the_place(),
             workers,
-            address,
         )
     )

@@ -5,12 +5,15 @@ import re
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from bilevel.tasks import Task
 from cluster.home import Home
+
+if TYPE_CHECKING:
+    from cluster.place import Place
 
 _SECONDS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
 
@@ -139,10 +142,12 @@ class RunOptions:
             get_agent(name)
         return names
 
-    def where(self) -> tuple[Home, str, str | None]:
-        """Home, tracking URI, and address of the Ray cluster to join, if any."""
+    def the_place(self) -> "Place":
+        """Home, MLflow and Ray cluster: given, or those that `up` has started."""
+        from cluster.place import Place
+
         home = Home(self.home)
-        return (
+        return Place(
             home,
             the_tracking_uri(self.tracking_uri, home),
             the_address(self.address, home),

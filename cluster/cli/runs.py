@@ -55,14 +55,14 @@ def nes(
         varied = "-vary-hp" if vary_hp else ""
         name = f"nes-{preset}{agent_suffix(agents)}-{update}{varied}-seed{common.seed}"
 
-    home, tracking_uri, address = common.where()
-    folder = home.run_folder(task.id, name)
+    place = common.the_place()
+    folder = place.home.run_folder(task.id, name)
 
     from cluster.nes_command import NESCommand, run_nes
     from cluster.nes_loop import NESRun
 
     run = NESRun(task, hp, common.seed, folder)
-    run_nes(NESCommand(run, home, tracking_uri, workers, address, solved_for))
+    run_nes(NESCommand(run, place, workers, solved_for))
 
 
 @click.command()
@@ -104,31 +104,28 @@ def bohb(
         "time_budget": time_budget,
     }
     size = replace(size, **{key: value for key, value in changes.items() if value is not None})
-    home, tracking_uri, address = common.where()
+    place = common.the_place()
     name = study or f"bohb-{profile}-{size.space}{agent_suffix(agents)}-seed{common.seed}"
-    folder = home.run_folder(task.id, name)
+    folder = place.home.run_folder(task.id, name)
 
     from cluster.bohb.brackets import budget_ladder
     from cluster.bohb.command import StudyCommand, run_study
     from cluster.bohb.estimate import dry_run as estimate
     from cluster.bohb.study import Study
-    from cluster.progress import Terminal
 
     budgets = tuple(budget_ladder(size.smallest_budget, size.largest_budget))
     command = StudyCommand(
         Study(
             folder, task, common.seed, size.space, budgets, base_hyperparameters(size, task, agents)
         ),
-        home,
+        place,
         size.brackets,
         size.time_budget,
         size.final_agents,
-        tracking_uri,
         workers_per_trial,
         concurrent_trials,
-        address,
     )
     if dry_run:
-        estimate(command, Terminal())
+        estimate(command)
     else:
         sys.exit(run_study(command))
