@@ -52,8 +52,9 @@ studies: $(INSTALLED) ## The studies so far: state, progress, best score
 ui: $(INSTALLED) ## The MLflow UI on these runs
 	@$(BIN)/bilevel ui $(ARGS)
 
+# Two at a time: the system tests wait for processes more than they compute.
 test: check ## Format, lint, types, and all tests
-	@$(BIN)/python -m pytest $(ARGS)
+	@$(BIN)/python -m pytest --numprocesses 2 --dist loadfile $(ARGS)
 
 check: $(INSTALLED) ## Format, lint and types
 	@$(BIN)/ruff format --check --quiet .
@@ -61,7 +62,7 @@ check: $(INSTALLED) ## Format, lint and types
 	@$(BIN)/mypy bilevel search_spaces cluster tests benchmarks
 
 bench: $(INSTALLED) ## All speed measurements in turn, on a quiet machine; rewrites results and tables
-	@for measurement in inner_loop generation handing_out startup utilisation readme; do \
+	@for measurement in inner_loop ideas generation handing_out startup utilisation readme; do \
 		$(BIN)/python -m benchmarks.$$measurement || exit 1; \
 	done
 

@@ -43,12 +43,14 @@ def nes_seeds() -> str:
         "| task | solved | generations | minutes | 10 fresh agents on the best SE | their steps |",
         "| --- | --- | --- | --- | --- | --- |",
     ]
+    sources = []
     for task in ("CartPole-v0", "Acrobot-v1"):
         result = read_result(f"nes_seeds_{task}")
 
         def column(name: str, form: str, runs: list[dict[str, Any]] = result["runs"]) -> str:
             return ", ".join(format(run[name], form) for run in runs)
 
+        sources.append(_where(result))
         rows.append(
             f"| {task} | {result['solved']} seeds | {column('generations', 'd')} | "
             f"{column('minutes', '.1f')} | {column('final_score_mean', '.1f')} | "
@@ -56,11 +58,7 @@ def nes_seeds() -> str:
         )
     rows.append("\nOne figure a seed, seeds 0, 1, ...; *solved* is a mean test return of at least")
     rows.append("195 (CartPole-v0) and -100 (Acrobot-v1) of ten agents trained with fresh seeds.")
-    commands = [
-        read_result(f"nes_seeds_{task}")["command"] for task in ("CartPole-v0", "Acrobot-v1")
-    ]
-    machine = result["machine"]
-    rows.append(f"({machine['cores']} cores of {machine['processor']}; `{'`, `'.join(commands)}`)")
+    rows += [f"({where})" for where in sources]
     return "\n".join(rows)
 
 

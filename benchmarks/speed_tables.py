@@ -65,12 +65,22 @@ def generation() -> str:
 def two_actors() -> str:
     """Speed-up of the second actor."""
     result = read_result("generation")
-    rows = [
-        [task, _spread(case["two_actors_over_one"], ".2f"), _percent(_overhead(case, "1"))]
-        for task, case in result["results"].items()
-    ]
-    head = ["task", "two actors, times as fast as one", "Ray, Python and MLflow, one actor"]
-    return _table(head, rows, result)
+    rows = []
+    for task, case in result["results"].items():
+        kernels = {
+            actors: int(actors) * case["seconds"][actors]["median"] * shares["kernels"]
+            for actors, shares in case["shares"].items()
+        }
+        rows.append(
+            [
+                task,
+                _spread(case["two_actors_over_one"], ".2f"),
+                f"{kernels['2'] / kernels['1']:.2f}",
+                _percent(_overhead(case, "1")),
+            ]
+        )
+    head = ["task", "two actors, times as fast as one", "kernel time, times that of one"]
+    return _table([*head, "Ray, Python and MLflow, one actor"], rows, result)
 
 
 def _overhead(case: dict[str, Any], actors: str) -> float:
@@ -123,6 +133,23 @@ def utilisation() -> str:
     return _table(["minutes", "results", "generations", "core utilisation"], [row], result)
 
 
+def ideas() -> str:
+    """What is there against what might be."""
+    result = read_result("ideas")
+    rows = [
+        [
+            name,
+            agent,
+            _spread(case["as_it_is_us"], ".2f"),
+            _spread(case["idea_us"], ".2f"),
+            _spread(case["times_as_fast"], ".2f"),
+        ]
+        for agent, cases in result["results"].items()
+        for name, case in cases.items()
+    ]
+    return _table(["idea", "agent", "as it is, µs", "the idea, µs", "times as fast"], rows, result)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "inner-loop": inner_loop,
     "generation": generation,
@@ -131,4 +158,5 @@ TABLES: dict[str, Callable[[], str]] = {
     "startup": startup,
     "small-things": small_things,
     "utilisation": utilisation,
+    "ideas": ideas,
 }

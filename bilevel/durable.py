@@ -8,8 +8,12 @@ from pathlib import Path
 
 from bilevel.errors import StorageFailure
 
-#: What a disk answers that is full, read-only or broken: no other file fares better.
-DISK_ERRORS = {errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG}
+#: What a disk answers that is full, read-only, broken, another's, or (one that nodes
+#: share) away: no other file fares better.
+DISK_ERRORS = {
+    *(errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EIO, errno.EFBIG, errno.EACCES, errno.EPERM),
+    *(errno.ESTALE, errno.ETIMEDOUT, errno.ENOTCONN, errno.EHOSTDOWN, errno.ENODEV, errno.ENXIO),
+}
 
 
 def write_aside(path: Path, data: bytes) -> None:
@@ -31,7 +35,7 @@ def write_aside(path: Path, data: bytes) -> None:
         with contextlib.suppress(OSError):
             aside.unlink()
         if error.errno in DISK_ERRORS:
-            raise StorageFailure(path, error) from None
+            raise StorageFailure.of(path, error) from None
         raise
 
 

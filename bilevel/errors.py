@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Self
 
 
 class InvalidInput(ValueError):
@@ -11,11 +12,13 @@ class InvalidInput(ValueError):
 
 
 class StorageFailure(InvalidInput):
-    """The disk is full, read-only or broken. Nothing was half-written, and what is on
-    disk counts: once there is room, the same command goes on."""
+    """The disk is full, read-only, broken or away. Nothing was half-written, and what is
+    on disk counts: once that is mended, the same command goes on."""
 
-    def __init__(self, path: Path, error: OSError) -> None:
-        super().__init__(f"cannot write {str(path)!r}: {error.strerror or error}")
+    @classmethod
+    def of(cls, path: Path, error: OSError) -> Self:
+        """What happened when that path was to be written."""
+        return cls(f"cannot write {str(path)!r}: {error.strerror or error}")
 
 
 def one_of(what: str, value: object, allowed: Iterable[object]) -> InvalidInput:

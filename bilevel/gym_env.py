@@ -15,6 +15,8 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from bilevel.errors import InvalidInput
+
 ENV_ID = "bilevel/SyntheticEnv-v0"
 
 
@@ -28,12 +30,9 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
     def __init__(self, path: str | Path) -> None:
         from bilevel.synthetic_env import kernel_form, load_se
-        from bilevel.tasks import get_task
 
         se = load_se(Path(path))
-        # gymnasium would import a module named in an id: a file must not have that done.
-        task_id = se.task_id.rpartition(":")[2]
-        self._task = get_task(task_id, se.solved_reward, se.step_limit)
+        self._task = se.task()
         self._kernel = kernel_form(se.architecture, se.psi)
         self._work = np.zeros((2, 3 * se.architecture.hidden_size), np.float32)
         self._state = np.zeros(se.architecture.state_size, np.float32)
@@ -55,9 +54,11 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     def step(
         self, action: np.int64
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """One step of the SE."""
+        """One step of the SE. Raises InvalidInput for an action it does not have."""
         from bilevel.kernels.synthetic_env import step
 
+        if not self.action_space.contains(action):
+            raise InvalidInput(f"action {action!r} is not in {self.action_space}")
         next_state = np.empty_like(self._state)
         reward, done = step(self._kernel, self._state, int(action), next_state, self._work)
         self._state = next_state

@@ -39,7 +39,7 @@ from cluster.views.evaluation import (
     RESULTS_FILE,
     EvaluationViews,
 )
-from cluster.views.nes import png
+from cluster.views.plots import png
 from search_spaces import draw_agent
 
 #: Names the seeds apart from all others that a run derives.
@@ -87,11 +87,11 @@ def run_evaluate(command: EvaluateCommand) -> list[Group]:
     ):
         tracker = command.place.tracker(command.task.id)
         with locked_settings(folder, command.settings()) as begun:
-            return _Evaluation(command, folder, begun, pool, tracker, terminal).go()
+            return _UnderWay(command, folder, begun, pool, tracker, terminal).go()
 
 
 @dataclass
-class _Evaluation:
+class _UnderWay:
     """An evaluation under way."""
 
     command: EvaluateCommand
@@ -170,9 +170,10 @@ class _Evaluation:
                 label, agent, i, fields = value
                 fields = {**fields, "test_returns": tuple(fields["test_returns"])}
                 result = EvaluationResult(**fields)
+                wanted = label in self.command.sources and int(i) < self.command.agents
             except (ValueError, TypeError, KeyError) as error:
                 raise file.damaged(index, error) from None
-            if label in self.command.sources and i < self.command.agents:
+            if wanted:
                 yield (label, agent, i), result
 
     def _report(self, groups: list[Group]) -> None:

@@ -5,7 +5,10 @@ from pathlib import Path
 
 from bilevel.errors import InvalidInput
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,79}")
+#: Characters of a name at most.
+LONGEST_NAME = 80
+
+_NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{LONGEST_NAME - 1}}}")
 
 
 class Home:
@@ -31,8 +34,8 @@ class Home:
         """
         if not _NAME.fullmatch(name):
             raise InvalidInput(
-                f"name {name!r} is not allowed: letters, digits, '.', '_' and '-', at most 80, "
-                "beginning with a letter or digit"
+                f"name {name!r} is not allowed: letters, digits, '.', '_' and '-', at most "
+                f"{LONGEST_NAME}, beginning with a letter or digit"
             )
         return self.folder / task_id.replace("/", "_") / name
 

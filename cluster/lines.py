@@ -62,7 +62,7 @@ class Lines:
             if new:
                 sync_folder(self.path.parent)
         except OSError as error:
-            raise StorageFailure(self.path, error) from None
+            raise StorageFailure.of(self.path, error) from None
         self._end += len(line)
         self.values.append(value)
 

@@ -14,10 +14,9 @@ from cluster.place import Place
 from cluster.pool import EvaluationPool
 from cluster.progress import Terminal, duration, generation_line
 from cluster.run_folder import Begun, locked_settings
-from cluster.tracking import Tracker, plots
+from cluster.tracking import Tracker
 from cluster.tracking.registry import model_address
-from cluster.views import NESViews
-from cluster.views.nes import png
+from cluster.views import NESViews, plots
 
 #: Fresh agents that must solve the task on average for a run to stop early, and
 #: those that score the best SE at the end, with seeds of their own.
@@ -51,12 +50,12 @@ def run_nes(command: NESCommand) -> NESState:
     ):
         tracker = command.place.tracker(run.task.id)
         with locked_settings(run.folder, run.settings()) as begun:
-            return _LiveRun(command, run, begun, pool, tracker, terminal).go()
+            return _UnderWay(command, run, begun, pool, tracker, terminal).go()
 
 
 @dataclass
-class _LiveRun:
-    """A run while it runs: pool, tracker and terminal at hand."""
+class _UnderWay:
+    """A run under way: pool, tracker and terminal at hand."""
 
     command: NESCommand
     run: NESRun
@@ -158,7 +157,7 @@ class _LiveRun:
         save_se(run.last_se(state), run.folder / LAST_FILE)
         title = f"{run.folder.name} on {run.task.id}"
         figure = plots.learning_curve(state.records, run.task, title)
-        write_aside(run.folder / "learning_curve.png", png(figure))
+        write_aside(run.folder / "learning_curve.png", plots.png(figure))
         path = hand_over(best.se, score, run.folder, state.generation)
         line(str(score))
         line(f"best SE: {path}  ({model_address(run.task.id)} in MLflow's model registry)")

@@ -67,6 +67,13 @@ class NESRun:
         path = self.folder / STATE_FILE
         return NESState.load(path) if path.exists() else None
 
+    def load_if_sound(self) -> NESState | None:
+        """The same; a damaged one, which will be run again, counts as none till then."""
+        try:
+            return self.load()
+        except InvalidInput:
+            return None
+
     def open(
         self,
         pool: EvaluationPool,

@@ -65,7 +65,7 @@ def _line(folder: Path) -> Line:
         progress, best = kinds[kind](folder, target)
         scores = [end.metrics.get("final_score_mean") for end in finals(folder)]
         final = f"{scores[-1]:.1f}" if scores and scores[-1] is not None else ""
-    except (InvalidInput, KeyError, ValueError, TypeError) as error:
+    except (InvalidInput, KeyError, ValueError, TypeError, OSError) as error:
         return Line(task, name, "", "damaged", str(error), "", "")
     return Line(task, name, kind, state, progress, best, final)
 

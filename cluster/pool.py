@@ -17,7 +17,7 @@ from ray.exceptions import RayError, RayTaskError
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task
-from cluster.ray_cluster import cluster_cores, require_capacity
+from cluster.ray_cluster import fair_share, require_capacity
 from cluster.request_queue import RequestQueue
 
 #: Deaths of actors on one and the same request after which it is given up: then it
@@ -58,11 +58,11 @@ class EvaluationPool:
 
     @classmethod
     def on_cluster(cls, workers: int | None) -> Self:
-        """A pool of that many actors, or of one a core of the cluster.
+        """A pool of that many actors, or of one a core of this run's share of the cluster.
 
         Raises InvalidInput if the cluster has fewer cores.
         """
-        workers = workers or cluster_cores()
+        workers = workers or fair_share(1)
         require_capacity(workers)
         return cls(workers)
 

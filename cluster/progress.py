@@ -20,6 +20,11 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600}h{whole % 3600 // 60:02d}m"
 
 
+def last_line(text: str) -> str:
+    """Of a traceback: what went wrong."""
+    return next(reversed(text.strip().splitlines()), "")
+
+
 class Terminal:
     """Prints lines above a bar; without a terminal there is no bar, just lines."""
 

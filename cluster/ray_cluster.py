@@ -17,8 +17,8 @@ from bilevel.errors import InvalidInput
 from cluster.agent_files import runtime_env
 
 _CONNECT_TIMEOUT = 5.0  # seconds until an address counts as unreachable
-#: Begins the names of placement groups that stand for a study.
-_MARK = "bilevel-study-"
+#: Begins the names of placement groups that stand for a run.
+_MARK = "bilevel-run-"
 
 
 @contextlib.contextmanager
@@ -67,7 +67,7 @@ def cluster_cores() -> int:
 
 @contextlib.contextmanager
 def sharing() -> Iterator[None]:
-    """Within the block, other studies on the cluster leave this one its share.
+    """Within the block, other runs on the cluster leave this one its share.
 
     A placement group of next to nothing tells them; it goes with the driver, however
     that ends.
@@ -80,12 +80,12 @@ def sharing() -> Iterator[None]:
 
 
 def fair_share(workers_per_trial: int) -> int:
-    """How many trials a study may run at a time, on the cluster as it is now: its cores
-    are shared equally among the studies that are `sharing`."""
+    """How many trials of so many workers a run may have at a time, on the cluster as it is
+    now: its cores are shared equally among the runs that are `sharing`."""
     groups = placement_group_table().values()
     names = [group["name"] for group in groups if group["state"] != "REMOVED"]
-    studies = sum(1 for name in names if name.startswith(_MARK))
-    return max(cluster_cores() // workers_per_trial // max(studies, 1), 1)
+    runs = sum(1 for name in names if name.startswith(_MARK))
+    return max(cluster_cores() // workers_per_trial // max(runs, 1), 1)
 
 
 def require_server_for_nodes(tracking_uri: str) -> None:

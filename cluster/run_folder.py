@@ -146,8 +146,11 @@ def held(folder: Path) -> Iterator[None]:
     except Timeout:
         raise InvalidInput(f"{folder.name!r} is being run by another process") from None
     except OSError as error:
-        raise StorageFailure(folder, error) from None
+        raise StorageFailure.of(folder, error) from None
     try:
+        for stray in folder.rglob(".*.tmp"):  # of a process that was killed while writing
+            with contextlib.suppress(OSError):
+                stray.unlink()
         yield
     finally:
         lock.release()
@@ -189,6 +192,8 @@ def stored_task(facts: Any) -> Task:
     for name, value in asdict(task).items():
         if type(value) is not kinds.get(name, int):
             raise TypeError(f"task {name} is {value!r}")
+    if ".." in task.id:
+        raise ValueError(f"task id {task.id!r}")
     if min(task.state_size, task.n_actions, task.step_limit) < 1:
         raise ValueError("the task's sizes are not positive")
     return task

@@ -24,6 +24,9 @@ from cluster.home import Home
 from cluster.mlflow_server import mlflow_server
 from cluster.ports import free_port, require_free
 
+#: What whoever joins a service takes over of its environment.
+_JOINING = {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN_PATH"}
+
 #: Seconds until a service that starts must answer, one that answers counts as slow, and
 #: one that was asked to end is killed.
 _START, _ANSWER, _END = 120.0, 3.0, 15.0
@@ -76,7 +79,9 @@ def join(name: str, home: Home) -> str | None:
     its children) may. To be called before Ray is imported."""
     for service in services(home):
         if service.name == name and service.state == "up":
-            os.environ.update(service.environment)
+            os.environ.update(
+                {name: service.environment[name] for name in _JOINING & service.environment.keys()}
+            )
             return service.address
     return None
 
@@ -95,27 +100,31 @@ def up(
     this call started has ended again.
     """
     home.prepare()
-    wanted: dict[str, Callable[[], Service]] = {
+    ports = {"ray": (ray_port, dashboard_port), "mlflow": (mlflow_port,)}
+    starts: dict[str, Callable[[], Service]] = {
         "ray": lambda: _start_ray(home, host, ray_port, dashboard_port),
         "mlflow": lambda: _start_mlflow(home, host, mlflow_port),
     }
-    for name, start in wanted.items():
-        known = [service for service in services(home) if service.name != name]
-        for service in services(home):
-            if service.name == name and service.process is not None:
-                tell(f"{name} is up already: {service.page}")
-                break
-        else:
+    known = [service for service in services(home) if service.process is not None]
+    for service in known:
+        tell(f"{service.name} is up already: {service.page}")
+        del starts[service.name]
+    for name in starts:
+        for port in ports[name]:
+            require_free(host, port)
+    started: list[Service] = []
+    try:
+        for name, start in starts.items():
             tell(f"starting {name}")
-            service = start()
-            _save(home, [*known, service])
-            try:
-                _wait_until_well(service)
-            except BaseException:
-                _end(service)
-                _save(home, known)
-                raise
-            tell(f"{name} is up: {service.page}")
+            started.append(start())
+            _save(home, [*known, *started])
+            _wait_until_well(started[-1])
+            tell(f"{name} is up: {started[-1].page}")
+    except BaseException:
+        for service in reversed(started):
+            _end(service)
+        _save(home, known)
+        raise
 
 
 def down(home: Home, tell: Callable[[str], None]) -> None:
@@ -131,8 +140,6 @@ def down(home: Home, tell: Callable[[str], None]) -> None:
 
 
 def _start_ray(home: Home, host: str, port: int, dashboard_port: int) -> Service:
-    require_free(host, port)
-    require_free(host, dashboard_port)
     local = _reachable(host)
     command = ["ray", "start", "--head", "--block", "--disable-usage-stats", "--port", str(port)]
     command += ["--node-ip-address", local, "--include-dashboard", "true"]
@@ -157,7 +164,6 @@ def _ray_token(home: Home) -> dict[str, str]:
 
 
 def _start_mlflow(home: Home, host: str, port: int) -> Service:
-    require_free(host, port)
     command, environment = mlflow_server(home, host, port)
     page = f"http://{_reachable(host)}:{port}"
     return _start(home, "mlflow", command, page, page, f"{page}/health", environment)

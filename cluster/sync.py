@@ -5,7 +5,7 @@ from pathlib import Path
 from bilevel.errors import InvalidInput
 from cluster.home import Home
 from cluster.progress import Terminal
-from cluster.run_folder import held, read_settings, stored_task
+from cluster.run_folder import held
 from cluster.tracking import Tracker
 from cluster.tracking.tracker import check_tracking_uri, first_line
 from cluster.views import views_of
@@ -18,11 +18,10 @@ def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> Non
     InvalidInput if the folder is damaged or being worked on, or MLflow fails.
     """
     check_tracking_uri(tracking_uri)
-    task = stored_task(read_settings(folder)["task"])
     with held(folder):
         views = views_of(folder)
         keys = views.keys()
-        tracker = Tracker(tracking_uri, task.id, home.artifacts, thorough=True)
+        tracker = Tracker(tracking_uri, views.task_id, home.artifacts, thorough=True)
         with terminal:
             for done, key in enumerate(keys):
                 view = views.view(key)

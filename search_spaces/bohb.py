@@ -120,6 +120,8 @@ def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) 
         section, _, field = name.partition(".")
         plain = value.item() if hasattr(value, "item") else value
         if field.startswith(_INVERSE):
+            if not isinstance(plain, float):
+                raise InvalidInput(f"hyperparameter {name!r} must be a float; got {plain!r}")
             field, plain = field.removeprefix(_INVERSE), 1.0 - plain
         if isinstance(plain, str):
             plain = str(plain)  # np.str_ is a str of another type

@@ -28,12 +28,9 @@ def faults(stage: Stage, folder: Path) -> dict[str, Fault]:
         raise RuntimeError(f"the undisturbed study fails: see {study.log}")
     whole = study.outcome()
 
-    def served(fault: Callable[[tracking.Server], Row]) -> Row:
-        with tracking.Server(folder / f"server-{time.monotonic_ns()}") as server:
-            return fault(server)
-
     return {
         "driver": lambda: processes.driver(stage, whole, 20),
+        "driver-of-two": lambda: processes.driver_of_two(stage, whole, 5),
         "everything": lambda: processes.everything(
             folder, whole, 3, lambda: stage.chance.uniform(8.0, 16.0)
         ),
@@ -44,8 +41,8 @@ def faults(stage: Stage, folder: Path) -> dict[str, Fault]:
         "ctrl-c-twice": lambda: processes.ctrl_c(stage, whole, 3, presses=2),
         "actor": lambda: processes.killed_children(stage, whole, ACTOR, "actor of the pool", 5),
         "trial": lambda: processes.killed_children(stage, whole, TRIAL, "trial", 4),
-        "nodes": lambda: served(lambda s: processes.nodes(stage, whole, s.uri, 3)),
-        "server": lambda: served(lambda s: tracking.server_killed(stage, whole, s, 3)),
+        "nodes": lambda: processes.nodes(folder, whole, 3),
+        "server": lambda: tracking.server_killed(stage, whole, 3),
         "locked": lambda: tracking.database_locked(stage, whole, 2),
         "full-disk": lambda: disks.full_disk(folder, whole),
         "torn": lambda: disks.torn_lines(stage, whole, 4),
@@ -62,7 +59,6 @@ def main() -> None:
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:
         folder = arguments.folder or Path(temporary)
-        folder.mkdir(parents=True, exist_ok=True)
         with Stage(folder) as stage:
             known = faults(stage, folder)
             for name in arguments.fault or known:

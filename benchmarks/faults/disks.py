@@ -1,6 +1,5 @@
 """Faults of disks and of what lies on them: full, torn, damaged, taken."""
 
-import os
 import shutil
 import signal
 import subprocess
@@ -15,8 +14,8 @@ from cluster.home import Home
 
 
 def torn_lines(stage: Stage, whole: Outcome, times: int) -> Row:
-    """Kill the driver, and cut the last line of the journal somewhere: what a crash of
-    the machine can leave. Only a line that nothing was built on may be cut."""
+    """Kill the driver, and append a part of a line to the journal: what a crash of the
+    machine can leave of a write that was never flushed."""
     study = stage.study("torn", *ONE_BY_ONE)
     torn = 0
     while torn < times:
@@ -31,13 +30,9 @@ def _tear(study: StudyOnStage, uniform: Callable[[float, float], float]) -> int:
     content = path.read_bytes() if path.exists() else b""
     if not content.endswith(b"\n"):
         return 0
-    last = content[:-1].rfind(b"\n") + 1
-    begun_since = len((study.folder / "configs.json").read_bytes().splitlines())
-    if begun_since > len(content.splitlines()):  # the next job was derived from this line
-        with path.open("ab") as file:
-            file.write(content[last : last + int(uniform(1, len(content) - last - 1))])
-    else:
-        os.truncate(path, int(uniform(last + 1, len(content) - 1)))
+    last = content.splitlines()[-1]
+    with path.open("ab") as file:
+        file.write(last[: int(uniform(1, len(last)))])
     return 1
 
 

@@ -23,17 +23,6 @@ def start(arguments: Sequence[str], log: Path) -> BaseProcess:
     return process
 
 
-def finish(arguments: Sequence[str], log: Path, timeout: float = 240.0) -> int:
-    """`bilevel ARGUMENTS` to its end; the exit code."""
-    process = start(arguments, log)
-    process.join(timeout)
-    if process.is_alive():
-        process.kill()
-        raise TimeoutError(f"bilevel {' '.join(arguments)} does not end: see {log}")
-    assert process.exitcode is not None
-    return process.exitcode
-
-
 def _live(arguments: list[str], log: Path) -> None:
     from cluster.cli import main
 

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import Counter
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +10,7 @@ import mlflow
 
 from bilevel.nes import NESState
 from cluster.bohb import Journal
+from cluster.run_folder import Begun
 from cluster.views import views_of
 
 #: Fields of a generation's record that are measured.
@@ -34,7 +35,7 @@ class Outcome:
             [(line.id, line.budget, line.loss, line.exception) for line in journal.results],
             {
                 path.parent.name: comparable_state(path)
-                for path in folder.glob("configurations/*/state.*")
+                for path in folder.glob("configurations/*/state.safetensors")
             },
             hashlib.sha256((folder / "best_se.safetensors").read_bytes()).hexdigest(),
         )
@@ -49,16 +50,11 @@ class Outcome:
         counts = Counter(row[:2] for row in self.results)
         return sum(count - 1 for count in counts.values())
 
-    def same_scores(self, other: "Outcome") -> bool:
-        """Whether every configuration that both have scored the same, to the bit: all that
-        can be asked when several trials at a time decide what is proposed next."""
-        proposed = [{row[0]: row[1] for row in o.configs} for o in (self, other)]
-        losses = [{row[:2]: row[2] for row in o.results} for o in (self, other)]
-        return all(
-            losses[0][key] == losses[1][key]
-            for key in losses[0].keys() & losses[1].keys()
-            if proposed[0][key[0]] == proposed[1][key[0]]
-        )
+    def in_any_order(self) -> "Outcome":
+        """The same with results sorted: with several trials at a time they come as they
+        may. (The model, which the order of results would reach, has none yet in studies
+        as short as these.)"""
+        return replace(self, results=sorted(self.results, key=lambda row: row[:2]))
 
 
 def comparable_state(path: Path) -> Any:
@@ -81,6 +77,7 @@ def disagreements(folder: Path, tracking_uri: str) -> list[str]:
     if experiment is None:
         return ["no experiment"]
     views, found = views_of(folder), []
+    identity = Begun.read(folder).identity
     for key in views.keys():  # noqa: SIM118  (a method, not a dictionary's)
         view = views.view(key)
         runs = client.search_runs([experiment.experiment_id], f"tags.`bilevel.key` = '{key}'")
@@ -104,4 +101,7 @@ def disagreements(folder: Path, tracking_uri: str) -> list[str]:
         lacking = {document.path.split("/")[0] for document in view.documents} - stored
         if lacking:
             found.append(f"{view.name}: lacks {sorted(lacking)}")
+    runs = client.search_runs([experiment.experiment_id], f"tags.`bilevel.key` LIKE '{identity}%'")
+    if len(runs) > len(views.keys()):
+        found.append(f"{len(runs)} runs instead of {len(views.keys())}")
     return found

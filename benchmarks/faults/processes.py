@@ -12,7 +12,8 @@ import psutil
 
 from benchmarks.faults.outcome import Outcome, disagreements
 from benchmarks.faults.row import Row
-from benchmarks.faults.stage import ACTOR, ONE_BY_ONE, SMOKE, STUDY, TASK, Stage
+from benchmarks.faults.stage import ACTOR, ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
+from benchmarks.faults.tracking import Server
 from cluster.home import Home
 
 
@@ -20,19 +21,42 @@ def driver(stage: Stage, whole: Outcome, kills: int) -> Row:
     """SIGKILL the driver of one study at random moments, from its first second on; then
     let it end."""
     study = stage.study("driver", *ONE_BY_ONE)
-    for _ in range(kills):
-        study.live(stage.chance.uniform(0.5, 9.0), signal.SIGKILL)
-    code = study.run()
-    return Row.of("driver killed (SIGKILL), one study", kills, code, whole, study)
+    killed = _stopped_again_and_again(stage, study, kills, 0.5, signal.SIGKILL)
+    return Row.of("driver killed (SIGKILL), one study", killed, study.run(), whole, study)
+
+
+def driver_of_two(stage: Stage, whole: Outcome, kills: int) -> Row:
+    """The same with two trials at a time."""
+    node = stage.cluster.add_node(num_cpus=1)
+    with Server(stage.folder / "two-server") as server:
+        study = stage.study("two", "--concurrent-trials", "2", tracking_uri=server.uri)
+        killed = _stopped_again_and_again(stage, study, kills, 0.5, signal.SIGKILL)
+        code, name = study.run(), "driver killed (SIGKILL), two trials at a time"
+        wrong, outcome = study.disagreements(), study.outcome().in_any_order()
+    stage.cluster.remove_node(node)
+    return Row.compare(name, killed, code, whole.in_any_order(), outcome, wrong)
 
 
 def ctrl_c(stage: Stage, whole: Outcome, times: int, presses: int) -> Row:
     """Ctrl-C once, the orderly stop, or twice, which stops at once."""
     study = stage.study(f"ctrl-c-{presses}", *ONE_BY_ONE)
+    stopped = _stopped_again_and_again(stage, study, times, 3.0, *[signal.SIGINT] * presses)
+    name = "Ctrl-C" if presses == 1 else "Ctrl-C twice"
+    return Row.of(name, stopped, study.run(), whole, study)
+
+
+def _stopped_again_and_again(
+    stage: Stage, study: StudyOnStage, times: int, earliest: float, *signals: int
+) -> int:
+    """Give the command again and again, with signals at a random moment; how many of them
+    met it before its end, which come late in a short study."""
+    stopped = 0
     for _ in range(times):
-        study.live(stage.chance.uniform(3.0, 10.0), *[signal.SIGINT] * presses)
-    code = study.run()
-    return Row.of("Ctrl-C" if presses == 1 else "Ctrl-C twice", times, code, whole, study)
+        code = study.live(stage.chance.uniform(earliest, 9.0), *signals)
+        assert code in (0, -signals[0], 130), f"exit code {code}: see {study.log}"
+        stopped += code != 0
+        assert code != 130 or "RUNNING" not in (study.folder / "standing.json").read_text()
+    return stopped
 
 
 def killed_children(
@@ -55,24 +79,25 @@ def killed_children(
     return Row.of(f"{what} killed (SIGKILL)", len(killed), code, whole, study)
 
 
-def nodes(stage: Stage, whole: Outcome, tracking_uri: str, times: int) -> Row:
-    """SIGKILL the raylet of the node that does the work, while another joins."""
-    study = stage.study("nodes", *ONE_BY_ONE, tracking_uri=tracking_uri)
-    working = [stage.cluster.add_node(num_cpus=1)]
-    left = [0]
-    pause = [time.monotonic() + 8.0]
+def nodes(folder: Path, whole: Outcome, times: int) -> Row:
+    """SIGKILL the raylet of the node that does all the work (the head has no core), while
+    another joins."""
+    with Stage(folder / "nodes", cores=0) as stage, Server(folder / "nodes-server") as server:
+        study = stage.study("nodes", *ONE_BY_ONE, tracking_uri=server.uri)
+        working = [stage.cluster.add_node(num_cpus=1)]
+        left = [0]
+        pause = [time.monotonic() + 8.0]
 
-    def move() -> None:
-        if left[0] >= times or time.monotonic() < pause[0] or not stage.processes(*ACTOR):
-            return
-        working.append(stage.cluster.add_node(num_cpus=1))
-        stage.cluster.remove_node(working.pop(0), allow_graceful=False)
-        left[0] += 1
-        pause[0] = time.monotonic() + stage.chance.uniform(4.0, 7.0)
+        def move() -> None:
+            if left[0] >= times or time.monotonic() < pause[0] or not stage.processes(*ACTOR):
+                return
+            working.append(stage.cluster.add_node(num_cpus=1))
+            stage.cluster.remove_node(working.pop(0), allow_graceful=False)
+            left[0] += 1
+            pause[0] = time.monotonic() + stage.chance.uniform(4.0, 7.0)
 
-    code = study.run(move)
-    stage.cluster.remove_node(working.pop())
-    return Row.of("raylet of a node killed (SIGKILL), another joins", left[0], code, whole, study)
+        code, name = study.run(move), "raylet of a node killed (SIGKILL), another joins"
+        return Row.of(name, left[0], code, whole, study)
 
 
 def everything(folder: Path, whole: Outcome, times: int, moment: Callable[[], float]) -> Row:
@@ -101,6 +126,7 @@ def _alone(
     command = [str(Path(sys.executable).with_name("bilevel")), "bohb", TASK, *SMOKE, *ONE_BY_ONE]
     command += ["--home", str(home.folder)]
     with (folder / "log").open("a") as log:
+        killed = 0
         for _ in range(times):
             process = psutil.Popen(command, stdout=log, stderr=log, start_new_session=True)
             try:
@@ -109,10 +135,11 @@ def _alone(
                 family = [process, *process.children(recursive=True)]
                 kill(process)
                 psutil.wait_procs(family, 60)
+                killed += 1
         code = subprocess.run(command, stdout=log, stderr=log, timeout=240, check=False).returncode
     study = home.run_folder(TASK, STUDY)
     wrong = disagreements(study, home.database_uri)
-    return Row.compare(fault, times, code, whole, Outcome.of(study), wrong)
+    return Row.compare(fault, killed, code, whole, Outcome.of(study), wrong)
 
 
 def _kill_everything(driver: psutil.Process) -> None:

@@ -43,8 +43,3 @@ class Row:
         lost, twice = whole.lost(outcome), outcome.duplicated
         same = outcome == whole
         return cls(fault, injected, len(outcome.results), lost, twice, same, wrong, code)
-
-    @property
-    def good(self) -> bool:
-        """Whether nothing can be told from a study that was left in peace."""
-        return self.identical and not (self.lost or self.duplicated or self.mlflow)

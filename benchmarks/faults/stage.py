@@ -35,6 +35,7 @@ class Stage:
     """
 
     def __init__(self, folder: Path, cores: int = 1, seed: int = 0) -> None:
+        folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
         self.chance = random.Random(seed)
         self.cluster = Cluster(

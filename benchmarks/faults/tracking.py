@@ -74,22 +74,23 @@ class Server:
         self.kill()
 
 
-def server_killed(stage: Stage, whole: Outcome, server: Server, times: int) -> Row:
+def server_killed(stage: Stage, whole: Outcome, times: int) -> Row:
     """SIGKILL the server during the study, and start it some seconds later."""
-    study = stage.study("server", *ONE_BY_ONE, tracking_uri=server.uri)
-    killed = [0]
-    pause = [time.monotonic() + 6.0]
+    with Server(stage.folder / "server-killed") as server:
+        study = stage.study("server", *ONE_BY_ONE, tracking_uri=server.uri)
+        killed = [0]
+        pause = [time.monotonic() + 6.0]
 
-    def kill() -> None:
-        if killed[0] < times and time.monotonic() > pause[0]:
-            server.kill()
-            time.sleep(stage.chance.uniform(1.0, 4.0))
-            server.start()
-            killed[0] += 1
-            pause[0] = time.monotonic() + 2.0
+        def kill() -> None:
+            if killed[0] < times and time.monotonic() > pause[0]:
+                server.kill()
+                time.sleep(stage.chance.uniform(1.0, 4.0))
+                server.start()
+                killed[0] += 1
+                pause[0] = time.monotonic() + 2.0
 
-    code = study.run(kill)
-    return Row.of("MLflow server killed (SIGKILL), started again", killed[0], code, whole, study)
+        code, name = study.run(kill), "MLflow server killed (SIGKILL), started again"
+        return Row.of(name, killed[0], code, whole, study)
 
 
 def database_locked(stage: Stage, whole: Outcome, times: int) -> Row:

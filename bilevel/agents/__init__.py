@@ -10,6 +10,7 @@ from bilevel.agents.agent import (
     RegisteredAgent,
     Transition,
     get_agent,
+    load_plugins,
     register_agent,
     registered_agents,
 )
@@ -46,6 +47,7 @@ __all__ = [
     "Transition",
     "choice",
     "get_agent",
+    "load_plugins",
     "ranged",
     "register_agent",
     "registered_agents",

@@ -8,6 +8,7 @@ are checked.
 
 import hashlib
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -23,6 +24,7 @@ from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.kernels.mlp import layer_biases, layer_weights
 from bilevel.synthetic_env.architecture import NETWORKS, Architecture
+from bilevel.tasks import MAX_STEP_LIMIT, Task, get_task
 
 FORMAT = "bilevel-synthetic-environment"
 FORMAT_VERSION = 1
@@ -42,6 +44,22 @@ class StoredSE:
     step_limit: int
     solved_reward: float
     info: Mapping[str, Any] = field(default_factory=dict)
+
+    def task(self) -> Task:
+        """The real task, on which its agents can be tested.
+
+        Raises InvalidInput if the task is unknown here, or of other sizes.
+        """
+        # gymnasium would import a module named in an id: a file must not have that done.
+        name = self.task_id.rpartition(":")[2]
+        task = get_task(name, self.solved_reward, self.step_limit)
+        sizes = (self.architecture.state_size, self.architecture.n_actions)
+        if sizes != (task.state_size, task.n_actions):
+            raise InvalidInput(
+                f"the SE has {sizes[0]} state dimensions and {sizes[1]} actions: {task.id} has "
+                f"{task.state_size} and {task.n_actions}"
+            )
+        return task
 
     @property
     def digest(self) -> str:
@@ -104,12 +122,15 @@ def load_se(path: Path) -> StoredSE:
         expected = checksum(metadata["se"].encode(), psi.tobytes())
         if metadata.get("sha256", expected) != expected:  # other tools write none
             raise ValueError("its checksum is wrong")
+        step_limit, solved_reward = int(header["step_limit"]), float(header["solved_reward"])
+        if not (1 <= step_limit <= MAX_STEP_LIMIT and math.isfinite(solved_reward)):
+            raise ValueError(f"step limit {step_limit}, solved reward {solved_reward}")
         return StoredSE(
             architecture,
             psi,
             str(header["task"]),
-            int(header["step_limit"]),
-            float(header["solved_reward"]),
+            step_limit,
+            solved_reward,
             dict(header["info"]),
         )
     except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:

@@ -6,6 +6,7 @@ if its observations are a flat Box and its actions Discrete; its dynamics are th
 run by gymnasium itself, which only the test episodes and initial states need.
 """
 
+import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -22,6 +23,10 @@ Policy = Callable[[NDArray[np.float32]], int]
 #: Initial states drawn from an environment that gymnasium runs (training
 #: episodes take them in turn); compiled tasks draw one an episode.
 GYMNASIUM_INITIAL_STATES = 200
+
+
+#: Steps that an episode may have at most, whatever its task says.
+MAX_STEP_LIMIT = 1_000_000
 
 
 @dataclass(frozen=True)
@@ -104,8 +109,8 @@ def get_task(
     """The task of that name: a built-in one, or any suitable gymnasium id.
 
     `solved_reward` and `step_limit` replace (or supply) what the environment's
-    spec says. Where nothing better is known, the worst score of a task is 0 if
-    its solved reward is positive, else minus one a step.
+    spec says. The worst score of a task is taken to be 0 if its solved reward is
+    positive, else minus one a step.
 
     Raises InvalidInput for an unknown id, unsuitable spaces, or when neither
     argument nor spec tells the solved reward and the step limit.
@@ -118,8 +123,10 @@ def get_task(
     limit = step_limit if step_limit is not None else spec.max_episode_steps
     if solved is None:
         raise InvalidInput(f"{task_id} has no reward threshold of its own: give its solved reward")
-    if limit is None or limit < 1:
-        raise InvalidInput(f"{task_id}: step limit must be at least 1, got {limit}")
+    if not math.isfinite(solved):
+        raise InvalidInput(f"{task_id}: solved reward must be finite, got {solved}")
+    if limit is None or not 1 <= limit <= MAX_STEP_LIMIT:
+        raise InvalidInput(f"{task_id}: step limit must be 1 to {MAX_STEP_LIMIT}, got {limit}")
     observations, actions = env.observation_space, env.action_space
     env.close()
     if not isinstance(observations, gymnasium.spaces.Box) or len(observations.shape) != 1:
@@ -134,7 +141,7 @@ def get_task(
         int(actions.n),
         int(limit),
         float(solved),
-        built_in.worst_score if built_in else (0.0 if solved > 0 else -float(limit)),
+        0.0 if solved > 0 else -float(limit),
         built_in.dynamics if built_in else dynamics.OBSERVED,
     )
 

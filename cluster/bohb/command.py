@@ -17,12 +17,11 @@ from cluster.live_run import live_run
 from cluster.place import Place
 from cluster.pool import EvaluationPool
 from cluster.progress import Terminal, duration
-from cluster.ray_cluster import fair_share, require_capacity, sharing
+from cluster.ray_cluster import fair_share, require_capacity, require_server_for_nodes
 from cluster.run_folder import Begun, Standing, locked_settings
 from cluster.tracking import Mirror, Tracker
 from cluster.tracking.registry import model_address
 from cluster.views import StudyViews
-from cluster.views.nes import state_on_disk
 from search_spaces import search_space
 
 #: Seconds of a time budget that are kept for the end: stopping the trials, scoring
@@ -78,18 +77,17 @@ def run_study(command: StudyCommand) -> int:
     study = command.study
     with (
         command.place.entered() as terminal,
-        sharing(),
         InterruptGuard(terminal) as guard,  # after Ray, which takes SIGTERM for itself
     ):
         require_capacity(command.workers_per_trial, command.trials)
         tracker = command.place.tracker(study.task.id)
         with locked_settings(study.folder, study.settings()) as begun:
-            return _LiveStudy(command, begun, tracker, terminal, guard).go(deadline)
+            return _UnderWay(command, begun, tracker, terminal, guard).go(deadline)
 
 
 @dataclass
-class _LiveStudy:
-    """A study while it runs."""
+class _UnderWay:
+    """A study under way."""
 
     command: StudyCommand
     begun: Begun
@@ -147,9 +145,12 @@ class _LiveStudy:
 
     def _to_the_end(self, deadline: float, views: StudyViews, mirror: Mirror) -> int:
         command, line = self.command, self.terminal.line
-        searcher = BohbSearcher(
-            self.search, lambda: command.trials, deadline, command.workers_per_trial
-        )
+
+        def trials() -> int:
+            require_server_for_nodes(command.place.tracking_uri)  # a node may have joined
+            return command.trials
+
+        searcher = BohbSearcher(self.search, trials, deadline, command.workers_per_trial)
         report = StudyReport(
             command.study,
             self.brackets,
@@ -215,7 +216,7 @@ class _LiveStudy:
             state = (
                 run.reach(generations, pool, self.terminal.line)
                 if generations
-                else state_on_disk(run)
+                else run.load_if_sound()
             )
             if state is not None:
                 ses = run.finalists(state)

@@ -17,7 +17,7 @@ from cluster.bohb.searcher import BohbSearcher, DriverOnly
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.trial import BUDGET_REACHED, FAILURE, NO_STORAGE, OBJECTIVE
-from cluster.progress import Terminal, duration
+from cluster.progress import Terminal, duration, last_line
 from cluster.tracking import Mirror
 from cluster.views import StudyViews
 
@@ -119,8 +119,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._mirror.mark([self._views.key(configuration_name(job.id))])
 
     def _failed(self, job: Job, reason: str) -> None:
-        last = reason.strip().splitlines()[-1]
-        self._terminal.line(f"{configuration_name(job.id)} failed: {last}")
+        self._terminal.line(f"{configuration_name(job.id)} failed: {last_line(reason)}")
 
     def _show(self, job: Job, record: GenerationRecord) -> None:
         note = (

@@ -126,6 +126,10 @@ class BracketSearch:
                 line = recorded.popleft()
                 if line.id != place:
                     raise self._damaged(f"{line.id} stands where {place} should")
+                try:
+                    CS.Configuration(self._space, values=line.configuration)
+                except (ValueError, KeyError, TypeError) as error:
+                    raise self._damaged(f"configuration of {place}: {error}") from None
                 return line.configuration, line.info
             if self._replaying:
                 raise self._damaged(f"{place} was never proposed, but results follow from it")

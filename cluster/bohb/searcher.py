@@ -11,7 +11,7 @@ from typing import Any
 
 from ray.tune.search import Searcher
 
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, StorageFailure
 from cluster.bohb.journal import ConfigId
 from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.trial import BUDGET_REACHED, FAILURE, KERNEL_SECONDS, NO_STORAGE, OBJECTIVE
@@ -43,6 +43,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         super().__init__(metric=OBJECTIVE, mode="max")
         self._search = search
         self._concurrent = concurrent
+        self._slots = 0  # what it said last
         self._deadline = deadline
         self._workers_per_trial = workers_per_trial
         self._reported: float | None = None  # monotonic, when a trial last did (or began)
@@ -69,9 +70,10 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         """The next job, None while there is nothing to start, FINISHED at the end."""
         if self.time_is_up or self.stopped_by is not None or self._search.finished:
             return str(Searcher.FINISHED)
-        if len(self.jobs) >= self._concurrent():
-            return None
         try:
+            self._slots = self._concurrent()
+            if len(self.jobs) >= self._slots:
+                return None
             job = self._search.next_job()
         except InvalidInput as error:
             self.stopped_by = error
@@ -87,7 +89,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
     def on_trial_result(self, trial_id: str, result: dict[str, Any]) -> None:
         """Count what the trial's cores did. (Tune does not call this for a last result.)"""
         now = time.monotonic()
-        cores = self._concurrent() * self._workers_per_trial
+        cores = self._slots * self._workers_per_trial
         self._core_seconds += (now - (self._reported or now)) * cores
         self._reported = now
         self._kernel_seconds[trial_id] = float(result.get(KERNEL_SECONDS, 0.0))
@@ -121,7 +123,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
                 text = f"the trial's process died {DEATHS} times"
                 self._search.register(job, None, exception=text)
         elif NO_STORAGE in result:
-            raise InvalidInput(str(result[NO_STORAGE]))
+            raise StorageFailure(str(result[NO_STORAGE]))
         elif FAILURE in result:
             self._search.register(job, None, exception=str(result[FAILURE]))
         elif not result.get(BUDGET_REACHED):

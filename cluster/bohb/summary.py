@@ -4,7 +4,16 @@ from dataclasses import dataclass
 
 from cluster.bohb.brackets import Rung, generations_to_run
 from cluster.bohb.journal import ConfigId, Configuration, Journal, ResultLine
-from cluster.tracking.plots import ResultPoint
+
+
+@dataclass(frozen=True)
+class ResultPoint:
+    """A result of the search, for the picture of objective against cost."""
+
+    generations_spent: int  # by the whole search when the result came
+    budget: int
+    objective: float
+    model_based: bool
 
 
 @dataclass(frozen=True)

@@ -64,9 +64,8 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
     def _generation(self) -> dict[str, Any]:
         study, job = self._study, self._job
         if not (study.folder / "settings.json").exists():
-            raise StorageFailure(
-                study.folder, OSError(0, f"node {socket.gethostname()} does not see this folder")
-            )
+            node = socket.gethostname()
+            raise StorageFailure(f"node {node} does not see the folder {str(study.folder)!r}")
         told: list[str] = []
         run = study.run(tuple(job["id"]), job["configuration"])
         state = self._state or run.open(self._pool, tell=told.append)

@@ -1,12 +1,15 @@
 """The command `evaluate`."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import click
 
+from bilevel.errors import InvalidInput
 from cluster.cli.options import RunOptions, common_options
+from cluster.home import LONGEST_NAME
 
 
 @click.command()
@@ -47,34 +50,38 @@ def evaluate(
 
     Several kinds, --agent ddqn,td3, are each trained --agents times.
     """
-    from bilevel.errors import InvalidInput
     from bilevel.hyperparameters import load_preset
     from bilevel.synthetic_env import StoredSE, load_se
-    from bilevel.tasks import get_task
-    from cluster.evaluate_command import EvaluateCommand, run_evaluate
 
-    if not files and real is None:
-        raise InvalidInput("nothing to train on: give SE files, or --real TASK")
-    sources: dict[str, StoredSE | None] = {}
-    tasks = [] if real is None else [RunOptions(task=real, **options).the_task()]
-    for file in files:
-        se = load_se(file)
-        label = file.stem if file.stem not in sources else f"{file.parent.name}-{file.stem}"
-        if label in sources or label == "real":
-            raise InvalidInput(f"two sources are called {label!r}: rename {str(file)!r}")
-        sources[label] = se
-        tasks.append(get_task(se.task_id, se.solved_reward, se.step_limit))
+    ses = _labelled(files)
+    facts = (options["solved_reward"], options["step_limit"])
+    if real is None and facts != (None, None):
+        raise InvalidInput("--solved-reward and --step-limit go with --real: an SE has its own")
+    sources: dict[str, StoredSE | None] = {label: load_se(file) for label, file in ses.items()}
+    tasks = {label: se.task() for label, se in sources.items() if se is not None}
     if real is not None:
         sources["real"] = None
-    task = tasks[0]
-    if any((t.id, t.state_size) != (task.id, task.state_size) for t in tasks):
-        raise InvalidInput(f"sources of several tasks: {', '.join(sorted({t.id for t in tasks}))}")
+        tasks["real"] = RunOptions(task=real, **options).the_task()
+    task = next(iter(tasks.values()), None)
+    if task is None:
+        raise InvalidInput("nothing to train on: give SE files, or --real TASK")
+    if len(set(tasks.values())) > 1:
+        facts_of = sorted(
+            f"{t.id} ({t.step_limit} steps, solved at {t.solved_reward:g})"
+            for t in set(tasks.values())
+        )
+        raise InvalidInput(f"sources of several tasks: {', '.join(facts_of)}")
     common = RunOptions(task=task.id, **options)
     kinds = load_preset(preset, task.id, agents=common.the_agents()).agents
     if max_episodes is not None:
         kinds = tuple(replace(hp, max_episodes=max_episodes) for hp in kinds)
     varied = "-vary-hp" if vary_hp else ""
     among = "-".join(hp.agent for hp in kinds)
+    suffix = f"-{among}{varied}-seed{common.seed}"
+    place = common.the_place()
+
+    from cluster.evaluate_command import EvaluateCommand, run_evaluate
+
     run_evaluate(
         EvaluateCommand(
             task,
@@ -83,8 +90,20 @@ def evaluate(
             count,
             vary_hp,
             common.seed,
-            name or f"evaluate-{'-'.join(sources)}-{among}{varied}-seed{common.seed}"[:80],
-            common.the_place(),
+            name or f"evaluate-{'-'.join(sources)}"[: LONGEST_NAME - len(suffix)] + suffix,
+            place,
             workers,
         )
     )
+
+
+def _labelled(files: tuple[Path, ...]) -> dict[str, Path]:
+    """The files by what they are called in tables, names and metrics. Raises InvalidInput."""
+    found: dict[str, Path] = {}
+    for file in files:
+        label = file.stem if file.stem not in found else f"{file.parent.name}-{file.stem}"
+        label = re.sub(r"[^A-Za-z0-9._-]+", "_", label)
+        if label in found or label == "real":
+            raise InvalidInput(f"two sources are called {label!r}: rename {str(file)!r}")
+        found[label] = file
+    return found

@@ -143,15 +143,15 @@ class RunOptions:
         return names
 
     def the_place(self) -> "Place":
-        """Home, MLflow and Ray cluster: given, or those that `up` has started."""
-        from cluster.place import Place
-
+        """Home, MLflow and Ray cluster: given, or those that `up` has started. To be called
+        before anything is imported that imports Ray."""
         home = Home(self.home)
-        return Place(
-            home,
-            the_tracking_uri(self.tracking_uri, home),
-            the_address(self.address, home),
-        )
+        tracking_uri = the_tracking_uri(self.tracking_uri, home)
+        address = the_address(self.address, home)
+
+        from cluster.place import Place  # imports Ray, which reads what joining has set
+
+        return Place(home, tracking_uri, address)
 
 
 def agent_suffix(agents: tuple[str, ...]) -> str:

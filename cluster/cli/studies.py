@@ -38,11 +38,13 @@ def sync(study: str, home: Path, tracking_uri: str | None, agent_files: tuple[Pa
     STUDY is a study or an NES run by its name, or TASK/NAME where several tasks have one
     of that name.
     """
+    from bilevel.agents import load_plugins
     from cluster.agent_files import load_agent_file
     from cluster.home import Home
     from cluster.progress import Terminal
     from cluster.sync import sync as write
 
+    load_plugins()
     for file in agent_files:
         load_agent_file(file)
     place = Home(home)

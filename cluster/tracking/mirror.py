@@ -8,7 +8,6 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 
-from bilevel.errors import InvalidInput
 from cluster.tracking.tracker import Tracker, first_line
 from cluster.tracking.view import RunView
 
@@ -91,15 +90,15 @@ class Mirror:
             self._showing = {key}
         try:
             view = self._view_of(key)
-        except InvalidInput as error:
-            self._tell(f"{error}; MLflow does not show it")
+        except Exception as error:  # of the disk, not of MLflow: later ones may fare better
+            self._tell(f"{first_line(error)}; MLflow does not show it")
             self._showing = set()
             return
         try:
             self.tracker.show(view)
         except Exception:
             with self._change:
-                self._marked[key] = None
+                self._marked = {key: None, **self._marked}  # before its children
             raise
         self._showing = set()
         if self._away and not self._given_up:

@@ -1,5 +1,6 @@
 """MLflow's model registry: the newest SE of each task, under the alias `best`."""
 
+import re
 import tempfile
 import warnings
 from pathlib import Path
@@ -7,8 +8,8 @@ from typing import Any
 
 from cluster.tracking.view import RegisteredSE
 
-#: Tag of a model version: checksum of its SE file.
-_VERSION = "bilevel.sha256"
+#: Tags of a model version: checksum of its SE file, and when that was handed over.
+_VERSION, _TIME = "bilevel.sha256", "bilevel.time"
 
 
 def model_address(task_id: str) -> str:
@@ -18,11 +19,12 @@ def model_address(task_id: str) -> str:
 
 
 def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
-    """Make an SE file the task's newest model version, once, with the alias `best`."""
+    """Make an SE file a version of the task's model, once; the newest has the alias
+    `best`, in whatever order they come."""
     import mlflow.pyfunc
     from mlflow.exceptions import MlflowException
 
-    name = _model_name(se.task_id)
+    name, folder_name = _model_name(se.task_id), f"model-{se.version[:12]}"
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = Path(folder) / "model"
@@ -30,9 +32,9 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
             model,
             loader_module="cluster.tracking.se_model",
             data_path=str(se.path),
-            pip_requirements=["bilevel"],
+            pip_requirements=[],  # whoever loads it has this package
         )
-        client.log_artifacts(run_id, str(model), "model")
+        client.log_artifacts(run_id, str(model), folder_name)
     try:
         client.create_registered_model(
             name, description=f"Synthetic environments for {se.task_id}."
@@ -46,11 +48,16 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
         if version.name == name and version.tags.get(_VERSION) == se.version
     ]
     if not versions:
-        source = f"{client.get_run(run_id).info.artifact_uri}/model"
-        tags = {**se.tags, _VERSION: se.version}
+        source = f"{client.get_run(run_id).info.artifact_uri}/{folder_name}"
+        tags = {**se.tags, _VERSION: se.version, _TIME: repr(se.time)}
         versions = [client.create_model_version(name, source, run_id, tags=tags)]
-    client.set_registered_model_alias(name, "best", versions[0].version)
+    try:
+        best = client.get_model_version_by_alias(name, "best")
+    except MlflowException:  # there is none yet
+        best = None
+    if best is None or float(best.tags.get(_TIME, "-inf")) < se.time:
+        client.set_registered_model_alias(name, "best", versions[0].version)
 
 
 def _model_name(task_id: str) -> str:
-    return f"SE-{task_id}"
+    return "SE-" + re.sub("[/:]", "_", task_id)  # which MLflow's names may not have

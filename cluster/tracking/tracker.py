@@ -4,7 +4,7 @@ One experiment a task; one run a study, one child run a configuration (nested by
 tag `mlflow.parentRunId`). A run is found again by its tag `bilevel.key`.
 
     show(view):
-        run <- the run with the view's key, made if there is none
+        run <- the run with the view's key, made if there is none, or of another edition
         for each of params, points, documents, model, tags, status:
             write what the run does not have yet
 
@@ -34,6 +34,7 @@ _KEY = "bilevel.key"
 #: Which version of each document the run has; JSON.
 _DOCUMENTS = "bilevel.documents"
 _PARENT = "mlflow.parentRunId"
+_EDITION = "bilevel.edition"
 #: Makes the UI open the experiment on its runs instead of on a page for chat traces.
 _KIND = "mlflow.experimentKind"
 _CONNECT_TIMEOUT = 5.0  # seconds until a server counts as unreachable
@@ -150,6 +151,11 @@ class Tracker:
         """Bring MLflow to show the view. Raises what MLflow raises; then some of it may
         be there, and showing it again completes it."""
         shown = self._shown.pop(view.key, None) or self._open(view)
+        if view.edition is not None:
+            if shown.tags.get(_EDITION, view.edition) != view.edition:
+                self._client.delete_run(shown.run_id)
+                shown = self._open(view)
+            self._show_tags(shown, {_EDITION: view.edition})
         self._show_params(shown, view.params)
         self._show_points(shown, view.points)
         for document in view.documents:
@@ -157,10 +163,7 @@ class Tracker:
         if view.model is not None and shown.documents.get("model") != view.model.version:
             register_se(self._client, shown.run_id, view.model)
             self._note_document(shown, "model", view.model.version)
-        for name, value in view.tags.items():
-            if shown.tags.get(name) != value:
-                self._client.set_tag(shown.run_id, name, value)
-                shown.tags[name] = value
+        self._show_tags(shown, view.tags)
         self._show_status(shown, view)
         self._shown[view.key] = shown  # of a run whose writing failed nothing is believed
 
@@ -225,6 +228,12 @@ class Tracker:
                 self._client.log_batch(shown.run_id, metrics=batch)
                 batch = []
         shown.marks |= {point.mark for point in missing}
+
+    def _show_tags(self, shown: _Shown, tags: Mapping[str, str]) -> None:
+        for name, value in tags.items():
+            if shown.tags.get(name) != value:
+                self._client.set_tag(shown.run_id, name, value)
+                shown.tags[name] = value
 
     def _show_document(self, shown: _Shown, document: Document) -> None:
         if shown.documents.get(document.path) == document.version:

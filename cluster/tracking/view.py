@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
+from bilevel.errors import InvalidInput
 from bilevel.nes import GenerationRecord
 
 
@@ -44,8 +45,11 @@ class Document:
 
     @classmethod
     def of_file(cls, path: Path, folder: str = "") -> "Document":
-        """A file on disk, which is complete and small."""
-        content = path.read_bytes()
+        """A file on disk, which is complete and small. Raises InvalidInput if it is gone."""
+        try:
+            content = path.read_bytes()
+        except OSError as error:
+            raise InvalidInput(f"cannot read {str(path)!r}: {error.strerror}") from None
         return cls(folder + path.name, hashlib.sha256(content).hexdigest(), lambda: content)
 
     @classmethod
@@ -61,6 +65,7 @@ class RegisteredSE:
 
     path: Path
     task_id: str
+    time: float  # unix time, seconds; when it was handed over
     tags: Mapping[str, str]
 
     @property
@@ -83,4 +88,5 @@ class RunView:
     points: tuple[Point, ...] = ()
     documents: tuple[Document, ...] = ()
     parent: str | None = None  # key of the run it is shown under
+    edition: str | None = None  # another one replaces the run: its points are of another course
     model: RegisteredSE | None = field(default=None)

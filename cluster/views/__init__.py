@@ -20,6 +20,10 @@ __all__ = ["EvaluationViews", "NESViews", "StudyViews", "Views", "views_of"]
 class Views(Protocol):
     """The runs that a folder is shown as."""
 
+    @property
+    def task_id(self) -> str:
+        """The task, whose experiment they belong to."""
+
     def keys(self) -> list[str]:
         """Their keys, parents first."""
 

@@ -4,7 +4,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from cluster.run_folder import Begun, Standing, finals, read_settings
+from bilevel.errors import InvalidInput
+from cluster.run_folder import Begun, Standing, finals, read_settings, stored_task
 from cluster.tracking import Document, RunView
 from cluster.views.nes import final_point
 
@@ -25,7 +26,20 @@ class EvaluationViews:
     @classmethod
     def of(cls, folder: Path) -> "EvaluationViews":
         """Of an evaluation that nobody works on. Raises InvalidInput."""
+        settings = read_settings(folder)
+        try:
+            stored_task(settings["task"])
+            if not (isinstance(settings["kinds"], dict) and isinstance(settings["sources"], dict)):
+                raise TypeError("its sources or agents are no table")
+            bool(settings["vary"]), int(settings["seed"])
+        except (KeyError, TypeError, ValueError) as error:
+            raise InvalidInput(f"{str(folder)!r} holds no evaluation: {error}") from None
         return cls(folder, Begun.read(folder), False)
+
+    @property
+    def task_id(self) -> str:
+        """The task that the agents are tested on."""
+        return str(read_settings(self.folder)["task"]["id"])
 
     def keys(self) -> list[str]:
         """The evaluation's identity."""

@@ -1,20 +1,18 @@
 """An NES run as MLflow shows it; of a study's configurations the same parts."""
 
-import io
 import json
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
-from bilevel.errors import InvalidInput
 from bilevel.nes import NESState
 from bilevel.synthetic_env import se_bytes
 from cluster.final import BEST_FILE, LAST_FILE
 from cluster.nes_loop import NESRun
 from cluster.run_folder import Begun, Final, Standing, finals
-from cluster.tracking import Document, Point, RegisteredSE, RunView, plots
+from cluster.tracking import Document, Point, RegisteredSE, RunView
+from cluster.views import plots
 
 
 def generation_points(state: NESState | None) -> list[Point]:
@@ -22,12 +20,10 @@ def generation_points(state: NESState | None) -> list[Point]:
     return [] if state is None else [Point.of(record) for record in state.records]
 
 
-def state_on_disk(run: NESRun) -> NESState | None:
-    """The run's state; a damaged one will be run again, and shows nothing till then."""
-    try:
-        return run.load()
-    except InvalidInput:
-        return None
+def edition(state: NESState | None) -> str | None:
+    """Tells a run from one that was begun anew because its checkpoint was damaged: scores
+    are the same again, measured times are not."""
+    return repr(state.records[0].finished) if state is not None and state.records else None
 
 
 def run_documents(run: NESRun, state: NESState, title: str, best: Document) -> list[Document]:
@@ -35,7 +31,7 @@ def run_documents(run: NESRun, state: NESState, title: str, best: Document) -> l
     version = f"generation {state.generation}"
 
     def curve() -> bytes:
-        return png(plots.learning_curve(state.records, run.task, title))
+        return plots.png(plots.learning_curve(state.records, run.task, title))
 
     return [
         best,
@@ -52,16 +48,8 @@ def final_point(final: Final) -> Point:
 
 def registered(folder: Path, task_id: str, last: Final) -> RegisteredSE:
     """The best SE of a run that has come to an end."""
-    return RegisteredSE(
-        folder / BEST_FILE, task_id, {name: f"{value:.6g}" for name, value in last.metrics.items()}
-    )
-
-
-def png(figure: Figure) -> bytes:
-    """A picture as a PNG file."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", dpi=150)
-    return buffer.getvalue()
+    tags = {name: f"{value:.6g}" for name, value in last.metrics.items()}
+    return RegisteredSE(folder / BEST_FILE, task_id, last.time, tags)
 
 
 @dataclass(frozen=True)
@@ -77,6 +65,11 @@ class NESViews:
         """Of a run that nobody works on. Raises InvalidInput."""
         return cls(NESRun.read(folder), Begun.read(folder), False)
 
+    @property
+    def task_id(self) -> str:
+        """The run's task."""
+        return self.run.task.id
+
     def keys(self) -> list[str]:
         """The run's identity."""
         return [self.begun.identity]
@@ -84,7 +77,7 @@ class NESViews:
     def view(self, key: str) -> RunView:
         """The run as it is on disk. Raises InvalidInput."""
         run, ends = self.run, finals(self.run.folder)
-        state = state_on_disk(run)
+        state = run.load_if_sound()
         standing = Standing.load(run.folder) or Standing("KILLED", self.begun.time, 0)
         over = not (self.live and standing.status == "RUNNING")
         points = generation_points(state)
@@ -116,6 +109,7 @@ class NESViews:
             {"bilevel.kind": "nes", "mlflow.note.content": self._description()},
             tuple(points),
             tuple(documents),
+            edition=edition(state),
             model=registered(run.folder, run.task.id, ends[-1]) if ends else None,
         )
 

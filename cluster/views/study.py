@@ -17,15 +17,16 @@ from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.study import KIND, Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.final import BEST_FILE
+from cluster.progress import last_line
 from cluster.run_folder import Begun, Standing, finals
-from cluster.tracking import Document, Point, RunView, plots
+from cluster.tracking import Document, Point, RunView
+from cluster.views import plots
 from cluster.views.nes import (
+    edition,
     final_point,
     generation_points,
-    png,
     registered,
     run_documents,
-    state_on_disk,
 )
 
 __all__ = ["KIND", "StudyViews"]
@@ -44,6 +45,11 @@ class StudyViews:
     def of(cls, folder: Path) -> "StudyViews":
         """Of a study that nobody works on. Raises InvalidInput."""
         return cls(Study.read(folder), Begun.read(folder), None)
+
+    @property
+    def task_id(self) -> str:
+        """The study's task."""
+        return self.study.task.id
 
     @property
     def parent(self) -> str:
@@ -122,7 +128,7 @@ class StudyViews:
             return documents
 
         def picture() -> bytes:
-            return png(plots.objective_against_cost(summary.points(), study.task, study.name))
+            return plots.png(plots.objective_against_cost(summary.points(), study.task, study.name))
 
         documents += [
             Document("objective_against_cost.png", f"{len(journal.results)} results", picture),
@@ -151,7 +157,7 @@ class StudyViews:
     def _configuration(self, line: ConfigLine, results: list[ResultLine]) -> RunView:
         study, name = self.study, configuration_name(line.id)
         run = study.run(line.id, line.configuration)
-        state = state_on_disk(run)
+        state = run.load_if_sound()
         live = self.live is not None and name in self.live
         tags = {
             "bilevel.kind": "configuration",
@@ -161,7 +167,7 @@ class StudyViews:
         failure = next((r.exception for r in results if r.exception is not None), None)
         documents: list[Document] = []
         if failure is not None:
-            tags["bilevel.error"] = failure.strip().splitlines()[-1][:250]
+            tags["bilevel.error"] = last_line(failure)[:250]
             documents.append(Document.of_text("error.txt", failure))
         if state is not None and state.finalists and not live:
             version = f"generation {state.generation}"
@@ -188,6 +194,7 @@ class StudyViews:
             tuple(points),
             tuple(documents),
             parent=self.parent,
+            edition=edition(state),
         )
 
 

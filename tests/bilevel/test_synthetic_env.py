@@ -118,6 +118,8 @@ class TestFile:
             {"architecture": {"activation": "__import__"}},
             {"architecture": {"hidden_size": 13}},
             {"step_limit": "many"},
+            {"step_limit": 0},
+            {"solved_reward": float("nan")},
         ],
     )
     def test_wrong_header(self, se_file: Path, change: dict[str, object]) -> None:
@@ -155,7 +157,20 @@ class TestFile:
             assert se.psi.shape == (se.architecture.parameter_count,)
 
 
+def test_an_se_of_other_sizes_than_its_task_is_refused(tmp_path: Path) -> None:
+    """Compiled code takes the sizes on trust."""
+    se = replace(make_se(get_task("CartPole-v0")), task_id="Acrobot-v1")
+    with pytest.raises(InvalidInput, match="4 state dimensions and 2 actions: Acrobot-v1 has 6"):
+        se.task()
+
+
 class TestGymEnv:
+    def test_an_action_that_it_does_not_have_is_refused(self, se_file: Path) -> None:
+        env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file).unwrapped
+        env.reset(seed=0)
+        with pytest.raises(InvalidInput, match="action 2 is not in Discrete"):
+            env.step(2)
+
     @pytest.mark.filterwarnings("ignore:.*Box observation space.*infinity:UserWarning")
     def test_passes_gymnasiums_own_check(self, se_file: Path) -> None:
         env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file).unwrapped

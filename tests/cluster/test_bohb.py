@@ -202,6 +202,23 @@ class TestJournal:
         with pytest.raises(InvalidInput, match="damaged journal"):
             Journal(tmp_path)
 
+    @given(data=st.data())
+    @settings(max_examples=60, deadline=None)
+    def test_a_configuration_outside_the_space_is_told(
+        self, data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
+    ) -> None:
+        folder = tmp_path_factory.mktemp("journal")
+        run_to_end(new_search(folder, brackets=1))
+        path = folder / "configs.json"
+        lines = [json.loads(line) for line in path.read_text().splitlines()]
+        values = data.draw(st.sampled_from(lines))[1]
+        name = data.draw(st.sampled_from([*values, "nes.unknown"]))
+        wrong = st.none() | st.text() | st.lists(st.integers()) | st.just(-1.0) | st.just(1e9)
+        values[name] = data.draw(wrong | st.just(float("nan")))
+        path.write_text("".join(json.dumps(line) + "\n" for line in lines))
+        with pytest.raises(InvalidInput, match="damaged journal"):
+            new_search(folder, brackets=1)
+
     def test_every_line_is_json(self, tmp_path: Path) -> None:
         run_to_end(new_search(tmp_path, brackets=1))
         for path in Journal(tmp_path).paths:

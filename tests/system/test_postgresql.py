@@ -16,9 +16,15 @@ from cluster.progress import Terminal
 from cluster.sync import sync
 from tests.studies import make_study
 
+#: Where Debian's package puts what only the server's owner calls.
+_DEBIAN = sorted(Path("/usr/lib/postgresql").glob("*/bin"))
+_PATH = os.pathsep.join([os.environ["PATH"], *map(str, _DEBIAN)])
+
 pytestmark = [
     pytest.mark.timeout(180),
-    pytest.mark.skipif(shutil.which("initdb") is None, reason="PostgreSQL is not installed"),
+    pytest.mark.skipif(
+        shutil.which("initdb", path=_PATH) is None, reason="PostgreSQL is not installed"
+    ),
 ]
 
 
@@ -37,7 +43,10 @@ def postgresql(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
                 parent.chmod(0o755)
 
     def call(*command: str) -> None:
-        subprocess.run([*as_user, *command], check=True, capture_output=True, cwd=folder)
+        program = shutil.which(command[0], path=_PATH)
+        assert program is not None
+        arguments = [*as_user, program, *command[1:]]
+        subprocess.run(arguments, check=True, capture_output=True, cwd=folder)
 
     call("initdb", "-D", str(data), "-U", "mlflow", "--auth=trust", "--no-sync")
     options = f"-p {port} -k {folder} -c listen_addresses=127.0.0.1 -c fsync=off"

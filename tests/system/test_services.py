@@ -1,6 +1,7 @@
 """`bilevel up`, `status`, `down`: real Ray head, real MLflow server, studies that join."""
 
 import os
+import socket
 import subprocess
 import urllib.error
 import urllib.request
@@ -61,7 +62,7 @@ def test_their_pages_are_bound_to_this_machine_alone(up: Up) -> None:
         for connection in process.net_connections("tcp")
         if connection.status == psutil.CONN_LISTEN and connection.laddr.port in ours
     }
-    assert bound <= {"127.0.0.1"}
+    assert bound == {"127.0.0.1"}
     assert listening("127.0.0.1", up.mlflow)
 
 
@@ -138,14 +139,14 @@ def test_down_stops_all_it_started_and_nothing_else(up: Up) -> None:
     assert "nothing is up" in run("down", "--home", up.home).stdout
 
 
-def test_a_taken_port_is_told(tmp_path: Path, up: Up) -> None:
-    import socket
-
+@pytest.mark.parametrize("which", ["--ray-port", "--dashboard-port", "--mlflow-port"])
+def test_a_taken_port_is_told_before_anything_is_started(tmp_path: Path, which: str) -> None:
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        result = run("up", "--home", tmp_path, "--ray-port", str(port))
+        result = run("up", "--home", tmp_path, which, str(port))
     assert result.returncode == 2
     assert f"cannot serve on 127.0.0.1:{port}" in result.stderr
+    assert result.stdout == ""
     assert services(Home(tmp_path)) == []

@@ -1,8 +1,10 @@
-"""MLflow is a view of the disk: it may be away, locked, full, empty or ahead."""
+"""MLflow is a view of the disk: it may be away, locked, empty, or show what was before."""
 
+import json
 import sqlite3
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import mlflow
@@ -11,6 +13,7 @@ import pytest
 from benchmarks.faults.outcome import disagreements
 from benchmarks.faults.tracking import Server
 from bilevel import InvalidInput
+from bilevel.nes import NESState
 from cluster.home import Home
 from cluster.progress import Terminal
 from cluster.run_folder import Begun, held
@@ -77,6 +80,40 @@ def test_sync_adds_what_is_missing_and_removes_a_twin(home: Home, folder: Path) 
     assert disagreements(folder, home.database_uri) != []
     sync(folder, home, home.database_uri, Terminal())
     assert disagreements(folder, home.database_uri) == []
+
+
+def test_a_configuration_that_was_run_again_replaces_what_mlflow_has(
+    home: Home, folder: Path
+) -> None:
+    """After a damaged checkpoint: the same scores, but other times."""
+    sync(folder, home, home.database_uri, Terminal())
+    path = min(folder.glob("configurations/*/state.safetensors"))
+    state = NESState.load(path)
+    later = tuple(replace(r, finished=r.finished + 9, generation_seconds=7) for r in state.records)
+    replace(state, records=later).save(path)
+    assert disagreements(folder, home.database_uri) != []
+    sync(folder, home, home.database_uri, Terminal())
+    assert disagreements(folder, home.database_uri) == []
+
+
+def test_the_alias_stays_with_the_newest_se(home: Home, folder: Path) -> None:
+    newer = home.run_folder("CartPole-v0", "newer")
+    make_study(newer)
+    for study in (newer, folder):
+        sync(study, home, home.database_uri, Terminal())
+    client = mlflow.MlflowClient(home.database_uri, registry_uri=home.database_uri)
+    assert len(client.search_model_versions("name = 'SE-CartPole-v0'")) == 2
+    best = client.get_model_version_by_alias("SE-CartPole-v0", "best")
+    assert client.get_run(best.run_id or "").info.run_name == "newer"
+
+
+def test_a_study_with_damaged_settings_is_refused_in_one_line(home: Home, folder: Path) -> None:
+    settings = json.loads((folder / "settings.json").read_text())
+    damages: tuple[tuple[str, object], ...] = (("task", None), ("task", {}), ("kind", 3))
+    for name, value in (*damages, ("kind", "evaluate"), ("base", 1)):
+        (folder / "settings.json").write_text(json.dumps({**settings, name: value}))
+        with pytest.raises(InvalidInput, match=r"^[^\n]+$"):
+            sync(folder, home, home.database_uri, Terminal())
 
 
 def test_sync_leaves_a_study_alone_that_is_being_run(home: Home, folder: Path) -> None:

@@ -1,15 +1,23 @@
 """The pictures that go to MLflow."""
 
+import io
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from bilevel.nes import GenerationRecord
 from bilevel.tasks import Task
+from cluster.bohb.summary import ResultPoint
 
 _BLUE, _ORANGE, _GREY = "#2a6fbb", "#d9822b", "#8a8f98"
+
+
+def png(figure: Figure) -> bytes:
+    """A picture as a PNG file."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", dpi=150)
+    return buffer.getvalue()
 
 
 def learning_curve(records: Sequence[GenerationRecord], task: Task, title: str) -> Figure:
@@ -34,16 +42,6 @@ def learning_curve(records: Sequence[GenerationRecord], task: Task, title: str) 
     for axes in (scores, steps):
         axes.spines[["top", "right"]].set_visible(False)
     return figure
-
-
-@dataclass(frozen=True)
-class ResultPoint:
-    """A result of the search, for the picture of objective against cost."""
-
-    generations_spent: int  # by the whole search when the result came
-    budget: int
-    objective: float
-    model_based: bool
 
 
 def objective_against_cost(points: Sequence[ResultPoint], task: Task, title: str) -> Figure:

@@ -1,0 +1,44 @@
+"""Where a command runs: how it is entered, left, and shared with others."""
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+import ray
+
+from cluster.home import Home
+from cluster.place import Place
+from cluster.pool import EvaluationPool
+from cluster.ray_cluster import cluster_cores, fair_share, sharing
+
+pytestmark = pytest.mark.timeout(120)
+
+
+def test_termination_stops_it_as_ctrl_c_does(tmp_path: Path) -> None:
+    home = Home(tmp_path / "home")
+
+    def terminated() -> None:
+        with Place(home, home.database_uri).entered():
+            os.kill(os.getpid(), signal.SIGTERM)
+            time.sleep(10)
+
+    with pytest.raises(KeyboardInterrupt):
+        terminated()
+    assert not ray.is_initialized()
+    assert not home.folder.exists()  # nothing was run
+
+
+def test_runs_share_the_cores_equally(local_ray: None) -> None:
+    cores = cluster_cores()
+    with sharing():
+        assert fair_share(1) == cores
+        with sharing():
+            assert fair_share(1) == max(cores // 2, 1)
+            with EvaluationPool.on_cluster(None) as pool:
+                assert pool.size == max(cores // 2, 1)
+        deadline = time.monotonic() + 20
+        while fair_share(1) != cores:
+            assert time.monotonic() < deadline
+            time.sleep(0.1)
