@@ -108,7 +108,7 @@ def up(
     known = [service for service in services(home) if service.process is not None]
     for service in known:
         tell(f"{service.name} is up already: {service.page}")
-        del starts[service.name]
+        starts.pop(service.name, None)
     for name in starts:
         for port in ports[name]:
             require_free(host, port)

@@ -16,20 +16,30 @@ _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(["benchmarks.faults.preload"])
 
 
-def start(arguments: Sequence[str], log: Path) -> BaseProcess:
-    """`bilevel ARGUMENTS`, its output appended to `log`."""
-    process = _SERVER.Process(target=_live, args=(list(arguments), log))
+def start(
+    arguments: Sequence[str], log: Path, errors: Path | None = None, cwd: Path | None = None
+) -> BaseProcess:
+    """`bilevel ARGUMENTS`, its output appended to `log` (and what is meant for stderr to
+    `errors`), with the environment of now."""
+    where = str(cwd or Path.cwd())
+    process = _SERVER.Process(
+        target=_live, args=(list(arguments), log, errors or log, where, dict(os.environ))
+    )
     process.start()
     return process
 
 
-def _live(arguments: list[str], log: Path) -> None:
+def _live(
+    arguments: list[str], log: Path, errors: Path, cwd: str, environment: dict[str, str]
+) -> None:
     from cluster.cli import main
 
     os.setsid()  # signals of this terminal are not for it
-    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
-    os.dup2(descriptor, 1)
-    os.dup2(descriptor, 2)
+    for path, stream in ((log, 1), (errors, 2)):
+        os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)
+    os.environ.clear()
+    os.environ.update(environment)
+    os.chdir(cwd)
     sys.argv = ["bilevel", *arguments]
     with contextlib.suppress(KeyboardInterrupt):
         main()

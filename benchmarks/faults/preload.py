@@ -5,6 +5,8 @@ import ray.tune
 
 import cluster.bohb.command
 import cluster.cli
+import cluster.evaluate_command
 import cluster.nes_command
+import cluster.sync
 
 __all__ = ["cluster", "mlflow", "ray"]

@@ -1,24 +1,26 @@
-"""The console script in a subprocess: help, bad input, nothing half-written."""
+"""The command line in processes of its own: help, bad input, nothing half-written."""
 
 import subprocess
-import sys
 from pathlib import Path
 
 import pytest
 
+from tests.commands import BILEVEL, run_bilevel
 
-def bilevel(*args: str, cwd: Path) -> subprocess.CompletedProcess[str]:
-    script = Path(sys.executable).with_name("bilevel")
-    return subprocess.run(
-        [str(script), *args], cwd=cwd, capture_output=True, text=True, timeout=120, check=False
+
+def test_the_console_script() -> None:
+    result = subprocess.run(
+        [BILEVEL, "--help"], capture_output=True, text=True, timeout=60, check=False
     )
+    assert result.returncode == 0
+    assert result.stdout.startswith("Usage: bilevel ")
 
 
 @pytest.mark.parametrize(
     "command", [[], ["nes"], ["bohb"], ["studies"], ["sync"], ["up"], ["down"], ["ui"]]
 )
 def test_help(command: list[str], tmp_path: Path) -> None:
-    result = bilevel(*command, "--help", cwd=tmp_path)
+    result = run_bilevel(*command, "--help", cwd=tmp_path)
     assert result.returncode == 0
     assert "Usage: " in result.stdout
 
@@ -64,7 +66,7 @@ def test_help(command: list[str], tmp_path: Path) -> None:
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(args: list[str], told: str, tmp_path: Path) -> None:
-    result = bilevel(*args, cwd=tmp_path)
+    result = run_bilevel(*args, cwd=tmp_path)
     assert result.returncode == 2, result.stderr
     assert result.stderr.startswith("bilevel: ")
     assert result.stderr.count("\n") == 1
@@ -75,7 +77,7 @@ def test_bad_input_is_one_line_and_exit_code_2(args: list[str], told: str, tmp_p
 
 def test_a_damaged_database_is_told(tmp_path: Path) -> None:
     (tmp_path / "mlflow.db").write_text("garbage")
-    result = bilevel("nes", "CartPole-v0", "--home", str(tmp_path), cwd=tmp_path)
+    result = run_bilevel("nes", "CartPole-v0", "--home", str(tmp_path), cwd=tmp_path)
     assert result.returncode == 2
     assert "cannot be used" in result.stderr
     assert result.stderr.count("\n") == 1
@@ -83,7 +85,7 @@ def test_a_damaged_database_is_told(tmp_path: Path) -> None:
 
 
 def test_dry_run_says_what_would_be_run_and_writes_nothing(tmp_path: Path) -> None:
-    result = bilevel("bohb", "CartPole-v0", "--profile", "smoke", "--dry-run", cwd=tmp_path)
+    result = run_bilevel("bohb", "CartPole-v0", "--profile", "smoke", "--dry-run", cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "3 x 1 -> 1 x 3" in result.stdout
     assert "11 generations, 66 evaluations" in result.stdout

@@ -1,7 +1,6 @@
 """Real Ray, real MLflow, real processes. Slow: seconds to a minute each."""
 
 import subprocess
-import sys
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -10,8 +9,7 @@ import pytest
 import ray
 
 from cluster.ray_cluster import ray_cluster
-
-BILEVEL = str(Path(sys.executable).with_name("bilevel"))
+from tests.commands import BILEVEL
 
 
 @pytest.fixture
@@ -19,12 +17,6 @@ def local_ray() -> Iterator[None]:
     with ray_cluster("local"):
         yield
     assert not ray.is_initialized()
-
-
-def run(*args: str | Path, timeout: float = 280) -> subprocess.CompletedProcess[str]:
-    """The console script, as a user runs it."""
-    command = [BILEVEL, *map(str, args)]
-    return subprocess.run(command, capture_output=True, text=True, timeout=timeout, check=False)
 
 
 def client(home: Path) -> mlflow.MlflowClient:

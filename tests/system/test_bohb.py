@@ -9,7 +9,8 @@ import pytest
 
 from bilevel.nes import NESState
 from cluster.bohb import Journal
-from tests.system.conftest import client, run, run_until
+from tests.commands import run_bilevel
+from tests.system.conftest import client, run_until
 
 pytestmark = pytest.mark.timeout(290)
 
@@ -26,7 +27,7 @@ def study_home(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
     """A smoke study, run once, and what it printed."""
     home = tmp_path_factory.mktemp("home")
     started = time.monotonic()
-    result = run(*SMOKE, "--home", home)
+    result = run_bilevel(*SMOKE, "--home", home)
     assert result.returncode == 0, result.stderr
     assert time.monotonic() - started < 240
     return home, result.stdout
@@ -93,7 +94,7 @@ def test_the_same_command_adds_brackets(study_home: tuple[Path, str], tmp_path: 
 
     home = tmp_path / "copy"
     shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
-    result = run(*SMOKE, "--brackets", "1", "--home", home)
+    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", home)
     assert result.returncode == 0, result.stderr
     assert "going on: 6 results of this study count already" in result.stdout
     before, after = results(study_home[0]), results(home)
@@ -105,7 +106,7 @@ def test_one_worker_and_two_give_identical_scores(
     study_home: tuple[Path, str], tmp_path: Path
 ) -> None:
     args = ("--workers-per-trial", "2", "--concurrent-trials", "1")
-    result = run(*SMOKE, *args, "--home", tmp_path)
+    result = run_bilevel(*SMOKE, *args, "--home", tmp_path)
     assert result.returncode == 0, result.stderr
     assert results(tmp_path) == results(study_home[0])
 
@@ -117,7 +118,7 @@ def test_killed_in_the_middle_it_goes_on(study_home: tuple[Path, str], tmp_path:
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate(timeout=60)
     assert 1 <= len(results(tmp_path)) < 6
-    result = run(*SMOKE, "--home", tmp_path)
+    result = run_bilevel(*SMOKE, "--home", tmp_path)
     assert result.returncode == 0, result.stderr
     assert results(tmp_path) == results(study_home[0])
     mlflow_client = client(tmp_path)
@@ -146,7 +147,7 @@ def test_ctrl_c_stops_orderly(tmp_path: Path) -> None:
 
 def test_time_budget_ends_the_search(tmp_path: Path) -> None:
     args = ("--brackets", "99", "--time-budget", "70s")
-    result = run(*SMOKE, *args, "--home", tmp_path)
+    result = run_bilevel(*SMOKE, *args, "--home", tmp_path)
     assert result.returncode == 0, result.stderr
     assert "the time budget is spent" in result.stdout
     assert "fresh agents trained on the best SE" in result.stdout
@@ -157,7 +158,7 @@ def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(tmp_path: Path) -
     in_the_way = tmp_path / "CartPole-v0" / "smoke" / "configurations" / "000-0-001"
     in_the_way.parent.mkdir(parents=True)
     in_the_way.touch()
-    result = run(*SMOKE, "--brackets", "1", "--home", tmp_path)
+    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", tmp_path)
     assert result.returncode == 0, result.stderr
     assert "000-0-001 failed: " in result.stdout
     losses = results(tmp_path)
@@ -178,7 +179,7 @@ def test_a_study_whose_trials_all_fail_ends_with_1(tmp_path: Path) -> None:
     in_the_way = tmp_path / "CartPole-v0" / "smoke" / "configurations"
     in_the_way.parent.mkdir(parents=True)
     in_the_way.touch()
-    result = run(*SMOKE, "--brackets", "1", "--home", tmp_path)
+    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", tmp_path)
     assert result.returncode == 1
     assert result.stdout.count(" failed: ") == 4
     assert "no configuration finished a generation" in result.stdout

@@ -15,7 +15,8 @@ from bilevel.hyperparameters import SEHyperparameters
 from bilevel.nes import NESState
 from bilevel.synthetic_env import Architecture, StoredSE, save_se
 from bilevel.tasks import get_task
-from tests.system.conftest import client, run, run_until
+from tests.commands import run_bilevel
+from tests.system.conftest import client, run_until
 
 pytestmark = pytest.mark.timeout(280)
 
@@ -44,16 +45,16 @@ def results(home: Path) -> dict[tuple[str, str, int], dict[str, Any]]:
 
 def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path) -> None:
     both = ("evaluate", se_file, "--real", "CartPole-v0", "--agent", "ddqn,td3", *FEW)
-    first = run(*both, "--agents", "1", "--home", tmp_path)
+    first = run_bilevel(*both, "--agents", "1", "--home", tmp_path)
     assert first.returncode == 0, first.stderr
-    more = run(*both, "--agents", "3", "--home", tmp_path, "--workers", "1")
+    more = run_bilevel(*both, "--agents", "3", "--home", tmp_path, "--workers", "1")
     assert more.returncode == 0, more.stderr
     rows = [line.split() for line in more.stdout.splitlines() if line.startswith(("my_se", "real"))]
     assert [row[:3] for row in rows] == [
         [source, agent, "3"] for source in ("my_se", "real") for agent in ("ddqn", "td3")
     ]
 
-    at_once = run(*both, "--agents", "3", "--home", tmp_path / "other")
+    at_once = run_bilevel(*both, "--agents", "3", "--home", tmp_path / "other")
     assert at_once.returncode == 0, at_once.stderr
     assert results(tmp_path) == results(tmp_path / "other")  # continued or not, 1 or 2 workers
 
@@ -88,9 +89,9 @@ def test_a_killed_evaluation_goes_on(tmp_path: Path, se_file: Path) -> None:
         os.killpg(process.pid, signal.SIGKILL)
     with path.open("ab") as file:
         file.write(b'["my_se", "ddqn", 7, {"test_ret')  # a line cut short
-    again = run(*command)
+    again = run_bilevel(*command)
     assert again.returncode == 0, again.stderr
-    undisturbed = run(*command[:-1], tmp_path / "calm")
+    undisturbed = run_bilevel(*command[:-1], tmp_path / "calm")
     assert undisturbed.returncode == 0, undisturbed.stderr
     assert results(tmp_path / "killed") == results(tmp_path / "calm")
 
@@ -104,7 +105,7 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path) -> None:
     common = ("nes", "CartPole-v0", *chosen, *small, "--generations", "1", "--name", "mixed")
     psis = []
     for workers in ("1", "2"):
-        result = run(*common, "--workers", workers, "--home", tmp_path / workers)
+        result = run_bilevel(*common, "--workers", workers, "--home", tmp_path / workers)
         assert result.returncode == 0, result.stderr
         assert "generation   0   score" in result.stdout
         state = tmp_path / workers / "CartPole-v0" / "mixed" / "state.safetensors"
@@ -134,7 +135,7 @@ def test_bad_input_is_one_line(
     arguments: tuple[str, ...], message: str, tmp_path: Path, se_file: Path
 ) -> None:
     given = [str(se_file) if argument == "SE" else argument for argument in arguments]
-    result = run("evaluate", *given, "--home", tmp_path / "home")
+    result = run_bilevel("evaluate", *given, "--home", tmp_path / "home")
     assert result.returncode == 2
     assert message in result.stderr
     assert result.stderr.count("\n") == 1

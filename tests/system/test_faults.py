@@ -36,8 +36,8 @@ def assert_nothing_can_be_told(row: Row) -> None:
 
 def test_a_driver_killed_again_and_again(stage: Stage, whole: Outcome) -> None:
     """At random moments of one study; `python -m benchmarks.faults` does it twenty times."""
-    row = processes.driver(stage, whole, 6)
-    assert row.injected >= 4  # the others came after its end
+    row = processes.driver(stage, whole, 4)
+    assert row.injected >= 3  # the others came after its end
     assert_nothing_can_be_told(row)
 
 
@@ -54,7 +54,7 @@ def test_killed_trials_go_on_from_their_checkpoints(stage: Stage, whole: Outcome
 
 
 def test_nodes_come_and_go(whole: Outcome, tmp_path: Path) -> None:
-    row = processes.nodes(tmp_path, whole, 2)
+    row = processes.nodes(tmp_path, whole, 1)
     assert row.injected >= 1
     assert_nothing_can_be_told(row)
 

@@ -14,7 +14,8 @@ import pytest
 
 import bilevel  # noqa: F401  (registers the environment)
 from bilevel.nes import NESState
-from tests.system.conftest import client, run, run_until
+from tests.commands import run_bilevel
+from tests.system.conftest import client, run_until
 
 pytestmark = pytest.mark.timeout(280)
 
@@ -31,16 +32,16 @@ def scores(home: Path) -> list[dict[str, float]]:
 def test_a_run_its_tracking_and_its_continuation(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    result = run(*SMALL, "--generations", "2", "--home", tmp_path)
+    result = run_bilevel(*SMALL, "--generations", "2", "--home", tmp_path)
     assert result.returncode == 0, result.stderr
     assert "generation   1   score" in result.stdout
     assert "10 fresh agents trained on the best SE score" in result.stdout
-    longer = run(*SMALL, "--generations", "3", "--workers", "1", "--home", tmp_path)
+    longer = run_bilevel(*SMALL, "--generations", "3", "--workers", "1", "--home", tmp_path)
     assert longer.returncode == 0, longer.stderr
     assert "going on after generation 1" in longer.stdout
     assert "generation   0" not in longer.stdout
 
-    refused = run(*SMALL, "--update", "paper", "--home", tmp_path)
+    refused = run_bilevel(*SMALL, "--update", "paper", "--home", tmp_path)
     assert refused.returncode == 2
     assert "'run' was begun with nes = " in refused.stderr
     assert refused.stderr.count("\n") == 1
@@ -85,12 +86,12 @@ def test_a_run_its_tracking_and_its_continuation(
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The home of a run that was never disturbed."""
     home = tmp_path_factory.mktemp("whole")
-    assert run(*SMALL, "--generations", "4", "--home", home).returncode == 0
+    assert run_bilevel(*SMALL, "--generations", "4", "--home", home).returncode == 0
     return home
 
 
 def test_one_worker_and_two_give_identical_scores(whole: Path, tmp_path: Path) -> None:
-    result = run(*SMALL, "--generations", "4", "--workers", "1", "--home", tmp_path)
+    result = run_bilevel(*SMALL, "--generations", "4", "--workers", "1", "--home", tmp_path)
     assert result.returncode == 0, result.stderr
     assert scores(tmp_path) == scores(whole)
 
@@ -107,7 +108,7 @@ def test_killed_in_the_middle_it_goes_on(
     assert process.returncode == (130 if number is signal.SIGINT else -number)
     if number is signal.SIGINT:
         assert "the same command goes on from the last finished generation" in rest
-    assert run(*SMALL, "--generations", "4", "--home", parts).returncode == 0
+    assert run_bilevel(*SMALL, "--generations", "4", "--home", parts).returncode == 0
     assert scores(parts) == scores(whole)
     files = [home / "CartPole-v0" / "run" / "best_se.safetensors" for home in (whole, parts)]
     states = [NESState.load(file.with_name("state.safetensors")) for file in files]
@@ -124,7 +125,7 @@ def test_killed_in_the_middle_it_goes_on(
 
 def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path) -> None:
     easy = ("--solved-reward", "5", "--solved-for", "2", "--generations", "9")
-    result = run(*SMALL, *easy, "--home", tmp_path)
+    result = run_bilevel(*SMALL, *easy, "--home", tmp_path)
     assert result.returncode == 0, result.stderr
     assert "with 32 others: solved" in result.stdout
     assert "solved and stayed solved: 2 generations" in result.stdout

@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -39,7 +40,7 @@ def postgresql(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
         as_user = ["setpriv", "--reuid", "nobody", "--regid", "nogroup", "--clear-groups"]
         shutil.chown(folder, "nobody", "nogroup")
         for parent in folder.parents:
-            if parent.stat().st_uid == 0 and parent.name.startswith("pytest"):
+            if Path(tempfile.gettempdir()) in parent.parents:
                 parent.chmod(0o755)
 
     def call(*command: str) -> None:

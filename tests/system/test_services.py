@@ -16,7 +16,7 @@ from benchmarks.faults.outcome import disagreements
 from cluster.home import Home
 from cluster.ports import free_port, listening
 from cluster.services import services
-from tests.system.conftest import BILEVEL, run
+from tests.commands import BILEVEL, run_bilevel
 
 pytestmark = pytest.mark.timeout(290)
 
@@ -33,16 +33,16 @@ class Up:
 def up(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Up]:
     it = Up(tmp_path_factory.mktemp("home"), free_port(), free_port(), free_port())
     ports = ("--ray-port", it.ray_port, "--dashboard-port", it.dashboard)
-    result = run("up", "--home", it.home, *map(str, (*ports, "--mlflow-port", it.mlflow)))
+    result = run_bilevel("up", "--home", it.home, *map(str, (*ports, "--mlflow-port", it.mlflow)))
     try:
         assert result.returncode == 0, result.stderr
         yield it
     finally:
-        run("down", "--home", it.home)
+        run_bilevel("down", "--home", it.home)
 
 
 def test_status_tells_and_both_are_healthy(up: Up) -> None:
-    result = run("status", "--home", up.home)
+    result = run_bilevel("status", "--home", up.home)
     assert result.returncode == 0
     assert [line.split()[:2] for line in result.stdout.splitlines()] == [
         ["ray", "up"],
@@ -75,7 +75,7 @@ def test_ray_asks_for_the_homes_token(up: Up) -> None:
 
 def test_up_again_starts_nothing(up: Up) -> None:
     before = services(Home(up.home))
-    result = run("up", "--home", up.home)
+    result = run_bilevel("up", "--home", up.home)
     assert result.returncode == 0
     assert "ray is up already" in result.stdout
     assert services(Home(up.home)) == before
@@ -96,7 +96,7 @@ def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> No
     ]
     outputs = [process.communicate(timeout=240)[0] for process in running]
     assert [process.returncode for process in running] == [0, 0], outputs
-    listed = run("studies", "--home", up.home).stdout
+    listed = run_bilevel("studies", "--home", up.home).stdout
     assert listed.count("finished") == 2
     assert listed.count("4/4 results") == 2
     ray = str(Path(BILEVEL).with_name("ray"))
@@ -128,15 +128,15 @@ def test_down_stops_all_it_started_and_nothing_else(up: Up) -> None:
         ]
     ]
     assert len(family) > 4
-    result = run("down", "--home", up.home)
+    result = run_bilevel("down", "--home", up.home)
     assert result.returncode == 0
     assert result.stdout.splitlines() == ["mlflow is down", "ray is down"]
     assert not [process for process in family if process.is_running()]
     assert stranger.poll() is None
     stranger.kill()
     stranger.wait()
-    assert run("status", "--home", up.home).returncode == 1
-    assert "nothing is up" in run("down", "--home", up.home).stdout
+    assert run_bilevel("status", "--home", up.home).returncode == 1
+    assert "nothing is up" in run_bilevel("down", "--home", up.home).stdout
 
 
 @pytest.mark.parametrize("which", ["--ray-port", "--dashboard-port", "--mlflow-port"])
@@ -145,7 +145,7 @@ def test_a_taken_port_is_told_before_anything_is_started(tmp_path: Path, which: 
         taken.bind(("127.0.0.1", 0))
         taken.listen()
         port = taken.getsockname()[1]
-        result = run("up", "--home", tmp_path, which, str(port))
+        result = run_bilevel("up", "--home", tmp_path, which, str(port))
     assert result.returncode == 2
     assert f"cannot serve on 127.0.0.1:{port}" in result.stderr
     assert result.stdout == ""
