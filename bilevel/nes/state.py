@@ -4,6 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import safetensors.numpy
@@ -91,7 +92,7 @@ class NESState:
 
     def save(self, path: Path) -> None:
         """Write durably. Raises StorageFailure."""
-        header = {
+        header: dict[str, Any] = {
             "generation": self.generation,
             "solved_streak": self.solved_streak,
             "finalists": [
@@ -101,9 +102,9 @@ class NESState:
         }
         tensors = {"psi": self.psi}
         tensors |= {f"finalist_{i}": f.psi for i, f in enumerate(self.finalists)}
-        text = json.dumps(header)
-        metadata = {"nes": text, "sha256": _checksum(text, tensors)}
-        write_aside(path, safetensors.numpy.save(tensors, metadata))
+        header["sha256"] = _checksum(json.dumps(header), tensors)
+        # One entry: safetensors writes several in any order.
+        write_aside(path, safetensors.numpy.save(tensors, {"nes": json.dumps(header)}))
 
     @classmethod
     def load(cls, path: Path) -> "NESState":
@@ -112,9 +113,9 @@ class NESState:
             with safetensors.safe_open(path, framework="numpy") as file:
                 metadata = file.metadata() or {}
                 tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-            if metadata["sha256"] != _checksum(metadata["nes"], tensors):
-                raise ValueError("its checksum is wrong")
             header = json.loads(metadata["nes"])
+            if header.pop("sha256") != _checksum(json.dumps(header), tensors):
+                raise ValueError("its checksum is wrong")
             psi = tensors["psi"]
             finalists = tuple(
                 Finalist(tensors[f"finalist_{i}"], int(g), float(score), float(near))

@@ -26,6 +26,9 @@ from bilevel.kernels.mlp import layer_biases, layer_weights
 from bilevel.synthetic_env.architecture import NETWORKS, Architecture
 from bilevel.tasks import MAX_STEP_LIMIT, Task, get_task
 
+#: What a header that is not what it should be may raise.
+_DAMAGE = (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError)
+
 FORMAT = "bilevel-synthetic-environment"
 FORMAT_VERSION = 1
 
@@ -76,8 +79,8 @@ def save_se(se: StoredSE, path: Path) -> None:
 
 
 def se_bytes(se: StoredSE) -> bytes:
-    """The content of an SE file."""
-    header = {
+    """The content of an SE file, the same for the same SE."""
+    header: dict[str, Any] = {
         "format": FORMAT,
         "version": FORMAT_VERSION,
         "task": se.task_id,
@@ -86,8 +89,9 @@ def se_bytes(se: StoredSE) -> bytes:
         "architecture": asdict(se.architecture),
         "info": se.info,
     }
-    text = json.dumps(header)
-    metadata = {"se": text, "sha256": checksum(text.encode(), se.psi.tobytes())}
+    header["sha256"] = checksum(json.dumps(header).encode(), se.psi.tobytes())
+    # One entry: safetensors writes several in any order.
+    metadata = {"se": json.dumps(header)}
     return bytes(safetensors.numpy.save(_tensors(se.architecture, se.psi), metadata))
 
 
@@ -106,6 +110,7 @@ def load_se(path: Path) -> StoredSE:
         raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {error}") from None
     try:
         header = json.loads(metadata["se"])
+        given = header.pop("sha256", None)  # other tools write none
         if header["format"] != FORMAT or header["version"] != FORMAT_VERSION:
             raise ValueError(f"format {header['format']!r}, version {header['version']!r}")
         sizes = header["architecture"]
@@ -119,8 +124,8 @@ def load_se(path: Path) -> StoredSE:
                 raise ValueError(f"{name} {sizes[name]!r}")
         architecture = Architecture(**sizes)
         psi = _flat(architecture, tensors)
-        expected = checksum(metadata["se"].encode(), psi.tobytes())
-        if metadata.get("sha256", expected) != expected:  # other tools write none
+        expected = checksum(json.dumps(header).encode(), psi.tobytes())
+        if given not in (None, expected):
             raise ValueError("its checksum is wrong")
         step_limit, solved_reward = int(header["step_limit"]), float(header["solved_reward"])
         if not (1 <= step_limit <= MAX_STEP_LIMIT and math.isfinite(solved_reward)):
@@ -133,7 +138,7 @@ def load_se(path: Path) -> StoredSE:
             solved_reward,
             dict(header["info"]),
         )
-    except (KeyError, TypeError, ValueError, OverflowError, RecursionError) as error:
+    except _DAMAGE as error:
         reason = str(error) or type(error).__name__
         raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {reason}") from None
 

@@ -17,7 +17,14 @@ from hypothesis import strategies as st
 from bilevel import InvalidInput
 from bilevel.hyperparameters import ACTIVATIONS, SEHyperparameters
 from bilevel.kernels.synthetic_env import step
-from bilevel.synthetic_env import Architecture, StoredSE, kernel_form, load_se, save_se
+from bilevel.synthetic_env import (
+    Architecture,
+    StoredSE,
+    kernel_form,
+    load_se,
+    save_se,
+    se_bytes,
+)
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task, get_task
 
@@ -155,6 +162,11 @@ class TestFile:
         with contextlib.suppress(InvalidInput):  # any other exception fails the test
             se = load_se(path)
             assert se.psi.shape == (se.architecture.parameter_count,)
+
+
+def test_the_same_se_is_the_same_file(se_file: Path) -> None:
+    """safetensors writes several entries of metadata in any order."""
+    assert {se_bytes(load_se(se_file)) for _ in range(20)} == {se_file.read_bytes()}
 
 
 def test_an_se_of_other_sizes_than_its_task_is_refused(tmp_path: Path) -> None:
