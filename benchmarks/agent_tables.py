@@ -35,6 +35,14 @@ def baseline(task: str) -> str:
         steps = f"{authors['train_steps_mean']} ± {authors['train_steps_std']}"
         agents = f"{group['agents']:.0f}"
         rows.append(_row(group["agent"], agents, *_measured(group), score, steps))
+    for group in result["groups"]:
+        stuck = group.get("worst_by_layers", {})
+        if any(worst for worst, _ in stuck.values()):
+            counts = ", ".join(f"{worst} of {of}" for worst, of in stuck.values())
+            rows.append(
+                f"\nThe worst return in every test, {group['agent']} of {', '.join(stuck)} hidden "
+                f"layers: {counts}."
+            )
     return "\n".join(rows) + "\n" + _where(result)
 
 

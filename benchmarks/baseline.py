@@ -10,10 +10,10 @@ import sys
 from pathlib import Path
 
 from benchmarks.machine import write_result
-from bilevel.hyperparameters import load_preset
+from bilevel.hyperparameters import AgentHyperparameters, load_preset
 from bilevel.tasks import get_task
 from cluster.evaluate_command import EvaluateCommand, run_evaluate
-from cluster.evaluation_report import as_json
+from cluster.evaluation_report import Group, as_json
 from cluster.home import Home
 from cluster.place import Place
 
@@ -30,6 +30,19 @@ AUTHORS: dict[str, dict[str, tuple[int, int, float | None]]] = {
 }
 
 
+def worst_by_layers(
+    command: EvaluateCommand, hp: AgentHyperparameters, group: Group
+) -> dict[int, list[int]]:
+    """By hidden layers: agents that have the task's worst return in every test, and all."""
+    found: dict[int, list[int]] = {}
+    for i, result in enumerate(group.results):
+        agent = command.request(hp, i, True).agent
+        counts = found.setdefault(getattr(agent, "hidden_layers", 0), [0, 0])
+        counts[0] += max(result.test_returns) <= command.task.worst_score
+        counts[1] += 1
+    return dict(sorted(found.items()))
+
+
 def main() -> None:
     """Train the agents, write `results/baseline_TASK.json`."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -41,25 +54,25 @@ def main() -> None:
     task = get_task(options.task)
     kinds = tuple(options.kinds.split(","))
     home = Home(options.home)
-    groups = run_evaluate(
-        EvaluateCommand(
-            task,
-            {"real": None},
-            load_preset("default", task.id, agents=kinds).agents,
-            options.agents,
-            True,
-            0,
-            "baseline",
-            Place(home, home.database_uri),
-        )
+    command = EvaluateCommand(
+        task,
+        {"real": None},
+        load_preset("default", task.id, agents=kinds).agents,
+        options.agents,
+        True,
+        0,
+        "baseline",
+        Place(home, home.database_uri),
     )
+    groups = run_evaluate(command)
     rows = as_json(groups)
-    for row in rows:
+    for row, hp, group in zip(rows, command.kinds, groups, strict=True):
+        row["worst_by_layers"] = worst_by_layers(command, hp, group)
         steps, spread, score = AUTHORS[task.id][row["agent"]]
         row["authors"] = {"train_steps_mean": steps, "train_steps_std": spread, "score": score}
     arguments = [argument for argument in sys.argv[1:] if argument != str(options.home)]
-    command = f"python -m benchmarks.baseline {' '.join(arguments)} FOLDER"
-    print(f"written to {write_result(f'baseline_{task.id}', command, {'groups': rows})}")
+    line = f"python -m benchmarks.baseline {' '.join(arguments)} FOLDER"
+    print(f"written to {write_result(f'baseline_{task.id}', line, {'groups': rows})}")
 
 
 if __name__ == "__main__":

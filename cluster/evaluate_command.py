@@ -73,6 +73,12 @@ class EvaluateCommand:
             "kinds": {hp.agent: asdict(hp) for hp in self.kinds},
         }
 
+    def request(self, hp: AgentHyperparameters, i: int, real: bool) -> EvaluationRequest:
+        """Agent `i` of a kind."""
+        seed = np.random.SeedSequence([self.seed, _EVALUATE, i])
+        word = int(seed.generate_state(1, np.uint64)[0])
+        return EvaluationRequest(i, word, draw_agent((hp,), self.vary, word), real=real)
+
 
 def run_evaluate(command: EvaluateCommand) -> list[Group]:
     """Evaluate, report, and track; returns the groups in the order of the table.
@@ -128,7 +134,7 @@ class _UnderWay:
         self.terminal.bar("evaluating", len(results), total, "agents")
         for label, se in command.sources.items():
             requests = {
-                (label, hp.agent, i): self._request(hp, i, se is None)
+                (label, hp.agent, i): command.request(hp, i, se is None)
                 for hp in command.kinds
                 for i in range(command.agents)
             }
@@ -157,11 +163,6 @@ class _UnderWay:
             for label in command.sources
             for hp in command.kinds
         ]
-
-    def _request(self, hp: AgentHyperparameters, i: int, real: bool) -> EvaluationRequest:
-        seed = np.random.SeedSequence([self.command.seed, _EVALUATE, i])
-        word = int(seed.generate_state(1, np.uint64)[0])
-        return EvaluationRequest(i, word, draw_agent((hp,), self.command.vary, word), real=real)
 
     def _stored(self, file: Lines) -> Iterator[tuple[tuple[str, str, int], EvaluationResult]]:
         """What an earlier call has left. Raises InvalidInput if damaged."""
