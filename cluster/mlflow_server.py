@@ -18,11 +18,13 @@ def mlflow_server(home: Home, host: str, port: int) -> tuple[list[str], dict[str
     """
     command = ["mlflow", "server", "--host", host, "--port", str(port), "--workers", "1"]
     command += ["--backend-store-uri", home.database_uri]
+    command += ["--registry-store-uri", home.database_uri]
     command += ["--default-artifact-root", home.artifacts.as_uri()]
     command += ["--uvicorn-opts", "--log-level error"]
     # Only errors are worth a line, and jobs for language models are not wanted.
     return command, {
         "MLFLOW_LOGGING_LEVEL": "ERROR",
+        "PYTHONWARNINGS": "ignore",
         "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
     }
 
