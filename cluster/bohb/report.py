@@ -122,11 +122,9 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._terminal.line(f"{configuration_name(job.id)} failed: {last_line(reason)}")
 
     def _show(self, job: Job, record: GenerationRecord) -> None:
-        note = (
-            f"{configuration_name(job.id)} generation {record.generation + 1}/{job.budget} "
-            f"score {record.score_mean:.1f}, "
-            f"{record.env_steps_per_second / 1000:.0f}k steps/s a core, ETA {self._eta()}"
-        )
+        # With the rest of the bar this fits into 80 columns.
+        name, generation = configuration_name(job.id), record.generation + 1
+        note = f"ETA {self._eta()}, {name} {generation}/{job.budget}: {record.score_mean:.1f}"
         done = len(self._journal.results)
         total = sum(rung.configurations for rung in self._rungs)
         self._terminal.bar(
