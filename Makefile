@@ -54,7 +54,7 @@ ui: $(INSTALLED) ## The MLflow UI on these runs
 
 # Two at a time: the system tests wait for processes more than they compute.
 test: check ## Format, lint, types, and all tests
-	@$(BIN)/python -m pytest --numprocesses 2 --dist loadfile $(ARGS)
+	@$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 check: $(INSTALLED) ## Format, lint and types
 	@$(BIN)/ruff format --check --quiet .
