@@ -15,6 +15,7 @@ from benchmarks.faults.row import Row
 from benchmarks.faults.stage import ACTOR, ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
 from benchmarks.faults.tracking import Server
 from cluster.home import Home
+from cluster.run_folder import Standing
 
 
 def driver(stage: Stage, whole: Outcome, kills: int) -> Row:
@@ -55,7 +56,9 @@ def _stopped_again_and_again(
         code = study.live(stage.chance.uniform(earliest, 9.0), *signals)
         assert code in (0, -signals[0], 130), f"exit code {code}: see {study.log}"
         stopped += code != 0
-        assert code != 130 or "RUNNING" not in (study.folder / "standing.json").read_text()
+        standing = Standing.load(study.folder)  # None if it had not come so far
+        if signals == (signal.SIGINT,) and standing is not None:
+            assert standing.status != "RUNNING", f"left running: see {study.log}"
     return stopped
 
 
