@@ -29,9 +29,10 @@ class EvaluationViews:
         settings = read_settings(folder)
         try:
             stored_task(settings["task"])
-            if not (isinstance(settings["kinds"], dict) and isinstance(settings["sources"], dict)):
-                raise TypeError("its sources or agents are no table")
-            bool(settings["vary"]), int(settings["seed"])
+            types = {"kinds": dict, "sources": dict, "vary": bool, "seed": int}
+            for name, kind in types.items():
+                if not isinstance(settings[name], kind):
+                    raise TypeError(f"{name} is {settings[name]!r}")
         except (KeyError, TypeError, ValueError) as error:
             raise InvalidInput(f"{str(folder)!r} holds no evaluation: {error}") from None
         return cls(folder, Begun.read(folder), False)

@@ -103,6 +103,14 @@ def test_an_end_is_written_once(tmp_path: Path) -> None:
     assert [final.step for final in finals(tmp_path)] == [6, 8]
 
 
+def test_what_a_killed_process_was_writing_is_removed(tmp_path: Path) -> None:
+    stray = tmp_path / "configurations" / "000-0-000" / ".state.safetensors.77.tmp"
+    stray.parent.mkdir(parents=True)
+    stray.touch()
+    with held(tmp_path):
+        assert not stray.exists()
+
+
 def test_begun_stays_the_same(tmp_path: Path) -> None:
     with locked_settings(tmp_path / "run", {"seed": 1}) as begun:
         assert Begun.read(tmp_path / "run") == begun

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -57,6 +58,20 @@ def test_nodes_come_and_go(whole: Outcome, tmp_path: Path) -> None:
     row = processes.nodes(tmp_path, whole, 1)
     assert row.injected >= 1
     assert_nothing_can_be_told(row)
+
+
+def test_a_node_that_joins_a_study_in_sqlite_stops_it(stage: Stage) -> None:
+    study = stage.study("joined", *ONE_BY_ONE)
+    nodes: list[Any] = []
+
+    def join() -> None:
+        if not nodes and (study.folder / "results.json").exists():
+            nodes.append(stage.cluster.add_node(num_cpus=1))
+
+    assert study.run(join) == 2
+    stage.cluster.remove_node(nodes.pop())
+    assert "a cluster of 2 nodes cannot be tracked in 'sqlite:" in study.log.read_text()
+    assert study.run() == 0  # nothing is lost
 
 
 def test_sqlite_is_refused_with_several_nodes(stage: Stage) -> None:

@@ -21,6 +21,8 @@ def test_termination_stops_it_as_ctrl_c_does(tmp_path: Path) -> None:
 
     def terminated() -> None:
         with Place(home, home.database_uri).entered():
+            with sharing():  # a second run
+                assert fair_share(1) == max(cluster_cores() // 2, 1)
             os.kill(os.getpid(), signal.SIGTERM)
             time.sleep(10)
 

@@ -171,6 +171,7 @@ def test_a_locked_database_is_waited_for(home: Home, folder: Path) -> None:
     mirror.mark(keys)
     until(lambda: bool(told))
     assert "database is locked" in told[0]
+    assert next(iter(mirror._marked)) == keys[0]  # still before its children
     lock.rollback()
     lock.close()
     assert mirror.close() == 0
