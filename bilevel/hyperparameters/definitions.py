@@ -46,6 +46,9 @@ class NESHyperparameters(Validated):
     population_size: int = ranged(1, 65536, 16)  # n_p, members a generation
     generations: int = ranged(1, 1_000_000, 200)  # n_o, outer loops at most
     start_candidates: int = ranged(1, 65536, 1)  # initialisations the start is chosen from
+    # Share of the perturbed SEs that shall score above psi: sigma and alpha are adapted
+    # to it every generation. 0: they stay.
+    success_rate: float = ranged(0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()

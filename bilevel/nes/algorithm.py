@@ -2,13 +2,15 @@
 
     psi <- the best of start_candidates random initialisations: one evaluation each,
            then RETESTS more of the best eighth
+    s   <- 1
     repeat n_o times:                                    # generations
         for each member i = 1 .. n_p:                    # ask: requests, in any order
-            eps_i ~ N(0, sigma^2 I)
+            eps_i ~ N(0, (s sigma)^2 I)
             for SE in psi, psi + eps_i, psi - eps_i:
                 agent <- TrainAgent(fresh agent, SE)     # evaluation.evaluate
                 F     <- EvaluateAgent(agent, real task)
-        psi <- UpdateSE(psi, {eps_i}, {F_i})             # tell
+        psi <- UpdateSE(psi, {eps_i}, {F_i}), s times its step               # tell
+        s   <- adapted to the rate of successes, unless psi solves the task
 
 Every random number is derived from (run seed, generation, member), so a request is
 the same whoever asks for it, and nothing random needs to be stored.
@@ -25,7 +27,7 @@ from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 from bilevel.hyperparameters.definitions import RETEST_ONE_IN, RETESTS
 from bilevel.nes.state import Finalist, GenerationRecord, NESState
-from bilevel.nes.updates import MemberScores, update_step
+from bilevel.nes.updates import MemberScores, adapted_scale, success_rate, update_step
 from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task
 
@@ -112,7 +114,7 @@ class NES:
                         agent=self._agent(state.generation, member),
                         sign=sign,
                         perturbation_seed=self._seed(state.generation, member, _PERTURBATION),
-                        std_dev=self.hp.nes.std_dev,
+                        std_dev=state.scale * self.hp.nes.std_dev,
                     )
                 )
         return requests
@@ -138,7 +140,7 @@ class NES:
         parts = self._scores(results).reshape(-1, self.hp.nes.population_size)
         members = MemberScores(parts[0], parts[1], parts[2] if len(parts) == 3 else None)
         eps = self._perturbations(state.generation)
-        step = update_step(self.hp.nes, eps, members)
+        step = np.float32(state.scale) * update_step(self.hp.nes, eps, members)
 
         centre = ordered[: self.hp.nes.population_size]
         kernel_seconds = max(sum(r.seconds for r in ordered), 1e-9)
@@ -154,6 +156,8 @@ class NES:
             non_finite=sum(not (r.finite and math.isfinite(r.score)) for r in ordered),
             psi_norm=float(np.linalg.norm(state.psi)),
             update_norm=float(np.linalg.norm(step)),
+            std_dev=state.scale * self.hp.nes.std_dev,
+            success_rate=success_rate(members),
             env_steps_per_second=sum(r.train_steps for r in ordered) / kernel_seconds,
             generation_seconds=seconds,
             core_utilisation=kernel_seconds / max(seconds * cores, 1e-9),
@@ -167,6 +171,8 @@ class NES:
             state,
             psi=state.psi + step,
             generation=state.generation + 1,
+            # Where psi solves the task, scores tie, and their order says nothing.
+            scale=state.scale if solved else adapted_scale(self.hp.nes, state.scale, members),
             solved_streak=state.solved_streak + 1 if solved else 0,
             finalists=state.with_finalist(finalist),
             records=(*state.records, record),

@@ -1,6 +1,7 @@
 """What an NES run carries from one generation to the next, on disk and in memory."""
 
 import json
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -34,6 +35,8 @@ class GenerationRecord:
     non_finite: int  # evaluations of the generation whose numbers diverged
     psi_norm: float
     update_norm: float
+    std_dev: float  # sigma of this generation's perturbations
+    success_rate: float  # share of the perturbed SEs that scored above psi's mean
     env_steps_per_second: float  # of one core
     generation_seconds: float
     core_utilisation: float  # share of the cores' time that was spent in evaluations
@@ -70,6 +73,7 @@ class NESState:
 
     psi: NDArray[np.float32]  # (P,)
     generation: int = 0
+    scale: float = 1.0  # of std_dev and step_size, adapted
     solved_streak: int = 0  # generations solved in a row, up to the last one
     finalists: tuple[Finalist, ...] = ()  # best first
     records: tuple[GenerationRecord, ...] = ()
@@ -94,6 +98,7 @@ class NESState:
         """Write durably. Raises StorageFailure."""
         header: dict[str, Any] = {
             "generation": self.generation,
+            "scale": self.scale,
             "solved_streak": self.solved_streak,
             "finalists": [
                 [f.generation, f.score_mean, f.perturbed_score_mean] for f in self.finalists
@@ -122,11 +127,12 @@ class NESState:
                 for i, (g, score, near) in enumerate(header["finalists"])
             )
             records = tuple(GenerationRecord(**record) for record in header["records"])
-            generation, streak = int(header["generation"]), int(header["solved_streak"])
+            generation, scale = int(header["generation"]), float(header["scale"])
+            streak = int(header["solved_streak"])
             shapes = {psi.shape, *(finalist.psi.shape for finalist in finalists)}
-            if generation != len(records) or len(shapes) > 1:
+            if generation != len(records) or len(shapes) > 1 or not 0 < scale < math.inf:
                 raise ValueError("its parts do not fit together")
-            return cls(psi, generation, streak, finalists, records)
+            return cls(psi, generation, scale, streak, finalists, records)
         except _DAMAGE as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise InvalidInput(f"damaged checkpoint {str(path)!r}: {reason}") from None

@@ -14,10 +14,14 @@ antithetic    alpha * mean_i (u_i+ - u_i-) eps_i / sigma, u the centred ranks of
 paper         alpha / (n_p sigma) * sum_i w_i eps_i
 authors       alpha * sum_i w_i eps_i: the authors' code, which does not divide
 
+A generation may use other values of alpha and sigma than the hyperparameters': both are
+then multiplied by a `scale` (`adapted_scale`), and eps with them.
+
 In the last two, w are the transformed scores, and mirrored sampling is the authors':
 of each pair the better sign is kept, with its score, and the other is dropped.
 """
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -47,6 +51,36 @@ def update_step(
         scale = hp.step_size / (len(eps) * hp.std_dev if hp.update == "paper" else 1.0)
     step: NDArray[np.float32] = (scale * (weights @ eps)).astype(np.float32)
     return step
+
+
+#: The scale's factor a generation is exp(GAIN * (rate - success_rate)), and its limits.
+GAIN = 1.5
+SCALES = 1 / 32, 4.0
+
+
+def success_rate(scores: MemberScores) -> float:
+    """The share of the perturbed SEs that score above the mean of psi's evaluations; a
+    tie counts half."""
+    perturbed = scores.plus
+    if scores.minus is not None:
+        perturbed = np.concatenate([scores.plus, scores.minus])
+    centre = float(scores.centre.mean())
+    return float((perturbed > centre).mean() + (perturbed == centre).mean() / 2)
+
+
+def adapted_scale(hp: NESHyperparameters, scale: float, scores: MemberScores) -> float:
+    """The scale of alpha and sigma for the next generation, from this one's.
+
+    The success rule of evolution strategies (Rechenberg, 1973): if nearly every
+    perturbation of a good psi is worse, then they reach too far to show a direction, and
+    if too many are better, the steps could be longer. In between, the rate of successes
+    is `hp.success_rate`; 0 leaves the scale alone.
+    """
+    if not hp.success_rate:
+        return scale
+    factor = math.exp(GAIN * (success_rate(scores) - hp.success_rate))
+    lowest, highest = SCALES
+    return min(max(scale * factor, lowest), highest)
 
 
 def _antithetic(scores: MemberScores) -> NDArray[np.float64]:

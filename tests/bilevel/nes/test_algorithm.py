@@ -2,6 +2,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.hyperparameters import (
@@ -9,9 +11,16 @@ from bilevel.hyperparameters import (
     UPDATES,
     AgentHyperparameters,
     Hyperparameters,
+    load_preset,
 )
-from bilevel.nes import NES
-from bilevel.nes.updates import MemberScores, update_step
+from bilevel.nes import NES, NESState
+from bilevel.nes.updates import (
+    SCALES,
+    MemberScores,
+    adapted_scale,
+    success_rate,
+    update_step,
+)
 from bilevel.tasks import Task
 from tests.conftest import ddqn
 
@@ -212,6 +221,77 @@ class TestUpdates:
         same = np.full(3, 9.0)
         step = update_step(small_hp.nes, eps, MemberScores(same, same, same))
         np.testing.assert_array_equal(step, np.zeros(50))
+
+
+class TestSuccessRule:
+    """sigma and alpha follow the share of perturbations that are better than psi."""
+
+    @pytest.fixture
+    def hp(self, small_hp: Hyperparameters) -> Hyperparameters:
+        return replace(small_hp, nes=replace(small_hp.nes, success_rate=0.3))
+
+    @pytest.mark.parametrize(
+        ("plus", "minus", "rate"),
+        [([9.0, 11.0], [8.0, 12.0], 0.5), ([9.0, 10.0], [8.0, 12.0], 0.375), ([1, 1], None, 0)],
+    )
+    def test_rate(self, plus: list[float], minus: list[float] | None, rate: float) -> None:
+        centre = np.array([5.0, 15.0])
+        down = None if minus is None else np.array(minus)
+        assert success_rate(MemberScores(centre, np.array(plus), down)) == rate
+
+    @given(
+        scores=st.lists(st.floats(0, 200), min_size=4, max_size=40).filter(lambda x: not len(x) % 4)
+    )
+    def test_fewer_successes_never_lengthen(self, scores: list[float]) -> None:
+        hp = replace(load_preset("tuned", "CartPole-v0").nes, success_rate=0.3)
+        plus, minus = np.split(np.array(scores), 2)
+        scales = [
+            adapted_scale(hp, 1.0, MemberScores(np.full(2, centre), plus, minus))
+            for centre in (-1.0, *sorted(scores), 201.0)
+        ]
+        assert scales == sorted(scales, reverse=True)
+        assert scales[0] > 1 > scales[-1]
+
+    def test_the_scale_is_bounded_and_rests_without_a_rule(self, hp: Hyperparameters) -> None:
+        worse = MemberScores(np.full(3, 10.0), np.zeros(3), np.zeros(3))
+        better = MemberScores(np.zeros(3), np.full(3, 10.0), np.full(3, 10.0))
+        smallest = largest = 1.0
+        for _ in range(50):
+            smallest = adapted_scale(hp.nes, smallest, worse)
+            largest = adapted_scale(hp.nes, largest, better)
+        assert (smallest, largest) == SCALES
+        assert adapted_scale(replace(hp.nes, success_rate=0.0), 0.7, worse) == 0.7
+
+    @pytest.mark.parametrize("update", UPDATES)
+    def test_the_next_generation_perturbs_and_steps_so(
+        self, update: str, cartpole: Task, hp: Hyperparameters
+    ) -> None:
+        nes = NES(cartpole, replace(hp, nes=replace(hp.nes, update=update)), 0)
+        scores = [10.0, 10, 10, 1, 2, 30, 4, 5, 6]
+        state = nes.start()
+
+        def after(state: NESState) -> NESState:
+            asked = zip(nes.ask(state), scores, strict=True)
+            return nes.tell(state, [answer(r, s) for r, s in asked], 1.0, 0.0)
+
+        small = replace(state, scale=0.25)
+        whole, quarter = after(state), after(small)
+        step = whole.psi - state.psi
+        np.testing.assert_allclose(quarter.psi - state.psi, step / 4, rtol=1e-3, atol=1e-6)
+        assert {r.std_dev for r in nes.ask(small)} == {0.25 * hp.nes.std_dev}
+        assert quarter.records[-1].std_dev == 0.25 * hp.nes.std_dev
+        assert whole.records[-1].success_rate == pytest.approx(1 / 6)
+        assert whole.scale == pytest.approx(np.exp(1.5 * (1 / 6 - 0.3)))
+        assert {r.std_dev for r in nes.ask(whole)} == {whole.scale * hp.nes.std_dev}
+
+    def test_a_solved_generation_leaves_the_scale(
+        self, cartpole: Task, hp: Hyperparameters
+    ) -> None:
+        nes = NES(cartpole, hp, 0)
+        state = nes.start()
+        for score, kept in ((200.0, True), (150.0, False)):
+            after = nes.tell(state, [answer(r, score) for r in nes.ask(state)], 1.0, 0.0)
+            assert (after.scale == state.scale) is kept
 
 
 def test_nes_improves_a_real_score(cartpole: Task, small_hp: Hyperparameters) -> None:

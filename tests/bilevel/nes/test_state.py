@@ -93,10 +93,13 @@ def test_any_bytes_are_refused(content: bytes, tmp_path_factory: pytest.TempPath
         "7",
         "{}",
         "[" * 100_000,
-        '{"generation": Infinity, "solved_streak": 0, "finalists": [], "records": []}',
-        '{"generation": 1, "solved_streak": 0, "finalists": [], "records": []}',
-        '{"generation": 1, "solved_streak": 0, "finalists": [], "records": [{"x": 1}]}',
-        '{"generation": 0, "solved_streak": 0, "finalists": [[0, 1, 2]], "records": []}',
+        '{"generation": Infinity, "scale": 1, "solved_streak": 0, "finalists": [], "records": []}',
+        '{"generation": 1, "scale": 1, "solved_streak": 0, "finalists": [], "records": []}',
+        '{"generation": 1, "scale": 1, "solved_streak": 0, "finalists": [], "records": [{"x": 1}]}',
+        '{"generation": 0, "scale": 1, "solved_streak": 0, "finalists": [[0, 1, 2]],'
+        ' "records": []}',
+        '{"generation": 0, "scale": 0, "solved_streak": 0, "finalists": [], "records": []}',
+        '{"generation": 0, "scale": Infinity, "solved_streak": 0, "finalists": [], "records": []}',
     ],
 )
 def test_a_wrong_header_with_a_right_checksum_is_refused(header: str, tmp_path: Path) -> None:
