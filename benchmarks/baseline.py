@@ -59,7 +59,7 @@ def main() -> None:
         {"real": None},
         load_preset("default", task.id, agents=kinds).agents,
         options.agents,
-        True,
+        "all",
         0,
         "baseline",
         Place(home, home.database_uri),

@@ -23,7 +23,7 @@ MARGINS = {"early": request_queue.EARLY_MARGIN, "when idle": float("inf")}
 
 def main() -> None:
     """Measure both, write `results/handing_out.json`."""
-    task, hp = get_task("CartPole-v0"), load_preset("tuned", "CartPole-v0")
+    task, hp = get_task("CartPole-v0"), load_preset("tuned", "CartPole-v0", "antithetic")
     nes = NES(task, hp, 0)
     psi = nes.start().psi
     requests = [

@@ -56,7 +56,7 @@ def main() -> None:
     se = load_se(run.folder / BEST_FILE)
 
     rows = []
-    for names, vary in ((("ddqn", "dueling-ddqn", "td3"), True), (("reinforce",), False)):
+    for names, vary in ((("ddqn", "dueling-ddqn", "td3"), "all"), (("reinforce",), "no")):
         kinds = load_preset("default", task.id, agents=names).agents
         command = EvaluateCommand(
             task,
@@ -69,7 +69,7 @@ def main() -> None:
             place,
         )
         for group in as_json(run_evaluate(command)):
-            rows.append({"varied": vary, **group})
+            rows.append({"varied": vary != "no", **group})
     arguments = [argument for argument in sys.argv[1:] if argument != str(options.home)]
     path = write_result(
         f"transfer_{task.id}",

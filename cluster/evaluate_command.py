@@ -54,7 +54,7 @@ class EvaluateCommand:
     sources: dict[str, StoredSE | None]  # by label; None is the real task
     kinds: tuple[AgentHyperparameters, ...]
     agents: int
-    vary: bool
+    vary: str  # of VARIATIONS
     seed: int
     name: str
     place: Place

@@ -68,12 +68,16 @@ class Contender:
 def choose_best(
     task: Task, contenders: Sequence[Contender], seed: Seed, pool: EvaluationPool
 ) -> Contender:
-    """Train `RETESTS` fresh agents on each SE; the best on average, among equals the
+    """Train `RETESTS` fresh agents on each SE; the fittest on average, among equals the
     one that took fewer steps. Contenders come best first, so one alone needs no test."""
     if len(contenders) == 1:
         return contenders[0]
     scores = [_fresh_agents(task, c, RETESTS, (*seed, _RETEST), pool) for c in contenders]
-    ranks = [(score.scores.mean(), -score.train_steps.mean()) for score in scores]
+    steps = [score.train_steps.mean() for score in scores]
+    ranks = [
+        (score.scores.mean() - c.hp.nes.step_price * taken / 1000, -taken)
+        for c, score, taken in zip(contenders, scores, steps, strict=True)
+    ]
     return contenders[ranks.index(max(ranks))]
 
 

@@ -134,6 +134,7 @@ class NESRun:
                 {
                     "generation": f.generation,
                     "score_mean": f.score_mean,
+                    "fitness_mean": f.fitness_mean,
                     "perturbed_score_mean": f.perturbed_score_mean,
                 },
             )

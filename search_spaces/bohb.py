@@ -62,7 +62,7 @@ def _full_agent(agent: str) -> list[Dimension]:
 
 def _core() -> list[Dimension]:
     """With `_core_agent`, six that a search of an hour can tell apart: the model needs
-    2 * (6 + 1) results at one budget. NES ranges are those of the antithetic update."""
+    2 * (6 + 1) results at one budget. NES ranges are those of the paired update."""
     return [
         CS.Float("nes.step_size", (0.02, 0.2), log=True),
         CS.Float("nes.std_dev", (0.005, 0.1), log=True),
@@ -79,7 +79,7 @@ def _core_agent(agent: str) -> list[Dimension]:
 
 
 #: Spaces by name, and the NES update that their step sizes are meant for.
-SPACES = {"full": "paper", "core": "antithetic"}
+SPACES = {"full": "paper", "core": "paired"}
 
 
 def search_space(

@@ -51,4 +51,5 @@ def small_hp(small_agent: DDQNHyperparameters) -> Hyperparameters:
         nes=replace(hp.nes, population_size=3, generations=2, start_candidates=1),
         se=replace(hp.se, hidden_size=8),
         agents=(small_agent,),
+        vary_agent="no",
     )

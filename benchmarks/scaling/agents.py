@@ -36,7 +36,7 @@ def varied(
     workers: Processes, task: Task, seed: int, home: Path, generation: int
 ) -> dict[str, Any]:
     """One generation with varied agents, on the SE that a run without had."""
-    hp = replace(load_preset("tuned", task.id), vary_agent=True)
+    hp = replace(load_preset("tuned", task.id, "antithetic"), vary_agent="all")
     nes = NES(task, hp, seed, draw_agent)
     state = NESState.load(generation_path(home, task.id, seed, generation))
     requests = nes.ask(state)

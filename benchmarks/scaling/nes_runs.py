@@ -64,7 +64,7 @@ def main() -> None:
     parser.add_argument("--generations", type=int, default=24)
     parser.add_argument("--home", type=Path, required=True)
     args = parser.parse_args()
-    nes = NES(get_task(args.task), load_preset("tuned", args.task), args.seed)
+    nes = NES(get_task(args.task), load_preset("tuned", args.task, "antithetic"), args.seed)
     generation_path(args.home, args.task, args.seed, 0).parent.mkdir(parents=True, exist_ok=True)
     with processes() as workers:
         values = record(nes, args.generations, workers, args.home)

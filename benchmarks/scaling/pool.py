@@ -119,7 +119,7 @@ def main() -> None:
     parser.add_argument("--generations", type=int, nargs="+", required=True)
     parser.add_argument("--home", type=Path, required=True)
     args = parser.parse_args()
-    nes = NES(get_task(args.task), load_preset("tuned", args.task), args.seed)
+    nes = NES(get_task(args.task), load_preset("tuned", args.task, "antithetic"), args.seed)
     overheads, replays = [], []
     with ray_cluster(None):
         for actors in ACTORS:

@@ -12,6 +12,7 @@ from bilevel.hyperparameters.agents import (
 from bilevel.hyperparameters.definitions import (
     SCORE_TRANSFORMS,
     UPDATES,
+    VARIATIONS,
     Hyperparameters,
     NESHyperparameters,
     SEHyperparameters,
@@ -23,6 +24,7 @@ __all__ = [
     "PRESETS",
     "SCORE_TRANSFORMS",
     "UPDATES",
+    "VARIATIONS",
     "AgentHyperparameters",
     "DDQNHyperparameters",
     "DuelingDDQNHyperparameters",

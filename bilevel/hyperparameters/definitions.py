@@ -9,7 +9,7 @@ import math
 from dataclasses import asdict, dataclass
 from typing import Any, Self
 
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters.agents import (
     ACTIVATIONS,
     AgentHyperparameters,
@@ -21,7 +21,7 @@ from bilevel.hyperparameters.validation import Validated, choice, ranged
 RETEST_ONE_IN, RETESTS = 8, 8
 
 #: The update rules and score transforms by name; `bilevel.nes` implements them.
-UPDATES = ("antithetic", "paper", "authors")
+UPDATES = ("paired", "antithetic", "paper", "authors")
 SCORE_TRANSFORMS = (
     "linear",
     "rank",
@@ -33,6 +33,10 @@ SCORE_TRANSFORMS = (
     "better-average-sum",
 )
 
+#: Whether learning rate, batch size and network of the agents are drawn anew for every
+#: member: from all of the paper's ranges, or only small networks and batches.
+VARIATIONS = ("no", "small", "all")
+
 
 @dataclass(frozen=True, kw_only=True)
 class NESHyperparameters(Validated):
@@ -42,18 +46,23 @@ class NESHyperparameters(Validated):
     std_dev: float = ranged(1e-6, 10.0)  # sigma of the perturbations
     mirrored_sampling: bool  # evaluate psi - eps beside psi + eps
     score_transform: str = choice(SCORE_TRANSFORMS)  # read by `paper`, `authors`
-    update: str = choice(UPDATES, "antithetic")
+    update: str = choice(UPDATES, "paired")
     population_size: int = ranged(1, 65536, 16)  # n_p, members a generation
     generations: int = ranged(1, 1_000_000, 200)  # n_o, outer loops at most
     start_candidates: int = ranged(1, 65536, 1)  # initialisations the start is chosen from
     # Share of the perturbed SEs that shall score above psi: sigma and alpha are adapted
     # to it every generation. 0: they stay.
     success_rate: float = ranged(0.0, 1.0, 0.0)
+    momentum: float = ranged(0.0, 0.999, 0.0)  # share of the last step that is made again
+    # Score that 1000 train steps cost in the fitness; the paper's fitness is the score.
+    step_price: float = ranged(0.0, 1e6, 0.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.update == "antithetic" and not self.mirrored_sampling:
-            raise InvalidInput("NES update 'antithetic' needs mirrored_sampling true; got false")
+        if self.update in ("paired", "antithetic") and not self.mirrored_sampling:
+            raise InvalidInput(
+                f"NES update {self.update!r} needs mirrored_sampling true; got false"
+            )
 
     @property
     def start_evaluations(self) -> int:
@@ -86,9 +95,11 @@ class Hyperparameters:
     nes: NESHyperparameters
     se: SEHyperparameters
     agents: tuple[AgentHyperparameters, ...]
-    vary_agent: bool = False  # draw lr, batch size and network anew for every member
+    vary_agent: str = "no"  # of VARIATIONS
 
     def __post_init__(self) -> None:
+        if self.vary_agent not in VARIATIONS:
+            raise one_of("variation of agents", self.vary_agent, VARIATIONS)
         names = [hp.agent for hp in self.agents]
         if not names or len(set(names)) < len(names):
             raise InvalidInput(f"agents must be one or more, each once; got {names}")
@@ -113,7 +124,7 @@ class Hyperparameters:
                     agent_hyperparameters(name).from_dict(fields)
                     for name, fields in values["agents"].items()
                 ),
-                vary_agent=bool(values.get("vary_agent", False)),
+                vary_agent=values.get("vary_agent", "no"),
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise InvalidInput(f"hyperparameters lack the section {error}") from None

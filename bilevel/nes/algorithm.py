@@ -1,15 +1,16 @@
 """Natural evolution strategies over synthetic environments (paper, Algorithm 1).
 
-    psi <- the best of start_candidates random initialisations: one evaluation each,
-           then RETESTS more of the best eighth
-    s   <- 1
+    psi  <- the best of start_candidates random initialisations: one evaluation each,
+            then RETESTS more of the best eighth
+    s, v <- 1, 0                                         # scale, velocity
     repeat n_o times:                                    # generations
         for each member i = 1 .. n_p:                    # ask: requests, in any order
-            eps_i ~ N(0, (s sigma)^2 I)
-            for SE in psi, psi + eps_i, psi - eps_i:
+            eps_i ~ N(0, sigma^2 I)
+            for SE in psi, psi + s eps_i, psi - s eps_i:
                 agent <- TrainAgent(fresh agent, SE)     # evaluation.evaluate
                 F     <- EvaluateAgent(agent, real task)
-        psi <- UpdateSE(psi, {eps_i}, {F_i}), s times its step               # tell
+        v   <- momentum v + s UpdateSE({eps_i}, {F_i})   # tell
+        psi <- psi + v
         s   <- adapted to the rate of successes, unless psi solves the task
 
 Every random number is derived from (run seed, generation, member), so a request is
@@ -31,8 +32,8 @@ from bilevel.nes.updates import MemberScores, adapted_scale, success_rate, updat
 from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task
 
-#: Draws one of the agents by a seed, with varied hyperparameters if the flag says so.
-AgentSampler = Callable[[tuple[AgentHyperparameters, ...], bool, int], AgentHyperparameters]
+#: Draws one of the agents by a seed, its hyperparameters varied as one of VARIATIONS says.
+AgentSampler = Callable[[tuple[AgentHyperparameters, ...], str, int], AgentHyperparameters]
 
 # What a derived seed is for; part of the seed, so never renumber.
 _START, _PERTURBATION, _AGENT, _EVALUATION = range(4)
@@ -82,15 +83,15 @@ class NES:
         """The state before the first generation."""
         best = 0
         if retested:
-            scores = self._scores(retested).reshape(-1, RETESTS).mean(axis=1)
-            best = self._screened_best(screened)[int(scores.argmax())]
+            fitness = self._fitness(retested).reshape(-1, RETESTS).mean(axis=1)
+            best = self._screened_best(screened)[int(fitness.argmax())]
         rng = np.random.default_rng(self._seed(_START, best))
         psi = self.architecture.initialize(rng)
-        return NESState(psi)
+        return NESState(psi, np.zeros_like(psi))
 
     def _screened_best(self, screened: Sequence[EvaluationResult]) -> list[int]:
         keep = math.ceil(len(screened) / RETEST_ONE_IN)
-        return [int(i) for i in np.argsort(-self._scores(screened), kind="stable")[:keep]]
+        return [int(i) for i in np.argsort(-self._fitness(screened), kind="stable")[:keep]]
 
     def _start_request(self, index: int, candidate: int, repeat: int) -> EvaluationRequest:
         return EvaluationRequest(
@@ -107,10 +108,12 @@ class NES:
         for sign in (0, 1, -1) if self.hp.nes.mirrored_sampling else (0, 1):
             for member in range(self.hp.nes.population_size):
                 index = len(requests)
+                paired = self.hp.nes.update == "paired" and sign == -1
+                trial = index - self.hp.nes.population_size if paired else index
                 requests.append(
                     EvaluationRequest(
                         index=index,
-                        seed=self._seed(state.generation, index, _EVALUATION),
+                        seed=self._seed(state.generation, trial, _EVALUATION),
                         agent=self._agent(state.generation, member),
                         sign=sign,
                         perturbation_seed=self._seed(state.generation, member, _PERTURBATION),
@@ -120,7 +123,7 @@ class NES:
         return requests
 
     def _agent(self, *path: int) -> AgentHyperparameters:
-        if not self.hp.vary_agent and len(self.hp.agents) == 1:
+        if self.hp.vary_agent == "no" and len(self.hp.agents) == 1:
             return self.hp.agents[0]
         assert self.sample_agent is not None
         return self.sample_agent(self.hp.agents, self.hp.vary_agent, self._seed(*path, _AGENT))
@@ -137,26 +140,30 @@ class NES:
         the last of `records`. `results` may come in any order; they took `seconds` on
         so many cores, until the unix time `finished`."""
         ordered = sorted(results, key=lambda result: result.index)
-        parts = self._scores(results).reshape(-1, self.hp.nes.population_size)
-        members = MemberScores(parts[0], parts[1], parts[2] if len(parts) == 3 else None)
+        nes = self.hp.nes
+        scores = self._scores(results).reshape(-1, nes.population_size)
+        fitness = self._fitness(results).reshape(-1, nes.population_size)
+        members = MemberScores(fitness[0], fitness[1], fitness[2] if len(fitness) == 3 else None)
         eps = self._perturbations(state.generation)
-        step = np.float32(state.scale) * update_step(self.hp.nes, eps, members)
+        step = np.float32(state.scale) * update_step(nes, eps, members)
+        step += np.float32(nes.momentum) * state.velocity
 
-        centre = ordered[: self.hp.nes.population_size]
+        centre = ordered[: nes.population_size]
         kernel_seconds = max(sum(r.seconds for r in ordered), 1e-9)
         record = GenerationRecord(
             generation=state.generation,
-            score_mean=float(members.centre.mean()),
-            score_std=float(members.centre.std()),
-            score_best=float(members.centre.max()),
-            perturbed_score_mean=float(parts[1:].mean()),
+            score_mean=float(scores[0].mean()),
+            score_std=float(scores[0].std()),
+            score_best=float(scores[0].max()),
+            perturbed_score_mean=float(scores[1:].mean()),
+            fitness_mean=float(members.centre.mean()),
             train_steps_mean=float(np.mean([r.train_steps for r in centre])),
             train_episodes_mean=float(np.mean([r.train_episodes for r in centre])),
-            solved_fraction=float((members.centre >= self.task.solved_reward).mean()),
+            solved_fraction=float((scores[0] >= self.task.solved_reward).mean()),
             non_finite=sum(not (r.finite and math.isfinite(r.score)) for r in ordered),
             psi_norm=float(np.linalg.norm(state.psi)),
             update_norm=float(np.linalg.norm(step)),
-            std_dev=state.scale * self.hp.nes.std_dev,
+            std_dev=state.scale * nes.std_dev,
             success_rate=success_rate(members),
             env_steps_per_second=sum(r.train_steps for r in ordered) / kernel_seconds,
             generation_seconds=seconds,
@@ -164,15 +171,20 @@ class NES:
             finished=finished,
         )
         finalist = Finalist(
-            state.psi, state.generation, record.score_mean, record.perturbed_score_mean
+            state.psi,
+            state.generation,
+            record.score_mean,
+            record.fitness_mean,
+            record.perturbed_score_mean,
         )
         solved = record.score_mean >= self.task.solved_reward
         return replace(
             state,
             psi=state.psi + step,
+            velocity=step,
             generation=state.generation + 1,
             # Where psi solves the task, scores tie, and their order says nothing.
-            scale=state.scale if solved else adapted_scale(self.hp.nes, state.scale, members),
+            scale=state.scale if solved else adapted_scale(nes, state.scale, members),
             solved_streak=state.solved_streak + 1 if solved else 0,
             finalists=state.with_finalist(finalist),
             records=(*state.records, record),
@@ -183,6 +195,11 @@ class NES:
         task's worst."""
         scores = np.array([r.score for r in sorted(results, key=lambda r: r.index)])
         return np.where(np.isfinite(scores), scores, self.task.worst_score)
+
+    def _fitness(self, results: Sequence[EvaluationResult]) -> NDArray[np.float64]:
+        """The scores (n,) less the price of the train steps."""
+        steps = np.array([r.train_steps for r in sorted(results, key=lambda r: r.index)])
+        return self._scores(results) - self.hp.nes.step_price * steps / 1000
 
     def _perturbations(self, generation: int) -> NDArray[np.float32]:
         architecture, sigma = self.architecture, self.hp.nes.std_dev

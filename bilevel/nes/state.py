@@ -20,7 +20,7 @@ from bilevel.errors import InvalidInput
 class GenerationRecord:
     """One generation, as reported everywhere.
 
-    Scores are mean returns on the real task; `score_*`, `train_*` and
+    Scores are mean returns on the real task; `score_*`, `fitness_mean`, `train_*` and
     `solved_fraction` are of the agents trained on psi itself.
     """
 
@@ -29,6 +29,7 @@ class GenerationRecord:
     score_std: float
     score_best: float
     perturbed_score_mean: float  # of the agents trained on psi +- eps
+    fitness_mean: float  # score_mean less the price of the train steps
     train_steps_mean: float  # environment steps on the SE
     train_episodes_mean: float
     solved_fraction: float  # of the agents trained on psi
@@ -54,12 +55,13 @@ class Finalist:
     psi: NDArray[np.float32]  # (P,)
     generation: int
     score_mean: float
+    fitness_mean: float
     perturbed_score_mean: float
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Higher is better; among equal scores the one whose neighbours score higher."""
-        return self.score_mean, self.perturbed_score_mean
+        """Higher is better; among equally fit the one whose neighbours score higher."""
+        return self.fitness_mean, self.perturbed_score_mean
 
 
 @dataclass(frozen=True)
@@ -72,6 +74,7 @@ class NESState:
     """
 
     psi: NDArray[np.float32]  # (P,)
+    velocity: NDArray[np.float32]  # (P,), the step that led to psi
     generation: int = 0
     scale: float = 1.0  # of std_dev and step_size, adapted
     solved_streak: int = 0  # generations solved in a row, up to the last one
@@ -81,7 +84,7 @@ class NESState:
     @property
     def best_score(self) -> float:
         """Highest mean score of a generation so far (-inf before the first)."""
-        return self.finalists[0].score_mean if self.finalists else float("-inf")
+        return max((record.score_mean for record in self.records), default=-math.inf)
 
     @property
     def objective(self) -> float:
@@ -101,11 +104,12 @@ class NESState:
             "scale": self.scale,
             "solved_streak": self.solved_streak,
             "finalists": [
-                [f.generation, f.score_mean, f.perturbed_score_mean] for f in self.finalists
+                [f.generation, f.score_mean, f.fitness_mean, f.perturbed_score_mean]
+                for f in self.finalists
             ],
             "records": [asdict(record) for record in self.records],
         }
-        tensors = {"psi": self.psi}
+        tensors = {"psi": self.psi, "velocity": self.velocity}
         tensors |= {f"finalist_{i}": f.psi for i, f in enumerate(self.finalists)}
         header["sha256"] = _checksum(json.dumps(header), tensors)
         # One entry: safetensors writes several in any order.
@@ -121,18 +125,20 @@ class NESState:
             header = json.loads(metadata["nes"])
             if header.pop("sha256") != _checksum(json.dumps(header), tensors):
                 raise ValueError("its checksum is wrong")
-            psi = tensors["psi"]
+            psi, velocity = tensors["psi"], tensors["velocity"]
             finalists = tuple(
-                Finalist(tensors[f"finalist_{i}"], int(g), float(score), float(near))
-                for i, (g, score, near) in enumerate(header["finalists"])
+                Finalist(
+                    tensors[f"finalist_{i}"], int(g), float(score), float(fitness), float(near)
+                )
+                for i, (g, score, fitness, near) in enumerate(header["finalists"])
             )
             records = tuple(GenerationRecord(**record) for record in header["records"])
             generation, scale = int(header["generation"]), float(header["scale"])
             streak = int(header["solved_streak"])
-            shapes = {psi.shape, *(finalist.psi.shape for finalist in finalists)}
+            shapes = {psi.shape, velocity.shape, *(finalist.psi.shape for finalist in finalists)}
             if generation != len(records) or len(shapes) > 1 or not 0 < scale < math.inf:
                 raise ValueError("its parts do not fit together")
-            return cls(psi, generation, scale, streak, finalists, records)
+            return cls(psi, velocity, generation, scale, streak, finalists, records)
         except _DAMAGE as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise InvalidInput(f"damaged checkpoint {str(path)!r}: {reason}") from None

@@ -71,7 +71,7 @@ def better_average_sum(scores: Scores, average: float) -> Scores:
 
 
 def centred_rank(scores: Scores) -> Scores:
-    """Ranks scaled to [-0.5, 0.5]; the antithetic estimator's utilities."""
+    """Ranks scaled to [-0.5, 0.5]; the utilities of the update `antithetic`."""
     return rank(finite(scores), 0.0) - 0.5
 
 

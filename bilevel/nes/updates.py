@@ -4,21 +4,23 @@ symbol   shape     meaning
 ------   -------   ----------------------------------------------------------
 psi      (P,)      parameters of the unperturbed SE
 eps      (n, P)    perturbations, ~ N(0, sigma^2 I)
-F        (n,)      scores of psi + eps (`plus`) and psi - eps (`minus`)
+F        (n,)      fitness of psi + eps (`plus`) and psi - eps (`minus`)
 n_p      -         population size n
 
 update        psi + ...
 -----------   -------------------------------------------------------------------
+paired        alpha * mean_i r_i eps_i / sigma, r the signed ranks of the differences
+              F_i+ - F_i- (Wilcoxon, 1945); the two SEs of a pair are tried on the same
+              agent with the same random numbers, so that they differ in the SE alone
 antithetic    alpha * mean_i (u_i+ - u_i-) eps_i / sigma, u the centred ranks of all
               2n scores: the textbook estimator (Salimans et al., 2017)
 paper         alpha / (n_p sigma) * sum_i w_i eps_i
 authors       alpha * sum_i w_i eps_i: the authors' code, which does not divide
 
-A generation may use other values of alpha and sigma than the hyperparameters': both are
-then multiplied by a `scale` (`adapted_scale`), and eps with them.
-
 In the last two, w are the transformed scores, and mirrored sampling is the authors':
 of each pair the better sign is kept, with its score, and the other is dropped.
+All steps are proportional to eps: where a `scale` (`adapted_scale`) multiplies sigma, the
+step is multiplied by it as well, which keeps alpha / sigma.
 """
 
 import math
@@ -26,6 +28,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import rankdata
 
 from bilevel.hyperparameters import NESHyperparameters
 from bilevel.nes.transforms import centred_rank, finite, transform
@@ -33,7 +36,8 @@ from bilevel.nes.transforms import centred_rank, finite, transform
 
 @dataclass(frozen=True)
 class MemberScores:
-    """Scores of one generation."""
+    """Fitness of one generation: scores, less the price of the train steps if they have
+    one."""
 
     centre: NDArray[np.float64]  # (n,) agents trained on psi itself
     plus: NDArray[np.float64]  # (n,)
@@ -44,8 +48,9 @@ def update_step(
     hp: NESHyperparameters, eps: NDArray[np.float32], scores: MemberScores
 ) -> NDArray[np.float32]:
     """What is added to psi, (P,)."""
-    if hp.update == "antithetic":
-        weights, scale = _antithetic(scores), hp.step_size / (len(eps) * hp.std_dev)
+    if hp.update in _PAIRWISE:
+        weights = _PAIRWISE[hp.update](scores)
+        scale = hp.step_size / (len(eps) * hp.std_dev)
     else:
         weights = _better_sign(hp, scores)
         scale = hp.step_size / (len(eps) * hp.std_dev if hp.update == "paper" else 1.0)
@@ -83,12 +88,26 @@ def adapted_scale(hp: NESHyperparameters, scale: float, scores: MemberScores) ->
     return min(max(scale * factor, lowest), highest)
 
 
+def _paired(scores: MemberScores) -> NDArray[np.float64]:
+    """Signed ranks, scaled to the size that differences of centred ranks have when nothing
+    but chance orders the scores: sqrt(1/6) in the quadratic mean."""
+    assert scores.minus is not None
+    plus, minus = np.split(finite(np.concatenate([scores.plus, scores.minus])), 2)
+    difference = plus - minus
+    ranks = rankdata(np.abs(difference)) / difference.size
+    signed: NDArray[np.float64] = np.sqrt(1 / 2) * np.sign(difference) * ranks
+    return signed
+
+
 def _antithetic(scores: MemberScores) -> NDArray[np.float64]:
     assert scores.minus is not None
     utilities = centred_rank(np.concatenate([scores.plus, scores.minus]))
     plus, minus = np.split(utilities, 2)
     difference: NDArray[np.float64] = plus - minus
     return difference
+
+
+_PAIRWISE = {"paired": _paired, "antithetic": _antithetic}
 
 
 def _better_sign(hp: NESHyperparameters, scores: MemberScores) -> NDArray[np.float64]:

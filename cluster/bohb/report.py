@@ -4,6 +4,7 @@ A Ray Tune callback in the driver. What it shows is on disk already, so that it 
 be shown again at any time.
 """
 
+import math
 import time
 from typing import Any
 
@@ -124,12 +125,15 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     def _show(self, job: Job, record: GenerationRecord) -> None:
         # With the rest of the bar this fits into 80 columns.
         name, generation = configuration_name(job.id), record.generation + 1
-        note = f"ETA {self._eta()}, {name} {generation}/{job.budget}: {record.score_mean:.1f}"
-        done = len(self._journal.results)
+        now = f"{name} {generation}/{job.budget}: {record.score_mean:.1f}"
+        results, seconds = len(self._journal.results), self._seconds_left()
+        if self._time_decides():
+            done, total = self._elapsed() / 60, (self._elapsed() + seconds) / 60
+            self._terminal.bar(self._bracket(job), done, total, "min", f"{results} results, {now}")
+            return
         total = sum(rung.configurations for rung in self._rungs)
-        self._terminal.bar(
-            f"bracket {job.id[0] + 1}/{self._brackets}", done, total, "results", note
-        )
+        note = f"ETA {duration(seconds)}, {now}"
+        self._terminal.bar(self._bracket(job), results, total, "results", note)
 
     def _result_line(self, job: Job, result: dict[str, Any]) -> None:
         rungs = [rung.budget for rung in self._rungs if rung.bracket == job.id[0]]
@@ -137,17 +141,30 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         so_far = "" if incumbent is None else f"incumbent {incumbent.objective:.1f}"
         speed = result["record"]["env_steps_per_second"] / 1000
         self._terminal.line(
-            f"{configuration_name(job.id)}  bracket {job.id[0] + 1}/{self._brackets} rung "
+            f"{configuration_name(job.id)}  {self._bracket(job)} rung "
             f"{rungs.index(job.budget) + 1}/{len(rungs)}  {job.budget:3d} generations  "
             f"objective {result[OBJECTIVE]:7.1f}  best score {result['best_score']:7.1f}  "
             f"{speed:3.0f}k steps/s  {'model ' if job.model_based else 'random'}  {so_far}  "
-            f"ETA {self._eta()}"
+            f"ETA {duration(self._seconds_left())}"
         )
 
-    def _eta(self) -> str:
-        elapsed = time.monotonic() - self._started
+    def _bracket(self, job: Job) -> str:
+        """Which bracket it is; of how many, if they are what ends the study."""
+        return f"bracket {job.id[0] + 1}" + ("" if self._time_decides() else f"/{self._brackets}")
+
+    def _elapsed(self) -> float:
+        return time.monotonic() - self._started
+
+    def _time_decides(self) -> bool:
+        """Whether the time budget ends the study, rather than its last bracket."""
+        return self._time_budget is not None and self._seconds_of_brackets() > self._time_left()
+
+    def _seconds_left(self) -> float:
+        return min(self._seconds_of_brackets(), self._time_left())
+
+    def _seconds_of_brackets(self) -> float:
         left = self._summary.generations_left()
-        estimate = elapsed / max(self._generations, 1) * left
-        if self._time_budget is not None:
-            estimate = min(estimate, self._time_budget - elapsed)
-        return duration(estimate)
+        return self._elapsed() / max(self._generations, 1) * left
+
+    def _time_left(self) -> float:
+        return math.inf if self._time_budget is None else self._time_budget - self._elapsed()

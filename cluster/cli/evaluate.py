@@ -7,8 +7,8 @@ from typing import Any
 
 import click
 
-from bilevel.errors import InvalidInput
-from cluster.cli.options import RunOptions, common_options
+from bilevel.errors import InvalidInput, one_of
+from cluster.cli.options import RunOptions, common_options, vary_option
 from cluster.home import LONGEST_NAME
 
 
@@ -25,11 +25,7 @@ from cluster.home import LONGEST_NAME
     show_default=True,
     help="Fresh agents of each kind on each source.",
 )
-@click.option(
-    "--vary-hp/--no-vary-hp",
-    default=False,
-    help="Draw each agent's learning rate, batch size and network anew.",
-)
+@vary_option
 @click.option("--preset", default="default", show_default=True, help="tuned or default.")
 @click.option("--max-episodes", type=click.IntRange(min=1), help="Training episodes at most.")
 @click.option("--workers", type=click.IntRange(min=1), help="Actors; default all cores.")
@@ -39,7 +35,7 @@ def evaluate(
     files: tuple[Path, ...],
     real: str | None,
     count: int,
-    vary_hp: bool,
+    vary: str | None,
     preset: str,
     max_episodes: int | None,
     workers: int | None,
@@ -50,7 +46,7 @@ def evaluate(
 
     Several kinds, --agent ddqn,td3, are each trained --agents times.
     """
-    from bilevel.hyperparameters import load_preset
+    from bilevel.hyperparameters import VARIATIONS, load_preset
     from bilevel.synthetic_env import StoredSE, load_se
 
     ses = _labelled(files)
@@ -75,7 +71,10 @@ def evaluate(
     kinds = load_preset(preset, task.id, agents=common.the_agents()).agents
     if max_episodes is not None:
         kinds = tuple(replace(hp, max_episodes=max_episodes) for hp in kinds)
-    varied = "-vary-hp" if vary_hp else ""
+    vary = vary or "no"
+    if vary not in VARIATIONS:
+        raise one_of("variation of agents", vary, VARIATIONS)
+    varied = "" if vary == "no" else f"-{vary}"
     among = "-".join(hp.agent for hp in kinds)
     suffix = f"-{among}{varied}-seed{common.seed}"
     place = common.the_place()
@@ -88,7 +87,7 @@ def evaluate(
             sources,
             kinds,
             count,
-            vary_hp,
+            vary,
             common.seed,
             name or f"evaluate-{'-'.join(sources)}"[: LONGEST_NAME - len(suffix)] + suffix,
             place,

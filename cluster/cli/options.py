@@ -50,6 +50,15 @@ agent_file_option = click.option(
     help="Python file that registers an agent (docs/agents.md).",
 )
 
+#: Agents that differ.
+vary_option = click.option(
+    "--vary-hp",
+    "vary",
+    metavar="no|small|all",
+    help="Draw each agent's learning rate, batch size and network anew from the paper's "
+    "ranges: all of them, or small networks and batches.",
+)
+
 #: Where runs are tracked.
 tracking_option = click.option(
     "--tracking-uri",

@@ -6,17 +6,18 @@ from typing import Any
 
 import click
 
-from cluster.cli.options import Duration, RunOptions, agent_suffix, run_options
+from cluster.cli.options import Duration, RunOptions, agent_suffix, run_options, vary_option
 
 
 @click.command()
 @run_options
 @click.option("--preset", default=None, help="tuned (the paper's Table 1) or default.")
-@click.option("--update", default="antithetic", show_default=True, help="NES update rule.")
+@click.option("--update", default="paired", show_default=True, help="NES update rule.")
 @click.option("--generations", type=click.IntRange(min=1), help="At most; default 200.")
 @click.option("--workers", type=click.IntRange(min=1), help="Actors; default all cores.")
-@click.option("--vary-hp/--no-vary-hp", default=False, help="Vary the agents' hyperparameters.")
+@vary_option
 @click.option("--start-candidates", type=click.IntRange(min=1), help="Initialisations to try.")
+@click.option("--step-price", type=float, help="Score that 1000 train steps cost; default 0.")
 @click.option(
     "--solved-for",
     type=click.IntRange(min=1),
@@ -30,8 +31,9 @@ def nes(
     update: str,
     generations: int | None,
     workers: int | None,
-    vary_hp: bool,
+    vary: str | None,
     start_candidates: int | None,
+    step_price: float | None,
     solved_for: int,
     name: str | None,
     **options: Any,
@@ -48,11 +50,12 @@ def nes(
         "population_size": common.population,
         "generations": generations,
         "start_candidates": start_candidates,
+        "step_price": step_price,
     }
     changed = {key: value for key, value in changes.items() if value is not None}
-    hp = replace(hp, nes=replace(hp.nes, **changed), vary_agent=vary_hp)
+    hp = replace(hp, nes=replace(hp.nes, **changed), vary_agent=vary or hp.vary_agent)
     if name is None:
-        varied = "-vary-hp" if vary_hp else ""
+        varied = "" if vary is None else f"-{vary}"
         name = f"nes-{preset}{agent_suffix(agents)}-{update}{varied}-seed{common.seed}"
 
     place = common.the_place()

@@ -29,7 +29,7 @@ class EvaluationViews:
         settings = read_settings(folder)
         try:
             stored_task(settings["task"])
-            types = {"kinds": dict, "sources": dict, "vary": bool, "seed": int}
+            types = {"kinds": dict, "sources": dict, "vary": str, "seed": int}
             for name, kind in types.items():
                 if not isinstance(settings[name], kind):
                     raise TypeError(f"{name} is {settings[name]!r}")

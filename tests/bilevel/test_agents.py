@@ -93,7 +93,7 @@ class TestEveryAgent:
 
     def test_hyperparameters_vary_and_are_searched(self, name: str) -> None:
         hp = small(name)
-        drawn = [draw_agent((hp,), True, seed) for seed in range(5)]
+        drawn = [draw_agent((hp,), "all", seed) for seed in range(5)]
         assert len({vars(agent)["learning_rate"] for agent in drawn}) == 5
         assert f"{name}.learning_rate" in search_space("core", (name,))
 
@@ -107,7 +107,8 @@ class TestEveryAgent:
 def test_a_mixture_draws_an_agent_a_member_the_same_for_a_pair(cartpole: Task) -> None:
     hp = load_preset("tuned", cartpole.id, agents=AGENTS)
     nes = NES(cartpole, hp, 0, draw_agent)
-    requests = nes.ask(NESState(np.zeros(nes.architecture.parameter_count, np.float32)))
+    psi = np.zeros(nes.architecture.parameter_count, np.float32)
+    requests = nes.ask(NESState(psi, psi))
     kinds = [request.agent.agent for request in requests]
     assert kinds[:16] == kinds[16:32] == kinds[32:]
     assert set(kinds) == set(AGENTS)

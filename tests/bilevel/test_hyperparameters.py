@@ -99,8 +99,9 @@ def test_out_of_range(
         replace(small_agent, **changes)  # type: ignore[arg-type]
 
 
-def test_antithetic_needs_mirrored_sampling() -> None:
-    nes = load_preset("tuned", "CartPole-v0").nes
+@pytest.mark.parametrize("update", ["paired", "antithetic"])
+def test_updates_on_pairs_need_mirrored_sampling(update: str) -> None:
+    nes = load_preset("tuned", "CartPole-v0", update).nes
     with pytest.raises(InvalidInput, match="needs mirrored_sampling"):
         replace(nes, mirrored_sampling=False)
 

@@ -6,8 +6,14 @@ import pytest
 from scipy.stats import kstest
 
 from bilevel import InvalidInput
-from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_preset
+from bilevel.hyperparameters import (
+    AgentHyperparameters,
+    DDQNHyperparameters,
+    Hyperparameters,
+    load_preset,
+)
 from search_spaces import SPACES, draw_agent, search_space, to_hyperparameters
+from search_spaces.agent_variation import SMALL
 from tests.conftest import ddqn
 
 SAMPLES = 300
@@ -68,9 +74,9 @@ def test_full_is_table_1() -> None:
     assert len({hp.se.activation for hp in hps}) == len({ddqn(hp).activation for hp in hps}) == 4
 
 
-def test_core_is_small_and_for_the_antithetic_update() -> None:
+def test_core_is_small_and_for_the_paired_update() -> None:
     assert len(search_space("core")) == 6
-    assert all(hp.nes.update == "antithetic" for hp in drawn("core"))
+    assert all(hp.nes.update == "paired" for hp in drawn("core"))
 
 
 def test_numpy_scalars_are_taken() -> None:
@@ -115,16 +121,34 @@ class TestOtherAgents:
 
 def test_several_agents_are_drawn_about_equally() -> None:
     hp = load_preset("default", "CartPole-v0", agents=("ddqn", "dueling-ddqn", "td3"))
-    names = [draw_agent(hp.agents, True, seed).agent for seed in range(300)]
+    names = [draw_agent(hp.agents, "all", seed).agent for seed in range(300)]
     assert all(70 < names.count(name) < 130 for name in ("ddqn", "dueling-ddqn", "td3"))
-    rates = [vars(draw_agent(hp.agents[2:], True, s))["learning_rate"] for s in range(100)]
+    rates = [vars(draw_agent(hp.agents[2:], "all", s))["learning_rate"] for s in range(100)]
     assert 5e-4 / 3 <= min(rates) < max(rates) <= 15e-4
 
 
 class TestAgentVariation:
+    @pytest.mark.parametrize("name", ["ddqn", "dueling-ddqn", "td3"])
+    def test_small_agents_are_the_cheap_ones_of_the_paper(self, name: str) -> None:
+        agents = load_preset("default", "CartPole-v0", agents=(name,)).agents
+        drawn = [draw_agent(agents, "small", seed) for seed in range(SAMPLES)]
+        assert max(hp.step_cost for hp in drawn) <= SMALL
+        assert {vars(hp)["hidden_layers"] for hp in drawn} == {1, 2, 3}
+        rates = np.log([vars(hp)["learning_rate"] for hp in drawn])
+        assert kstest((rates - rates.min()) / np.ptp(rates), "uniform").pvalue > 1e-3
+        assert drawn[7] == draw_agent(agents, "small", 7)
+
+    def test_an_agent_of_unknown_cost_is_drawn_all_the_same(self) -> None:
+        assert draw_agent((AgentHyperparameters(),), "small", 0) == AgentHyperparameters()
+
+    def test_another_variation_is_refused(self) -> None:
+        agents = load_preset("default", "CartPole-v0").agents
+        with pytest.raises(InvalidInput, match="allowed are no, small, all"):
+            draw_agent(agents, "some", 0)
+
     def test_ranges_of_the_paper(self) -> None:
         agent = ddqn(load_preset("default", "CartPole-v0"))
-        agents = [draw_agent((agent,), True, seed) for seed in range(SAMPLES)]
+        agents = [draw_agent((agent,), "all", seed) for seed in range(SAMPLES)]
         for name, low, high in (
             ("learning_rate", 1e-3 / 3, 3e-3),
             ("batch_size", 42, 384),
@@ -141,7 +165,7 @@ class TestAgentVariation:
     def test_only_four_are_varied_and_only_by_the_seed(
         self, small_agent: DDQNHyperparameters
     ) -> None:
-        one, two = (draw_agent((small_agent,), True, 2**63 + 5) for _ in range(2))
+        one, two = (draw_agent((small_agent,), "all", 2**63 + 5) for _ in range(2))
         assert one == two
         varied = {"learning_rate", "batch_size", "hidden_size", "hidden_layers"}
         for spec in fields(small_agent):

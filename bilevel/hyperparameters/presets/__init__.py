@@ -2,7 +2,7 @@
 
 A file holds the columns of the paper's tables as printed, in the sections `nes`,
 `se` and one an agent; what a file does not tell of an agent, the default table does.
-A section `updates.NAME` replaces values of `nes` when that
+A section `updates.NAME` replaces values of `nes`, and adds `vary_agent`, when that
 update is asked for: step sizes mean different things to different updates.
 """
 
@@ -22,7 +22,7 @@ from bilevel.hyperparameters.definitions import (
 #: `tuned` is the paper's Table 1, one file a task; `default` its default table.
 PRESETS = ("tuned", "default")
 
-DEFAULT_UPDATE = "antithetic"
+DEFAULT_UPDATE = "paired"
 DEFAULT_AGENT = "ddqn"
 
 
@@ -52,11 +52,14 @@ def load_preset(
         raise InvalidInput(f"no preset 'tuned' for the task {task_id!r}: allowed is default")
     values = tomllib.loads((files(__name__) / "default.toml").read_text())
     values |= tomllib.loads(file.read_text())
-    nes = values["nes"] | values.get("updates", {}).get(update, {}) | {"update": update}
+    own = values.get("updates", {}).get(update, {})
+    vary = own.pop("vary_agent", "no")
+    nes = values["nes"] | own | {"update": update}
     return Hyperparameters(
         nes=NESHyperparameters.from_dict(nes),
         se=SEHyperparameters.from_dict(values["se"]),
         agents=tuple(
             agent_hyperparameters(agent).from_dict(values.get(agent, {})) for agent in agents
         ),
+        vary_agent=vary,
     )

@@ -42,7 +42,16 @@ class TestAsk:
         seeds = [r.perturbation_seed for r in requests]
         assert seeds[3:6] == seeds[6:9]
         assert len(set(seeds[3:6])) == 3
-        assert len({r.seed for r in requests}) == 9
+        assert len({r.seed for r in requests[:6]}) == 6
+
+    @pytest.mark.parametrize("update", UPDATES)
+    def test_a_pair_shares_its_random_numbers_where_the_update_compares_them(
+        self, update: str, cartpole: Task, small_hp: Hyperparameters
+    ) -> None:
+        nes = NES(cartpole, replace(small_hp, nes=replace(small_hp.nes, update=update)), 4)
+        seeds = [r.seed for r in nes.ask(nes.start())]
+        assert (seeds[3:6] == seeds[6:9]) is (update == "paired")
+        assert len(set(seeds)) == (6 if update == "paired" else 9)
 
     def test_without_mirrored_sampling(self, cartpole: Task, small_hp: Hyperparameters) -> None:
         hp = replace(small_hp.nes, update="paper", mirrored_sampling=False)
@@ -60,12 +69,12 @@ class TestAsk:
     def test_varied_agents_are_shared_by_a_pair(
         self, cartpole: Task, small_hp: Hyperparameters
     ) -> None:
-        hp = replace(small_hp, vary_agent=True)
+        hp = replace(small_hp, vary_agent="all")
 
         def sample(
-            agents: tuple[AgentHyperparameters, ...], vary: bool, seed: int
+            agents: tuple[AgentHyperparameters, ...], vary: str, seed: int
         ) -> AgentHyperparameters:
-            assert vary
+            assert vary == "all"
             return replace(agents[0], test_episodes=1 + seed % 1000)
 
         nes = NES(cartpole, hp, 0, sample)
@@ -180,13 +189,14 @@ class TestUpdates:
     def eps(self) -> np.ndarray:
         return np.random.default_rng(0).normal(0, 0.1, (3, 50)).astype(np.float32)
 
-    def test_antithetic_follows_the_gradient_of_a_linear_score(
-        self, small_hp: Hyperparameters
+    @pytest.mark.parametrize("update", ["paired", "antithetic"])
+    def test_they_follow_the_gradient_of_a_linear_score(
+        self, update: str, small_hp: Hyperparameters
     ) -> None:
         eps = np.random.default_rng(0).normal(0, 0.1, (400, 20)).astype(np.float32)
         slope = np.linspace(-1, 1, 20)
         scores = MemberScores(np.zeros(400), eps @ slope, -eps @ slope)
-        step = update_step(replace(small_hp.nes, std_dev=0.1), eps, scores)
+        step = update_step(replace(small_hp.nes, update=update, std_dev=0.1), eps, scores)
         cosine = step @ slope / np.linalg.norm(step) / np.linalg.norm(slope)
         assert cosine > 0.95
 
@@ -201,9 +211,37 @@ class TestUpdates:
         np.testing.assert_allclose(authors, 0.5 * better, rtol=1e-5)
         # ranks of 10 30 0 | 20 0 5 are 4 6 1.5 | 5 1.5 3
         weights = np.array([4 - 5, 6 - 1.5, 1.5 - 3]) / 5
-        antithetic = update_step(hp, eps, scores)
+        antithetic = update_step(replace(hp, update="antithetic"), eps, scores)
         expected = 0.5 * (weights[:, None] * eps).mean(axis=0) / 0.1
         np.testing.assert_allclose(antithetic, expected, rtol=1e-4, atol=1e-7)
+
+        # differences -10 30 -5 have the ranks 2 3 1
+        weights = np.sqrt(0.5) * np.array([-2, 3, -1]) / 3
+        paired = update_step(replace(hp, update="paired"), eps, scores)
+        expected = 0.5 * (weights[:, None] * eps).mean(axis=0) / 0.1
+        np.testing.assert_allclose(paired, expected, rtol=1e-4, atol=1e-7)
+
+    def test_paired_does_not_mind_how_well_a_pairs_agent_does(
+        self, small_hp: Hyperparameters, eps: np.ndarray
+    ) -> None:
+        """With agents that differ, a pair's level says nothing about its SE."""
+        hp = replace(small_hp.nes, update="paired")
+        plus, minus = np.array([10.0, 30.0, 0.0]), np.array([20.0, 0.0, 5.0])
+        level = np.array([0.0, 500.0, -70.0])
+        one = update_step(hp, eps, MemberScores(np.zeros(3), plus, minus))
+        two = update_step(hp, eps, MemberScores(np.zeros(3), plus + level, minus + level))
+        np.testing.assert_array_equal(one, two)
+
+    def test_paired_steps_are_as_long_as_antithetic_ones(self, small_hp: Hyperparameters) -> None:
+        eps = np.random.default_rng(0).normal(0, 0.1, (4000, 5)).astype(np.float32)
+        plus, minus = np.random.default_rng(1).normal(size=(2, 4000))
+        scores = MemberScores(np.zeros(4000), plus, minus)
+        steps = [
+            update_step(replace(small_hp.nes, update=update), eps, scores)
+            for update in ("paired", "antithetic")
+        ]
+        paired, antithetic = np.linalg.norm(steps, axis=1)
+        assert paired == pytest.approx(antithetic, rel=0.2)
 
     @pytest.mark.parametrize("update", UPDATES)
     @pytest.mark.parametrize("transform", SCORE_TRANSFORMS)
@@ -221,6 +259,61 @@ class TestUpdates:
         same = np.full(3, 9.0)
         step = update_step(small_hp.nes, eps, MemberScores(same, same, same))
         np.testing.assert_array_equal(step, np.zeros(50))
+
+
+class TestMomentum:
+    def test_the_last_step_is_made_again_in_part(
+        self, cartpole: Task, small_hp: Hyperparameters
+    ) -> None:
+        hp = replace(small_hp, nes=replace(small_hp.nes, momentum=0.5))
+        nes = NES(cartpole, hp, 0)
+        state = nes.start()
+        assert not state.velocity.any()
+        rise = [answer(r, float(r.index)) for r in nes.ask(state)]
+        first = nes.tell(state, rise, 1.0, 0.0)
+        np.testing.assert_allclose(first.velocity, first.psi - state.psi, atol=1e-6)
+        level = [answer(r, 9.0) for r in nes.ask(first)]
+        second = nes.tell(first, level, 1.0, 0.0)
+        np.testing.assert_allclose(second.psi - first.psi, first.velocity / 2, atol=1e-6)
+        np.testing.assert_array_equal(second.velocity, first.velocity / 2)
+
+
+class TestStepPrice:
+    """Fitness is the score less the price of the train steps."""
+
+    @pytest.fixture
+    def nes(self, cartpole: Task, small_hp: Hyperparameters) -> NES:
+        hp = replace(small_hp.nes, step_price=10.0, start_candidates=16)
+        return NES(cartpole, replace(small_hp, nes=hp), 0)
+
+    def test_of_equal_scores_the_faster_wins(self, nes: NES) -> None:
+        state = nes.start()
+        asked = nes.ask(state)
+        results = [
+            replace(answer(r, 100.0), train_steps=1000 if r.sign == 1 else 3000) for r in asked
+        ]
+        after = nes.tell(state, results, 1.0, 0.0)
+        plus = nes.architecture.perturbation(asked[3].perturbation_seed, 1.0)
+        assert (after.psi - state.psi) @ plus > 0
+        record = after.records[-1]
+        assert (record.score_mean, record.fitness_mean) == (100.0, 70.0)
+        assert record.success_rate == 0.75
+        assert after.best_score == 100.0
+
+    def test_the_best_is_the_fittest(self, nes: NES) -> None:
+        state = nes.start()
+        for score, steps in ((100.0, 2000), (110.0, 4000)):
+            results = [replace(answer(r, score), train_steps=steps) for r in nes.ask(state)]
+            state = nes.tell(state, results, 1.0, 0.0)
+        assert [f.generation for f in state.finalists] == [0, 1]
+        assert state.best_score == 110.0
+
+    def test_the_start_is_the_fittest(self, nes: NES) -> None:
+        asked = nes.screening_requests()
+        slow = {3: 20_000, 8: 1000, 9: 2000}
+        screened = [replace(answer(r, 50.0), train_steps=slow.get(r.index, 9000)) for r in asked]
+        retested = {r.start_seed for r in nes.retest_requests(screened)}
+        assert retested == {asked[8].start_seed, asked[9].start_seed}
 
 
 class TestSuccessRule:
