@@ -64,17 +64,18 @@ def _core() -> list[Dimension]:
     """With `_core_agent`, six that a search of an hour can tell apart: the model needs
     2 * (6 + 1) results at one budget. NES ranges are those of the paired update."""
     return [
-        CS.Float("nes.step_size", (0.02, 0.2), log=True),
-        CS.Float("nes.std_dev", (0.005, 0.1), log=True),
+        CS.Float("nes.step_size", (0.01, 0.2), log=True),
+        CS.Float("nes.std_dev", (0.01, 0.1), log=True),
+        CS.Float("nes.retention", (0.5, 0.9)),
         CS.Integer("se.hidden_size", (48, 192), log=True),
     ]
 
 
 def _core_agent(agent: str) -> list[Dimension]:
+    """Of what is not drawn anew for every member (`agent_variation`)."""
     return [
         CS.Integer(f"{agent}.init_episodes", (1, 20), log=True),
-        CS.Float(f"{agent}.learning_rate", (0.0001, 0.005), log=True),
-        CS.Integer(f"{agent}.hidden_size", (48, 192), log=True),
+        CS.Float(f"{agent}.target_update_rate", (0.005, 0.05), log=True),
     ]
 
 

@@ -48,7 +48,14 @@ def small_hp(small_agent: DDQNHyperparameters) -> Hyperparameters:
     hp = load_preset("tuned", "CartPole-v0")
     return replace(
         hp,
-        nes=replace(hp.nes, population_size=3, generations=2, start_candidates=1),
+        nes=replace(
+            hp.nes,
+            population_size=3,
+            generations=2,
+            start_candidates=1,
+            momentum=0.0,
+            retention=0.0,
+        ),
         se=replace(hp.se, hidden_size=8),
         agents=(small_agent,),
         vary_agent="no",

@@ -50,9 +50,9 @@ class NESHyperparameters(Validated):
     population_size: int = ranged(1, 65536, 16)  # n_p, members a generation
     generations: int = ranged(1, 1_000_000, 200)  # n_o, outer loops at most
     start_candidates: int = ranged(1, 65536, 1)  # initialisations the start is chosen from
-    # Share of the perturbed SEs that shall score above psi: sigma and alpha are adapted
-    # to it every generation. 0: they stay.
-    success_rate: float = ranged(0.0, 1.0, 0.0)
+    # Share of psi's score (above the task's worst) that its perturbations shall keep: sigma
+    # and alpha are adapted to it every generation. 0: they stay.
+    retention: float = ranged(0.0, 1.0, 0.0)
     momentum: float = ranged(0.0, 0.999, 0.0)  # share of the last step that is made again
     # Score that 1000 train steps cost in the fitness; the paper's fitness is the score.
     step_price: float = ranged(0.0, 1e6, 0.0)

@@ -11,7 +11,7 @@
                 F     <- EvaluateAgent(agent, real task)
         v   <- momentum v + s UpdateSE({eps_i}, {F_i})   # tell
         psi <- psi + v
-        s   <- adapted to the rate of successes, unless psi solves the task
+        s   <- adapted to the share of the score that psi +- s eps keep
 
 Every random number is derived from (run seed, generation, member), so a request is
 the same whoever asks for it, and nothing random needs to be stored.
@@ -28,7 +28,7 @@ from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 from bilevel.hyperparameters.definitions import RETEST_ONE_IN, RETESTS
 from bilevel.nes.state import Finalist, GenerationRecord, NESState
-from bilevel.nes.updates import MemberScores, adapted_scale, success_rate, update_step
+from bilevel.nes.updates import MemberScores, adapted_scale, update_step
 from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task
 
@@ -164,7 +164,7 @@ class NES:
             psi_norm=float(np.linalg.norm(state.psi)),
             update_norm=float(np.linalg.norm(step)),
             std_dev=state.scale * nes.std_dev,
-            success_rate=success_rate(members),
+            retention=self._retention(scores),
             env_steps_per_second=sum(r.train_steps for r in ordered) / kernel_seconds,
             generation_seconds=seconds,
             core_utilisation=kernel_seconds / max(seconds * cores, 1e-9),
@@ -183,8 +183,7 @@ class NES:
             psi=state.psi + step,
             velocity=step,
             generation=state.generation + 1,
-            # Where psi solves the task, scores tie, and their order says nothing.
-            scale=state.scale if solved else adapted_scale(nes, state.scale, members),
+            scale=adapted_scale(nes, state.scale, record.retention),
             solved_streak=state.solved_streak + 1 if solved else 0,
             finalists=state.with_finalist(finalist),
             records=(*state.records, record),
@@ -195,6 +194,15 @@ class NES:
         task's worst."""
         scores = np.array([r.score for r in sorted(results, key=lambda r: r.index)])
         return np.where(np.isfinite(scores), scores, self.task.worst_score)
+
+    def _retention(self, scores: NDArray[np.float64]) -> float:
+        """The share of psi's score above the task's worst that its perturbations keep, from
+        the scores of a generation, psi's own first; 1 if there is nothing to keep."""
+        centre, perturbed = scores[0].mean(), scores[1:].mean()
+        worst = self.task.worst_score
+        if centre <= worst:
+            return 1.0
+        return float(np.clip((perturbed - worst) / (centre - worst), 0.0, 1.0))
 
     def _fitness(self, results: Sequence[EvaluationResult]) -> NDArray[np.float64]:
         """The scores (n,) less the price of the train steps."""

@@ -37,7 +37,7 @@ class GenerationRecord:
     psi_norm: float
     update_norm: float
     std_dev: float  # sigma of this generation's perturbations
-    success_rate: float  # share of the perturbed SEs that scored above psi's mean
+    retention: float  # share of psi's score, above the worst, that psi +- eps had; 0 to 1
     env_steps_per_second: float  # of one core
     generation_seconds: float
     core_utilisation: float  # share of the cores' time that was spent in evaluations

@@ -58,34 +58,24 @@ def update_step(
     return step
 
 
-#: The scale's factor a generation is exp(GAIN * (rate - success_rate)), and its limits.
+#: The scale's factor a generation is exp(GAIN * (kept - retention)), and its limits.
 GAIN = 1.5
 SCALES = 1 / 32, 4.0
 
 
-def success_rate(scores: MemberScores) -> float:
-    """The share of the perturbed SEs that score above the mean of psi's evaluations; a
-    tie counts half."""
-    perturbed = scores.plus
-    if scores.minus is not None:
-        perturbed = np.concatenate([scores.plus, scores.minus])
-    centre = float(scores.centre.mean())
-    return float((perturbed > centre).mean() + (perturbed == centre).mean() / 2)
-
-
-def adapted_scale(hp: NESHyperparameters, scale: float, scores: MemberScores) -> float:
+def adapted_scale(hp: NESHyperparameters, scale: float, kept: float) -> float:
     """The scale of alpha and sigma for the next generation, from this one's.
 
-    The success rule of evolution strategies (Rechenberg, 1973): if nearly every
-    perturbation of a good psi is worse, then they reach too far to show a direction, and
-    if too many are better, the steps could be longer. In between, the rate of successes
-    is `hp.success_rate`; 0 leaves the scale alone.
+    `kept` is the share of psi's score, above the task's worst, that the SEs psi +- eps have
+    on average. Where psi is good, most directions lead away from it: perturbations that
+    lose nearly everything are too long to tell them apart, and a step of that length
+    destroys psi; perturbations that lose nothing could be longer. In between, `kept` is
+    `hp.retention`; 0 leaves the scale alone.
     """
-    if not hp.success_rate:
+    if not hp.retention:
         return scale
-    factor = math.exp(GAIN * (success_rate(scores) - hp.success_rate))
     lowest, highest = SCALES
-    return min(max(scale * factor, lowest), highest)
+    return min(max(scale * math.exp(GAIN * (kept - hp.retention)), lowest), highest)
 
 
 def _paired(scores: MemberScores) -> NDArray[np.float64]:

@@ -1,5 +1,6 @@
 """Options that several commands share, and what becomes of them."""
 
+import json
 import os
 import re
 from collections.abc import Callable
@@ -30,6 +31,23 @@ class Duration(click.ParamType[float]):
         if match is None or float(match[1]) == 0:
             self.fail(f"{value!r} is not a duration: allowed are 90s, 45m, 2h")
         return float(match[1]) * _SECONDS[match[2]]
+
+
+class Setting(click.ParamType[tuple[str, Any]]):
+    """`section.field=value`; a pair of the name and the value as number, truth or text."""
+
+    name = "section.field=value"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[str, Any]:
+        name, equals, text = str(value).partition("=")
+        if not (name and equals and text):
+            self.fail(f"{value!r} is not a setting: it has the form nes.std_dev=0.03")
+        try:
+            return name, json.loads(text)
+        except ValueError:
+            return name, text
 
 
 #: Where everything lies.

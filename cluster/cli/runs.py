@@ -6,7 +6,14 @@ from typing import Any
 
 import click
 
-from cluster.cli.options import Duration, RunOptions, agent_suffix, run_options, vary_option
+from cluster.cli.options import (
+    Duration,
+    RunOptions,
+    Setting,
+    agent_suffix,
+    run_options,
+    vary_option,
+)
 
 
 @click.command()
@@ -17,7 +24,13 @@ from cluster.cli.options import Duration, RunOptions, agent_suffix, run_options,
 @click.option("--workers", type=click.IntRange(min=1), help="Actors; default all cores.")
 @vary_option
 @click.option("--start-candidates", type=click.IntRange(min=1), help="Initialisations to try.")
-@click.option("--step-price", type=float, help="Score that 1000 train steps cost; default 0.")
+@click.option(
+    "--set",
+    "settings",
+    type=Setting(),
+    multiple=True,
+    help="A hyperparameter, as nes.step_price=5 or ddqn.learning_rate=0.002; may be repeated.",
+)
 @click.option(
     "--solved-for",
     type=click.IntRange(min=1),
@@ -33,13 +46,14 @@ def nes(
     workers: int | None,
     vary: str | None,
     start_candidates: int | None,
-    step_price: float | None,
+    settings: tuple[tuple[str, Any], ...],
     solved_for: int,
     name: str | None,
     **options: Any,
 ) -> None:
     """One NES run on TASK (CartPole-v0, Acrobot-v1 or another gymnasium id)."""
     from bilevel.hyperparameters import best_preset, load_preset
+    from search_spaces import to_hyperparameters
 
     common = RunOptions(**options)
     task = common.the_task()
@@ -50,10 +64,10 @@ def nes(
         "population_size": common.population,
         "generations": generations,
         "start_candidates": start_candidates,
-        "step_price": step_price,
     }
     changed = {key: value for key, value in changes.items() if value is not None}
     hp = replace(hp, nes=replace(hp.nes, **changed), vary_agent=vary or hp.vary_agent)
+    hp = to_hyperparameters(hp, dict(settings))
     if name is None:
         varied = "" if vary is None else f"-{vary}"
         name = f"nes-{preset}{agent_suffix(agents)}-{update}{varied}-seed{common.seed}"

@@ -95,7 +95,7 @@ class TestEveryAgent:
         hp = small(name)
         drawn = [draw_agent((hp,), "all", seed) for seed in range(5)]
         assert len({vars(agent)["learning_rate"] for agent in drawn}) == 5
-        assert f"{name}.learning_rate" in search_space("core", (name,))
+        assert f"{name}.learning_rate" in search_space("full", (name,))
 
     def test_hyperparameters_survive_json(self, name: str) -> None:
         hp = load_preset("default", "CartPole-v0", agents=(name,))

@@ -60,8 +60,8 @@ def loss_of(job: Job) -> float:
     from math import log
 
     values = job.configuration
-    step, rate = values["nes.step_size"], values["ddqn.learning_rate"]
-    return log(step / 0.06) ** 2 + log(rate / 0.0005) ** 2 - 0.01 * job.budget
+    step, sigma = values["nes.step_size"], values["nes.std_dev"]
+    return log(step / 0.06) ** 2 + log(sigma / 0.03) ** 2 - 0.01 * job.budget
 
 
 def new_search(folder: Path, brackets: int = 6, seed: int = 0) -> BracketSearch:

@@ -12,7 +12,13 @@ from bilevel.hyperparameters import (
     Hyperparameters,
     load_preset,
 )
-from search_spaces import SPACES, draw_agent, search_space, to_hyperparameters
+from search_spaces import (
+    SPACES,
+    agent_variation_space,
+    draw_agent,
+    search_space,
+    to_hyperparameters,
+)
 from search_spaces.agent_variation import SMALL
 from tests.conftest import ddqn
 
@@ -75,7 +81,11 @@ def test_full_is_table_1() -> None:
 
 
 def test_core_is_small_and_for_the_paired_update() -> None:
-    assert len(search_space("core")) == 6
+    space = search_space("core")
+    assert len(space) == 6
+    # what is drawn anew for every member is nothing to search
+    varied = set(agent_variation_space(ddqn(base("core"))))
+    assert not {name.removeprefix("ddqn.") for name in space} & varied
     assert all(hp.nes.update == "paired" for hp in drawn("core"))
 
 
@@ -106,7 +116,7 @@ class TestOtherAgents:
         names = set(search_space("full", ("td3",)))
         assert "td3.policy_delay" in names
         assert "td3.initial_epsilon" not in names
-        assert {"td3.learning_rate", "dueling-ddqn.learning_rate"} <= set(
+        assert {"td3.init_episodes", "dueling-ddqn.init_episodes"} <= set(
             search_space("core", ("td3", "dueling-ddqn"))
         )
 

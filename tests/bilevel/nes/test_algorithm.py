@@ -18,7 +18,6 @@ from bilevel.nes.updates import (
     SCALES,
     MemberScores,
     adapted_scale,
-    success_rate,
     update_step,
 )
 from bilevel.tasks import Task
@@ -297,7 +296,6 @@ class TestStepPrice:
         assert (after.psi - state.psi) @ plus > 0
         record = after.records[-1]
         assert (record.score_mean, record.fitness_mean) == (100.0, 70.0)
-        assert record.success_rate == 0.75
         assert after.best_score == 100.0
 
     def test_the_best_is_the_fittest(self, nes: NES) -> None:
@@ -316,44 +314,41 @@ class TestStepPrice:
         assert retested == {asked[8].start_seed, asked[9].start_seed}
 
 
-class TestSuccessRule:
-    """sigma and alpha follow the share of perturbations that are better than psi."""
+class TestRetention:
+    """sigma and alpha follow the share of psi's score that its perturbations keep."""
 
     @pytest.fixture
     def hp(self, small_hp: Hyperparameters) -> Hyperparameters:
-        return replace(small_hp, nes=replace(small_hp.nes, success_rate=0.3))
+        return replace(small_hp, nes=replace(small_hp.nes, retention=0.7))
 
     @pytest.mark.parametrize(
-        ("plus", "minus", "rate"),
-        [([9.0, 11.0], [8.0, 12.0], 0.5), ([9.0, 10.0], [8.0, 12.0], 0.375), ([1, 1], None, 0)],
+        ("centre", "perturbed", "kept"),
+        [(-100, -180, 0.8), (-500, -500, 1), (-500, -90, 1), (-200, -100, 1), (-90, -500, 0)],
     )
-    def test_rate(self, plus: list[float], minus: list[float] | None, rate: float) -> None:
-        centre = np.array([5.0, 15.0])
-        down = None if minus is None else np.array(minus)
-        assert success_rate(MemberScores(centre, np.array(plus), down)) == rate
+    def test_share(
+        self, centre: float, perturbed: float, kept: float, acrobot: Task, hp: Hyperparameters
+    ) -> None:
+        """Of what lies above the worst score, -500."""
+        nes = NES(acrobot, hp, 0)
+        state = nes.start()
+        results = [answer(r, perturbed if r.sign else centre) for r in nes.ask(state)]
+        after = nes.tell(state, results, 1.0, 0.0)
+        assert after.records[-1].retention == pytest.approx(kept)
+        assert after.scale == pytest.approx(np.exp(1.5 * (kept - 0.7)))
 
-    @given(
-        scores=st.lists(st.floats(0, 200), min_size=4, max_size=40).filter(lambda x: not len(x) % 4)
-    )
-    def test_fewer_successes_never_lengthen(self, scores: list[float]) -> None:
-        hp = replace(load_preset("tuned", "CartPole-v0").nes, success_rate=0.3)
-        plus, minus = np.split(np.array(scores), 2)
-        scales = [
-            adapted_scale(hp, 1.0, MemberScores(np.full(2, centre), plus, minus))
-            for centre in (-1.0, *sorted(scores), 201.0)
-        ]
-        assert scales == sorted(scales, reverse=True)
-        assert scales[0] > 1 > scales[-1]
+    @given(kept=st.lists(st.floats(0, 1), min_size=1, max_size=60))
+    def test_the_less_is_kept_the_shorter(self, kept: list[float]) -> None:
+        hp = replace(load_preset("default", "CartPole-v0").nes, retention=0.7)
+        scales = [adapted_scale(hp, 1.0, share) for share in sorted(kept)]
+        assert scales == sorted(scales)
+        assert adapted_scale(hp, 1.0, 0.7) == 1.0
+        scale = 1.0
+        for share in kept:
+            scale = adapted_scale(hp, scale, share)
+            assert SCALES[0] <= scale <= SCALES[1]
 
-    def test_the_scale_is_bounded_and_rests_without_a_rule(self, hp: Hyperparameters) -> None:
-        worse = MemberScores(np.full(3, 10.0), np.zeros(3), np.zeros(3))
-        better = MemberScores(np.zeros(3), np.full(3, 10.0), np.full(3, 10.0))
-        smallest = largest = 1.0
-        for _ in range(50):
-            smallest = adapted_scale(hp.nes, smallest, worse)
-            largest = adapted_scale(hp.nes, largest, better)
-        assert (smallest, largest) == SCALES
-        assert adapted_scale(replace(hp.nes, success_rate=0.0), 0.7, worse) == 0.7
+    def test_without_it_the_scale_rests(self, hp: Hyperparameters) -> None:
+        assert adapted_scale(replace(hp.nes, retention=0.0), 0.7, 0.1) == 0.7
 
     @pytest.mark.parametrize("update", UPDATES)
     def test_the_next_generation_perturbs_and_steps_so(
@@ -373,18 +368,8 @@ class TestSuccessRule:
         np.testing.assert_allclose(quarter.psi - state.psi, step / 4, rtol=1e-3, atol=1e-6)
         assert {r.std_dev for r in nes.ask(small)} == {0.25 * hp.nes.std_dev}
         assert quarter.records[-1].std_dev == 0.25 * hp.nes.std_dev
-        assert whole.records[-1].success_rate == pytest.approx(1 / 6)
-        assert whole.scale == pytest.approx(np.exp(1.5 * (1 / 6 - 0.3)))
+        assert whole.scale == pytest.approx(np.exp(1.5 * (0.8 - 0.7)))
         assert {r.std_dev for r in nes.ask(whole)} == {whole.scale * hp.nes.std_dev}
-
-    def test_a_solved_generation_leaves_the_scale(
-        self, cartpole: Task, hp: Hyperparameters
-    ) -> None:
-        nes = NES(cartpole, hp, 0)
-        state = nes.start()
-        for score, kept in ((200.0, True), (150.0, False)):
-            after = nes.tell(state, [answer(r, score) for r in nes.ask(state)], 1.0, 0.0)
-            assert (after.scale == state.scale) is kept
 
 
 def test_nes_improves_a_real_score(cartpole: Task, small_hp: Hyperparameters) -> None:

@@ -1,0 +1,158 @@
+"""`bilevel nes` over seeds: with its defaults, with the paper's choices, and with one of the
+defaults taken away at a time. How many runs solve the task, when, whether they stay there,
+and what agents with varied hyperparameters learn on their best SEs.
+
+    python -m benchmarks.nes_study CartPole-v0 --variants defaults --seeds 20 --home FOLDER
+
+Runs are ordinary runs of one worker, one a core at a time; started again, the call goes on
+with what is missing. `results/nes_TASK.json` keeps the variants of earlier calls.
+"""
+
+import argparse
+import json
+import os
+import statistics
+import subprocess
+import sys
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from benchmarks.machine import NotMeasured, read_result, write_result
+from bilevel.nes import NESState
+from bilevel.synthetic_env import load_se
+from bilevel.tasks import get_task
+from cluster.final import BEST_FILE
+from cluster.nes_loop import STATE_FILE
+from cluster.run_folder import Begun
+from cluster.views.evaluation import REPORT_FILE
+
+#: Options of `bilevel nes`.
+VARIANTS: dict[str, list[str]] = {
+    "defaults": [],
+    "step price 5": ["--set", "nes.step_price=5"],
+    "fixed agents": ["--vary-hp", "no"],
+    "no adaptation": ["--set", "nes.retention=0"],
+    "no momentum": ["--set", "nes.momentum=0", "--set", "nes.step_size=0.1"],
+    "centred ranks": [
+        *["--update", "antithetic", "--set", "nes.step_size=0.03", "--set", "nes.std_dev=0.03"],
+        *["--set", "nes.momentum=0.8", "--set", "nes.retention=0.7"],
+        *["--vary-hp", "small", "--start-candidates", "48"],
+    ],
+    "no choice of start": ["--start-candidates", "1"],
+    "paper": ["--preset", "tuned", "--update", "paper"],
+    "authors, nes-unnormalized": [
+        *["--preset", "tuned", "--update", "authors"],
+        *["--set", "nes.score_transform=nes-unnormalized"],
+    ],
+}
+
+
+@dataclass(frozen=True)
+class Study:
+    """Runs of one task under one home."""
+
+    task: str
+    generations: int
+    home: Path
+
+    def folder(self, variant: str, seed: int) -> Path:
+        """Of a run."""
+        return self.home / self.task / f"{variant.replace(' ', '-').replace(',', '')}-{seed}"
+
+    def run(self, variant: str, seed: int, transfers: int) -> None:
+        """One run as a user starts it, then fresh varied agents on its best SE, if asked."""
+        folder = self.folder(variant, seed)
+        common = ["--home", str(self.home), "--workers", "1"]
+        options = ["--name", folder.name, "--seed", str(seed), *VARIANTS[variant], *common]
+        if not (folder / BEST_FILE).exists():
+            _bilevel("nes", self.task, "--generations", str(self.generations), *options)
+        for agent in ("ddqn",) if transfers else ():
+            name = f"{folder.name}-{agent}"
+            if not (self.home / self.task / name / REPORT_FILE).exists():
+                _bilevel(
+                    "evaluate",
+                    str(folder / BEST_FILE),
+                    *["--agent", agent, "--agents", str(transfers), "--vary-hp", "all"],
+                    *["--name", name, *common],
+                )
+
+    def row(self, variant: str, seed: int) -> dict[str, Any] | None:
+        """What came of a run; None if it has not ended."""
+        folder = self.folder(variant, seed)
+        if not (folder / BEST_FILE).exists():
+            return None
+        state, final = NESState.load(folder / STATE_FILE), load_se(folder / BEST_FILE).info
+        solved_reward = get_task(self.task).solved_reward
+        solved = [r.score_mean >= solved_reward for r in state.records]
+        report = self.home / self.task / f"{folder.name}-ddqn" / REPORT_FILE
+        varied = json.loads(report.read_text())[0] if report.exists() else None
+        seconds = state.records[-1].finished - Begun.read(folder).time
+        first = solved.index(True) if any(solved) else None
+        return {
+            "seed": seed,
+            "generations": state.generation,
+            "first_solved_generation": first,
+            "solved_since": None if first is None else round(statistics.mean(solved[first:]), 2),
+            "minutes": round(seconds / 60, 2),
+            "final_score_mean": round(final["final_score_mean"], 1),
+            "final_train_steps_mean": round(final["final_train_steps_mean"]),
+            "varied_score_mean": varied and round(varied["test_returns_mean"], 1),
+            "varied_train_steps_mean": varied and round(varied["train_steps_mean"]),
+            "score_curve": [round(r.score_mean, 1) for r in state.records],
+            "steps_curve": [round(r.train_steps_mean) for r in state.records],
+            "std_dev_curve": [round(r.std_dev, 4) for r in state.records],
+        }
+
+
+def _bilevel(*arguments: str) -> None:
+    script = Path(sys.executable).with_name("bilevel")
+    done = subprocess.run([script, *arguments], capture_output=True, text=True)
+    if done.returncode:
+        sys.exit(f"bilevel {' '.join(arguments)}: {done.stderr}")
+    print(arguments[0], arguments[arguments.index("--name") + 1], *done.stdout.splitlines()[-5:-4])
+
+
+def write(study: Study, variants: Sequence[str], seeds: Sequence[int]) -> Path:
+    """The results of these runs beside those of earlier calls."""
+    name = f"nes_{study.task}"
+    try:
+        found = read_result(name)["variants"]
+    except NotMeasured:
+        found = {}
+    for variant in variants:
+        rows = [row for seed in seeds if (row := study.row(variant, seed)) is not None]
+        if rows:
+            found[variant] = {
+                "command": f"python -m benchmarks.nes_study {study.task} --variants '{variant}' "
+                f"--seeds {len(seeds)} --generations {study.generations} --home FOLDER",
+                "options": VARIANTS[variant],
+                "runs": rows,
+            }
+    ordered = {variant: found[variant] for variant in VARIANTS if variant in found}
+    return write_result(name, "python -m benchmarks.nes_study", {"variants": ordered})
+
+
+def main() -> None:
+    """Run what is missing, and write the results."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("task")
+    parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS))
+    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--generations", type=int, default=40)
+    parser.add_argument("--transfers", type=int, default=20, help="agents on each best SE")
+    parser.add_argument("--home", type=Path, required=True)
+    options = parser.parse_args()
+    study = Study(options.task, options.generations, options.home)
+    seeds = range(options.seeds)
+    with ThreadPoolExecutor(os.cpu_count()) as jobs:
+        for variant in options.variants:
+            for seed in seeds:
+                jobs.submit(study.run, variant, seed, options.transfers)
+    print(f"written to {write(study, options.variants, seeds)}")
+
+
+if __name__ == "__main__":
+    main()

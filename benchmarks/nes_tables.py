@@ -1,0 +1,87 @@
+"""Tables of NES over seeds, from the committed results."""
+
+import statistics
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Any
+
+from benchmarks.machine import read_result
+from bilevel.tasks import get_task
+
+_HEADER = (
+    "variant",
+    "solved",
+    "first solved generation",
+    "solved from then on",
+    "generations",
+    "minutes",
+    "varied DDQN on the best SE",
+    "of them at least {solved}",
+    "their steps",
+)
+
+
+def _row(*cells: str) -> str:
+    return f"| {' | '.join(cells)} |"
+
+
+def _spread(values: Sequence[float], form: str) -> str:
+    if not values:
+        return "-"
+    low, middle, high = min(values), statistics.median(values), max(values)
+    return f"{middle:{form}} ({low:{form}} to {high:{form}})"
+
+
+def variant_row(name: str, runs: Sequence[dict[str, Any]], solved_reward: float) -> str:
+    """One variant: medians over its seeds, with the lowest and the highest."""
+
+    def column(field: str) -> list[float]:
+        return [run[field] for run in runs if run[field] is not None]
+
+    solved = sum(run["final_score_mean"] >= solved_reward for run in runs)
+    varied = column("varied_score_mean")
+    reached = sum(score >= solved_reward for score in varied)
+    return _row(
+        name,
+        f"{solved} of {len(runs)}",
+        _spread(column("first_solved_generation"), ".0f"),
+        f"{statistics.mean(column('solved_since') or [0]):.0%}",
+        _spread(column("generations"), ".0f"),
+        _spread(column("minutes"), ".1f"),
+        _spread(varied, ".1f"),
+        f"{reached} of {len(varied)}" if varied else "-",
+        _spread(column("varied_train_steps_mean"), ".0f"),
+    )
+
+
+def seeds(task: str) -> str:
+    """All variants on a task."""
+    result = read_result(f"nes_{task}")
+    solved_reward = get_task(task).solved_reward
+    header = [cell.format(solved=f"{solved_reward:g}") for cell in _HEADER]
+    rows = [_row(*header), _row(*["---"] * len(header))]
+    for name, variant in result["variants"].items():
+        rows.append(variant_row(name, variant["runs"], solved_reward))
+    return "\n".join(rows) + _commands(result)
+
+
+def _commands(result: dict[str, Any]) -> str:
+    machine = result["machine"]
+    commands = [f"`{variant['command']}`" for variant in result["variants"].values()]
+    where = f"{machine['cores']} cores of {machine['processor']}"
+    return f"\n\n(one core a run; {where};\n" + ",\n".join(commands) + ")"
+
+
+def defaults(tasks: Sequence[str]) -> str:
+    """The defaults alone, a row a task."""
+    header = [cell.format(solved="solved") for cell in ("task", *_HEADER[1:])]
+    rows = [_row(*header), _row(*["---"] * len(header))]
+    for task in tasks:
+        runs = read_result(f"nes_{task}", "variants")["variants"]["defaults"]["runs"]
+        rows.append(variant_row(task, runs, get_task(task).solved_reward))
+    return "\n".join(rows)
+
+
+TASKS = ("CartPole-v0", "Acrobot-v1")
+
+TABLES: dict[str, Callable[[], str]] = {f"nes-{task}": partial(seeds, task) for task in TASKS}
