@@ -8,6 +8,8 @@ from typing import Any
 from benchmarks.machine import read_result
 from bilevel.tasks import get_task
 
+TASKS = ("CartPole-v0", "Acrobot-v1")
+
 _HEADER = (
     "variant",
     "solved",
@@ -66,22 +68,25 @@ def seeds(task: str) -> str:
 
 
 def _commands(result: dict[str, Any]) -> str:
-    machine = result["machine"]
     commands = [f"`{variant['command']}`" for variant in result["variants"].values()]
-    where = f"{machine['cores']} cores of {machine['processor']}"
-    return f"\n\n(one core a run; {where};\n" + ",\n".join(commands) + ")"
+    return f"\n\n(one core a run; {_machine(result)};\n" + ",\n".join(commands) + ")"
 
 
-def defaults(tasks: Sequence[str]) -> str:
+def _machine(result: dict[str, Any]) -> str:
+    return f"{result['machine']['cores']} cores of {result['machine']['processor']}"
+
+
+def defaults() -> str:
     """The defaults alone, a row a task."""
     header = [cell.format(solved="solved") for cell in ("task", *_HEADER[1:])]
     rows = [_row(*header), _row(*["---"] * len(header))]
-    for task in tasks:
-        runs = read_result(f"nes_{task}", "variants")["variants"]["defaults"]["runs"]
-        rows.append(variant_row(task, runs, get_task(task).solved_reward))
-    return "\n".join(rows)
+    commands = []
+    for task in TASKS:
+        result = read_result(f"nes_{task}", "variants")
+        variant = result["variants"]["defaults"]
+        rows.append(variant_row(task, variant["runs"], get_task(task).solved_reward))
+        commands.append(f"`{variant['command']}`")
+    return "\n".join(rows) + f"\n\n(one core a run; {_machine(result)}; {', '.join(commands)})"
 
-
-TASKS = ("CartPole-v0", "Acrobot-v1")
 
 TABLES: dict[str, Callable[[], str]] = {f"nes-{task}": partial(seeds, task) for task in TASKS}

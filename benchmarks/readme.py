@@ -8,7 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from benchmarks import agent_tables
+from benchmarks import agent_tables, nes_tables
 from benchmarks import speed_tables as speed
 from benchmarks.faults import tables as faults
 from benchmarks.machine import NotMeasured, read_result
@@ -34,31 +34,6 @@ def inner_loop() -> str:
         )
     rows.append(f"\nMedians of {result['repeats']} pairs, the ratio with its spread; one core.")
     rows.append(f"({_where(result)})")
-    return "\n".join(rows)
-
-
-def nes_seeds() -> str:
-    """NES with its defaults over seeds."""
-    rows = [
-        "| task | solved | generations | minutes | 10 fresh agents on the best SE | their steps |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
-    sources = []
-    for task in ("CartPole-v0", "Acrobot-v1"):
-        result = read_result(f"nes_seeds_{task}")
-
-        def column(name: str, form: str, runs: list[dict[str, Any]] = result["runs"]) -> str:
-            return ", ".join(format(run[name], form) for run in runs)
-
-        sources.append(_where(result))
-        rows.append(
-            f"| {task} | {result['solved']} seeds | {column('generations', 'd')} | "
-            f"{column('minutes', '.1f')} | {column('final_score_mean', '.1f')} | "
-            f"{column('final_train_steps_mean', 'd')} |"
-        )
-    rows.append("\nOne figure a seed, seeds 0, 1, ...; *solved* is a mean test return of at least")
-    rows.append("195 (CartPole-v0) and -100 (Acrobot-v1) of ten agents trained with fresh seeds.")
-    rows += [f"({where})" for where in sources]
     return "\n".join(rows)
 
 
@@ -91,8 +66,9 @@ def bohb() -> str:
 
 #: The documents, and the tables in each by the name of their place in it.
 DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
-    ROOT / "README.md": {"bohb": bohb, "inner-loop": inner_loop, "nes-seeds": nes_seeds},
+    ROOT / "README.md": {"bohb": bohb, "inner-loop": inner_loop, "nes-seeds": nes_tables.defaults},
     ROOT / "docs" / "agents.md": agent_tables.TABLES,
+    ROOT / "docs" / "nes.md": nes_tables.TABLES,
     ROOT / "docs" / "scaling.md": scaling.TABLES,
     ROOT / "docs" / "speed.md": speed.TABLES,
     ROOT / "docs" / "reliability.md": faults.TABLES,
