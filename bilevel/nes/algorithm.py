@@ -64,15 +64,19 @@ class NES:
     def screening_requests(self) -> list[EvaluationRequest]:
         """One evaluation of each start candidate; none if there is one alone."""
         candidates = self.hp.nes.start_candidates
-        return [self._start_request(i, i, 0) for i in range(candidates if candidates > 1 else 0)]
+        if candidates == 1:
+            return []
+        agent = self._agent(_START, 0)
+        return [self._start_request(i, i, 0, agent) for i in range(candidates)]
 
     def retest_requests(self, screened: Sequence[EvaluationResult]) -> list[EvaluationRequest]:
         """Further evaluations of the candidates that screened best: agents differ so
         much from seed to seed that one evaluation mostly finds the luckiest."""
+        agents = [self._agent(_START, 1 + i) for i in range(RETESTS)]
         return [
-            self._start_request(place * RETESTS + i, candidate, 1 + i)
+            self._start_request(place * RETESTS + i, candidate, 1 + i, agent)
             for place, candidate in enumerate(self._screened_best(screened))
-            for i in range(RETESTS)
+            for i, agent in enumerate(agents)
         ]
 
     def start(
@@ -93,20 +97,23 @@ class NES:
         keep = math.ceil(len(screened) / RETEST_ONE_IN)
         return [int(i) for i in np.argsort(-self._fitness(screened), kind="stable")[:keep]]
 
-    def _start_request(self, index: int, candidate: int, repeat: int) -> EvaluationRequest:
+    def _start_request(
+        self, index: int, candidate: int, repeat: int, agent: AgentHyperparameters
+    ) -> EvaluationRequest:
         return EvaluationRequest(
             index=index,
             seed=self._seed(_START, candidate, _EVALUATION, repeat),
-            agent=self._agent(_START, repeat),  # the same for all candidates
+            agent=agent,  # the same for all candidates
             start_seed=self._seed(_START, candidate),
         )
 
     def ask(self, state: NESState) -> list[EvaluationRequest]:
         """The evaluations of the next generation: n_p on psi itself, n_p on
         psi + eps_i, and with mirrored sampling n_p on psi - eps_i."""
+        agents = [self._agent(state.generation, i) for i in range(self.hp.nes.population_size)]
         requests: list[EvaluationRequest] = []
         for sign in (0, 1, -1) if self.hp.nes.mirrored_sampling else (0, 1):
-            for member in range(self.hp.nes.population_size):
+            for member, agent in enumerate(agents):
                 index = len(requests)
                 paired = self.hp.nes.update == "paired" and sign == -1
                 trial = index - self.hp.nes.population_size if paired else index
@@ -114,7 +121,7 @@ class NES:
                     EvaluationRequest(
                         index=index,
                         seed=self._seed(state.generation, trial, _EVALUATION),
-                        agent=self._agent(state.generation, member),
+                        agent=agent,
                         sign=sign,
                         perturbation_seed=self._seed(state.generation, member, _PERTURBATION),
                         std_dev=state.scale * self.hp.nes.std_dev,
@@ -123,10 +130,12 @@ class NES:
         return requests
 
     def _agent(self, *path: int) -> AgentHyperparameters:
-        if self.hp.vary_agent == "no" and len(self.hp.agents) == 1:
-            return self.hp.agents[0]
-        assert self.sample_agent is not None
-        return self.sample_agent(self.hp.agents, self.hp.vary_agent, self._seed(*path, _AGENT))
+        agents, vary = self.hp.agents, self.hp.vary_agent
+        agent = agents[0]
+        if vary != "no" or len(agents) > 1:
+            assert self.sample_agent is not None
+            agent = self.sample_agent(agents, vary, self._seed(*path, _AGENT))
+        return replace(agent, max_episodes=min(agent.max_episodes, self.hp.nes.max_episodes))
 
     def tell(
         self,

@@ -2,8 +2,9 @@
 
 A file holds the columns of the paper's tables as printed, in the sections `nes`,
 `se` and one an agent; what a file does not tell of an agent, the default table does.
-A section `updates.NAME` replaces values of `nes`, and adds `vary_agent`, when that
-update is asked for: step sizes mean different things to different updates.
+A section `updates.NAME` replaces values when that update is asked for, as step sizes mean
+different things to different updates: of `nes` and of `se`. It also tells whether agents
+are varied.
 """
 
 import tomllib
@@ -53,13 +54,11 @@ def load_preset(
     values = tomllib.loads((files(__name__) / "default.toml").read_text())
     values |= tomllib.loads(file.read_text())
     own = values.get("updates", {}).get(update, {})
-    vary = own.pop("vary_agent", "no")
-    nes = values["nes"] | own | {"update": update}
     return Hyperparameters(
-        nes=NESHyperparameters.from_dict(nes),
-        se=SEHyperparameters.from_dict(values["se"]),
+        nes=NESHyperparameters.from_dict(values["nes"] | own.get("nes", {}) | {"update": update}),
+        se=SEHyperparameters.from_dict(values["se"] | own.get("se", {})),
         agents=tuple(
             agent_hyperparameters(agent).from_dict(values.get(agent, {})) for agent in agents
         ),
-        vary_agent=vary,
+        vary_agent=own.get("vary_agent", "no"),
     )

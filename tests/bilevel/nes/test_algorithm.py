@@ -81,6 +81,15 @@ class TestAsk:
         assert sizes[:3] == sizes[3:6] == sizes[6:]
         assert len(set(sizes)) == 3
 
+    def test_agents_train_no_longer_than_the_run_allows(
+        self, cartpole: Task, small_hp: Hyperparameters
+    ) -> None:
+        for most, trained in ((5, 5), (10_000, 13)):
+            hp = replace(small_hp, nes=replace(small_hp.nes, max_episodes=most, start_candidates=8))
+            nes = NES(cartpole, hp, 0)
+            requests = [*nes.screening_requests(), *nes.ask(NES(cartpole, small_hp, 0).start())]
+            assert {r.agent.max_episodes for r in requests} == {trained}
+
 
 class TestTell:
     def test_results_in_any_order(self, nes: NES) -> None:
