@@ -26,7 +26,7 @@ from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
 from cluster.final import BEST_FILE
 from cluster.nes_loop import STATE_FILE
-from cluster.run_folder import Begun
+from cluster.run_folder import Begun, read_settings
 from cluster.views.evaluation import REPORT_FILE
 
 #: Options of `bilevel nes`.
@@ -79,6 +79,11 @@ class Study:
                     *["--name", name, *common],
                 )
 
+    def hyperparameters(self, variant: str, seed: int) -> dict[str, Any]:
+        """Of a run that has ended, but for the number of generations."""
+        settings = read_settings(self.folder(variant, seed))
+        return {name: settings[name] for name in ("nes", "se", "agents", "vary_agent")}
+
     def row(self, variant: str, seed: int) -> dict[str, Any] | None:
         """What came of a run; None if it has not ended."""
         folder = self.folder(variant, seed)
@@ -129,6 +134,7 @@ def write(study: Study, variants: Sequence[str], seeds: Sequence[int]) -> Path:
                 "command": f"python -m benchmarks.nes_study {study.task} --variants '{variant}' "
                 f"--seeds {len(seeds)} --generations {study.generations} --home FOLDER",
                 "options": VARIANTS[variant],
+                "hyperparameters": study.hyperparameters(variant, rows[0]["seed"]),
                 "runs": rows,
             }
     ordered = {variant: found[variant] for variant in VARIANTS if variant in found}

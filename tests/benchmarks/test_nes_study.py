@@ -1,0 +1,59 @@
+from typing import Any
+
+import pytest
+
+from benchmarks.machine import read_result
+from benchmarks.nes_picture import PICTURE, picture, results_digest
+from benchmarks.nes_study import VARIANTS
+from benchmarks.nes_tables import TASKS, variant_row
+from bilevel.hyperparameters import load_preset
+
+
+def run(**changes: Any) -> dict[str, Any]:
+    row = {
+        "seed": 0,
+        "generations": 20,
+        "first_solved_generation": 10,
+        "solved_since": 0.5,
+        "minutes": 2.0,
+        "final_score_mean": 199.0,
+        "varied_score_mean": None,
+        "varied_train_steps_mean": None,
+    }
+    return row | changes
+
+
+def test_failures_are_counted() -> None:
+    failed = run(seed=1, first_solved_generation=None, solved_since=None, final_score_mean=60.0)
+    measured = run(seed=2, varied_score_mean=196.0, varied_train_steps_mean=5000)
+    cells = variant_row("x", [run(), failed, measured], 195.0).split(" | ")
+    assert cells[1] == "2 of 3"
+    assert cells[2] == "10 (10 to 10)"
+    assert cells[3] == "50%"
+    assert cells[6:8] == ["196.0 (196.0 to 196.0)", "1 of 1"]
+
+
+def test_a_variant_that_never_solved_has_a_row() -> None:
+    failed = run(first_solved_generation=None, solved_since=None, final_score_mean=9.0)
+    assert variant_row("x", [failed], 195.0).startswith("| x | 0 of 1 | - | 0% |")
+
+
+@pytest.mark.parametrize("task", TASKS)
+class TestResults:
+    def test_defaults_are_those_of_the_package(self, task: str) -> None:
+        """Results of other defaults would be shown under a wrong name."""
+        measured = read_result(f"nes_{task}")["variants"]["defaults"]
+        expected = load_preset("tuned", task).to_dict()
+        del expected["nes"]["generations"]
+        assert measured["hyperparameters"] == expected
+
+    def test_all_variants_are_known_and_have_every_seed(self, task: str) -> None:
+        for name, variant in read_result(f"nes_{task}")["variants"].items():
+            assert variant["options"] == VARIANTS[name]
+            seeds = [row["seed"] for row in variant["runs"]]
+            assert seeds == list(range(len(seeds)))
+
+
+def test_the_picture_shows_the_committed_results() -> None:
+    assert results_digest() in PICTURE.read_text(), "run `python -m benchmarks.nes_picture`"
+    assert len(picture().axes) == 3 * len(TASKS)
