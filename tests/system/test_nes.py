@@ -20,6 +20,7 @@ from tests.system.conftest import client, run_until
 pytestmark = pytest.mark.timeout(280)
 
 SMALL = ("nes", "CartPole-v0", "--population", "2", "--start-candidates", "2", "--name", "run")
+SMALL += ("--set", "nes.momentum=0.7")
 
 
 def scores(home: Path) -> list[dict[str, float]]:
@@ -52,6 +53,8 @@ def test_a_run_its_tracking_and_its_continuation(
     (tracked,) = mlflow_client.search_runs([experiment.experiment_id])
     assert tracked.info.status == "FINISHED"
     assert tracked.data.params["nes.population_size"] == "2"
+    assert tracked.data.params["nes.momentum"] == "0.7"
+    assert tracked.data.params["vary_agent"] == "small"
     assert tracked.data.params["agents.ddqn.batch_size"] == "199"
     for name, values in {
         key: [record[key] for record in scores(tmp_path)] for key in scores(tmp_path)[0]
