@@ -64,10 +64,10 @@ def _solved(axes: Axes, task: str) -> None:
 def _trade_off(axes: Axes, task: str) -> None:
     """Score against train steps of varied agents on the best SE of each run."""
     for (name, runs), colour in zip(_variants(task).items(), _COLOURS, strict=False):
-        measured = [run for run in runs if run["varied_score_mean"] is not None]
+        measured = [run["varied"]["ddqn"] for run in runs if "ddqn" in run["varied"]]
         if measured:
-            steps = [run["varied_train_steps_mean"] for run in measured]
-            scores = [run["varied_score_mean"] for run in measured]
+            steps = [agents["train_steps_mean"] for agents in measured]
+            scores = [agents["score_mean"] for agents in measured]
             axes.scatter(steps, scores, color=colour, s=22, alpha=0.8, label=name)
     axes.axhline(get_task(task).solved_reward, color="black", lw=0.8, ls=":")
     axes.set_xlabel("train steps (mean of 20 agents)")

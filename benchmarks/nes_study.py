@@ -29,10 +29,14 @@ from cluster.nes_loop import STATE_FILE
 from cluster.run_folder import Begun, read_settings
 from cluster.views.evaluation import REPORT_FILE
 
+#: Kinds of agents that may be trained on the best SEs.
+AGENTS = ("ddqn", "dueling-ddqn", "td3")
+
 #: Options of `bilevel nes`.
 VARIANTS: dict[str, list[str]] = {
     "defaults": [],
     "step price 5": ["--set", "nes.step_price=5"],
+    "mixed agents": ["--agent", ",".join(AGENTS)],
     "fixed agents": ["--vary-hp", "no"],
     "no adaptation": ["--set", "nes.retention=0"],
     "no momentum": ["--set", "nes.momentum=0", "--set", "nes.step_size=0.15"],
@@ -62,16 +66,17 @@ class Study:
         """Of a run."""
         return self.home / self.task / f"{variant.replace(' ', '-').replace(',', '')}-{seed}"
 
-    def run(self, variant: str, seed: int, transfers: int) -> None:
-        """One run as a user starts it, then fresh varied agents on its best SE, if asked."""
+    def run(self, variant: str, seed: int, transfers: int, agents: Sequence[str]) -> None:
+        """One run as a user starts it, then fresh varied agents of these kinds on its best
+        SE, so many of each."""
         folder = self.folder(variant, seed)
         common = ["--home", str(self.home), "--workers", "1"]
         options = ["--name", folder.name, "--seed", str(seed), *VARIANTS[variant], *common]
         if not (folder / BEST_FILE).exists():
             _bilevel("nes", self.task, "--generations", str(self.generations), *options)
-        for agent in ("ddqn",) if transfers else ():
-            name = f"{folder.name}-{agent}"
-            if not (self.home / self.task / name / REPORT_FILE).exists():
+        for agent in agents if transfers else ():
+            name = self._transfer(variant, seed, agent).parent.name
+            if not self._transfer(variant, seed, agent).exists():
                 _bilevel(
                     "evaluate",
                     str(folder / BEST_FILE),
@@ -84,6 +89,11 @@ class Study:
         settings = read_settings(self.folder(variant, seed))
         return {name: settings[name] for name in ("nes", "se", "agents", "vary_agent")}
 
+    def _transfer(self, variant: str, seed: int, agent: str) -> Path:
+        """The report on agents of a kind on a run's best SE."""
+        folder = self.folder(variant, seed)
+        return folder.with_name(f"{folder.name}-{agent}") / REPORT_FILE
+
     def row(self, variant: str, seed: int) -> dict[str, Any] | None:
         """What came of a run; None if it has not ended."""
         folder = self.folder(variant, seed)
@@ -92,8 +102,17 @@ class Study:
         state, final = NESState.load(folder / STATE_FILE), load_se(folder / BEST_FILE).info
         solved_reward = get_task(self.task).solved_reward
         solved = [r.score_mean >= solved_reward for r in state.records]
-        report = self.home / self.task / f"{folder.name}-ddqn" / REPORT_FILE
-        varied = json.loads(report.read_text())[0] if report.exists() else None
+        varied = {}
+        for agent in AGENTS:
+            report = self._transfer(variant, seed, agent)
+            if report.exists():
+                (group,) = json.loads(report.read_text())
+                varied[agent] = {
+                    "score_mean": round(group["test_returns_mean"], 1),
+                    "solved_fraction": round(group["solved_fraction"], 2),
+                    "train_steps_mean": round(group["train_steps_mean"]),
+                    "agents": round(group["agents"]),
+                }
         seconds = state.records[-1].finished - Begun.read(folder).time
         first = solved.index(True) if any(solved) else None
         return {
@@ -104,8 +123,7 @@ class Study:
             "minutes": round(seconds / 60, 2),
             "final_score_mean": round(final["final_score_mean"], 1),
             "final_train_steps_mean": round(final["final_train_steps_mean"]),
-            "varied_score_mean": varied and round(varied["test_returns_mean"], 1),
-            "varied_train_steps_mean": varied and round(varied["train_steps_mean"]),
+            "varied": varied,
             "score_curve": [round(r.score_mean, 1) for r in state.records],
             "steps_curve": [round(r.train_steps_mean) for r in state.records],
             "std_dev_curve": [round(r.std_dev, 4) for r in state.records],
@@ -149,6 +167,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, default=10)
     parser.add_argument("--generations", type=int, default=40)
     parser.add_argument("--transfers", type=int, default=20, help="agents on each best SE")
+    parser.add_argument("--agents", nargs="+", choices=AGENTS, default=["ddqn"])
     parser.add_argument("--home", type=Path, required=True)
     options = parser.parse_args()
     study = Study(options.task, options.generations, options.home)
@@ -156,7 +175,7 @@ def main() -> None:
     with ThreadPoolExecutor(os.cpu_count()) as jobs:
         for variant in options.variants:
             for seed in seeds:
-                jobs.submit(study.run, variant, seed, options.transfers)
+                jobs.submit(study.run, variant, seed, options.transfers, options.agents)
     print(f"written to {write(study, options.variants, seeds)}")
 
 

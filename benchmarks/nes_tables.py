@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from benchmarks.machine import read_result
+from benchmarks.nes_study import AGENTS
 from bilevel.tasks import get_task
 
 TASKS = ("CartPole-v0", "Acrobot-v1")
@@ -40,8 +41,10 @@ def variant_row(name: str, runs: Sequence[dict[str, Any]], solved_reward: float)
     def column(field: str) -> list[float]:
         return [run[field] for run in runs if run[field] is not None]
 
+    on_ddqn = [run["varied"]["ddqn"] for run in runs if "ddqn" in run["varied"]]
+
     solved = sum(run["final_score_mean"] >= solved_reward for run in runs)
-    varied = column("varied_score_mean")
+    varied = [agents["score_mean"] for agents in on_ddqn]
     reached = sum(score >= solved_reward for score in varied)
     return _row(
         name,
@@ -52,7 +55,7 @@ def variant_row(name: str, runs: Sequence[dict[str, Any]], solved_reward: float)
         _spread(column("minutes"), ".1f"),
         _spread(varied, ".1f"),
         f"{reached} of {len(varied)}" if varied else "-",
-        _spread(column("varied_train_steps_mean"), ".0f"),
+        _spread([agents["train_steps_mean"] for agents in on_ddqn], ".0f"),
     )
 
 
@@ -72,6 +75,29 @@ def _commands(result: dict[str, Any]) -> str:
     return f"\n\n(one core a run; {_machine(result)};\n" + ",\n".join(commands) + ")"
 
 
+def transfer() -> str:
+    """Every kind of agents on the best SE of each run that they were tried on."""
+    rows = [_row("task", "learned with", "agents", "SEs", "test return", "solve", "train steps")]
+    rows.append(_row(*["---"] * 7))
+    for task in TASKS:
+        for name, variant in read_result(f"nes_{task}", "variants")["variants"].items():
+            for agent in AGENTS:
+                found = [run["varied"][agent] for run in variant["runs"] if agent in run["varied"]]
+                if found:
+                    rows.append(
+                        _row(
+                            task,
+                            name,
+                            f"{found[0]['agents']} {agent}",
+                            str(len(found)),
+                            _spread([one["score_mean"] for one in found], ".1f"),
+                            f"{statistics.mean(one['solved_fraction'] for one in found):.0%}",
+                            _spread([one["train_steps_mean"] for one in found], ".0f"),
+                        )
+                    )
+    return "\n".join(rows)
+
+
 def _machine(result: dict[str, Any]) -> str:
     return f"{result['machine']['cores']} cores of {result['machine']['processor']}"
 
@@ -89,4 +115,7 @@ def defaults() -> str:
     return "\n".join(rows) + f"\n\n(one core a run; {_machine(result)}; {', '.join(commands)})"
 
 
-TABLES: dict[str, Callable[[], str]] = {f"nes-{task}": partial(seeds, task) for task in TASKS}
+TABLES: dict[str, Callable[[], str]] = {
+    **{f"nes-{task}": partial(seeds, task) for task in TASKS},
+    "nes-transfer": transfer,
+}

@@ -49,7 +49,7 @@ def main() -> None:
     file.write_text(documented_agent())
     load_agent_file(file)
 
-    hp = load_preset(best_preset(task.id), task.id)
+    hp = load_preset(best_preset(task.id), task.id, "antithetic")
     run = NESRun(task, hp, options.seed, home.run_folder(task.id, "transfer"))
     place = Place(home, home.database_uri)
     state = run_nes(NESCommand(run, place))

@@ -17,15 +17,14 @@ def run(**changes: Any) -> dict[str, Any]:
         "solved_since": 0.5,
         "minutes": 2.0,
         "final_score_mean": 199.0,
-        "varied_score_mean": None,
-        "varied_train_steps_mean": None,
+        "varied": {},
     }
     return row | changes
 
 
 def test_failures_are_counted() -> None:
     failed = run(seed=1, first_solved_generation=None, solved_since=None, final_score_mean=60.0)
-    measured = run(seed=2, varied_score_mean=196.0, varied_train_steps_mean=5000)
+    measured = run(seed=2, varied={"ddqn": {"score_mean": 196.0, "train_steps_mean": 5000}})
     cells = variant_row("x", [run(), failed, measured], 195.0).split(" | ")
     assert cells[1] == "2 of 3"
     assert cells[2] == "10 (10 to 10)"

@@ -19,8 +19,10 @@ from tests.system.conftest import client, run_until
 
 pytestmark = pytest.mark.timeout(280)
 
-SMALL = ("nes", "CartPole-v0", "--population", "2", "--start-candidates", "2", "--name", "run")
-SMALL += ("--set", "nes.momentum=0.7")
+SMALL = (
+    *("nes", "CartPole-v0", "--population", "2", "--start-candidates", "2", "--name", "run"),
+    *("--set", "nes.momentum=0.7"),
+)
 
 
 def scores(home: Path) -> list[dict[str, float]]:
