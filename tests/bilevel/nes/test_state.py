@@ -54,6 +54,23 @@ def test_round_trip(nes: NES, tmp_path: Path) -> None:
     assert nes.ask(loaded) == nes.ask(state)
 
 
+def test_a_loaded_run_goes_on_as_the_other_would(nes: NES, tmp_path: Path) -> None:
+    """Also where the next step depends on the last: momentum, and what was adapted."""
+    own = replace(nes.hp.nes, momentum=0.8, retention=0.7)
+    nes = replace(nes, hp=replace(nes.hp, nes=own))
+
+    def after(state: NESState) -> NESState:
+        results = [answer(r, float(r.index)) for r in nes.ask(state)]
+        return nes.tell(state, results, 1.0, 0.0)
+
+    state = after(nes.start())
+    state.save(tmp_path / "state")
+    loaded = NESState.load(tmp_path / "state")
+    assert loaded.scale == state.scale != 1.0
+    np.testing.assert_array_equal(after(loaded).psi, after(state).psi)
+    assert after(loaded).records == after(state).records
+
+
 @pytest.mark.parametrize("content", [b"", b"nonsense", b"\x08\0\0\0\0\0\0\0{}      "])
 def test_damage_is_told(content: bytes, tmp_path: Path) -> None:
     (tmp_path / "state").write_bytes(content)
