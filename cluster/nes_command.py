@@ -34,7 +34,7 @@ class NESCommand:
     run: NESRun
     place: Place
     workers: int | None = None  # actors; None: one a core of the cluster
-    solved_for: int = 3
+    solved_for: int = 2
 
 
 def run_nes(command: NESCommand) -> NESState:

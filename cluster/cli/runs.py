@@ -34,7 +34,7 @@ from cluster.cli.options import (
 @click.option(
     "--solved-for",
     type=click.IntRange(min=1),
-    default=3,
+    default=2,
     show_default=True,
     help="Stop early once solved for so many generations in a row, and confirmed.",
 )
