@@ -134,7 +134,7 @@ def _bilevel(*arguments: str) -> None:
     script = Path(sys.executable).with_name("bilevel")
     done = subprocess.run([script, *arguments], capture_output=True, text=True)
     if done.returncode:
-        sys.exit(f"bilevel {' '.join(arguments)}: {done.stderr}")
+        raise RuntimeError(f"bilevel {' '.join(arguments)}: {done.stderr}")
     print(arguments[0], arguments[arguments.index("--name") + 1], *done.stdout.splitlines()[-5:-4])
 
 
@@ -173,9 +173,13 @@ def main() -> None:
     study = Study(options.task, options.generations, options.home)
     seeds = range(options.seeds)
     with ThreadPoolExecutor(os.cpu_count()) as jobs:
-        for variant in options.variants:
-            for seed in seeds:
-                jobs.submit(study.run, variant, seed, options.transfers, options.agents)
+        runs = [
+            jobs.submit(study.run, variant, seed, options.transfers, options.agents)
+            for variant in options.variants
+            for seed in seeds
+        ]
+    for run in runs:
+        run.result()
     print(f"written to {write(study, options.variants, seeds)}")
 
 
