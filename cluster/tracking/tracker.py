@@ -20,11 +20,13 @@ import tempfile
 import threading
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlparse
+
+from filelock import FileLock
 
 from bilevel.errors import InvalidInput
 from cluster.tracking.registry import register_se
@@ -126,19 +128,33 @@ class Tracker:
         self.uri = uri
         self._thorough = thorough
         self._shown: dict[str, _Shown] = {}
-        location = None if uri.startswith("http") else (artifacts / experiment).resolve().as_uri()
+        server = uri.startswith("http")
+        location = None if server else (artifacts / experiment).resolve().as_uri()
+        # MLflow makes a new database's tables without a look at who else does.
+        lock: AbstractContextManager[object] = nullcontext()
+        if not server:
+            lock = FileLock(artifacts.parent / ".mlflow.lock")
         try:
-            self._client = mlflow.MlflowClient(uri, registry_uri=uri)
-            found = self._client.get_experiment_by_name(experiment)
-            self.experiment_id = (
-                found.experiment_id
-                if found is not None
-                else self._client.create_experiment(
-                    experiment, artifact_location=location, tags={_KIND: "custom_model_development"}
-                )
-            )
+            with lock:
+                self._client = mlflow.MlflowClient(uri, registry_uri=uri)
+                self.experiment_id = self._experiment(experiment, location)
         except (MlflowException, SQLAlchemyError, OSError) as error:
             raise InvalidInput(f"MLflow at {uri!r} cannot be used: {first_line(error)}") from None
+
+    def _experiment(self, name: str, location: str | None) -> str:
+        """The id of the experiment, made if there is none."""
+        from mlflow.exceptions import MlflowException
+
+        found = self._client.get_experiment_by_name(name)
+        if found is None:
+            tags = {_KIND: "custom_model_development"}
+            try:
+                return str(self._client.create_experiment(name, location, tags))
+            except MlflowException:  # another process may have been faster
+                found = self._client.get_experiment_by_name(name)
+                if found is None:
+                    raise
+        return str(found.experiment_id)
 
     @property
     def address(self) -> str:

@@ -2,6 +2,8 @@
 
 import json
 import sqlite3
+import subprocess
+import sys
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -66,6 +68,30 @@ def test_sync_rebuilds_a_study_in_an_empty_database(home: Home, folder: Path) ->
     sync(folder, home, home.database_uri, Terminal())  # once more: nothing is there twice
     assert disagreements(folder, home.database_uri) == []
     assert len(client.search_model_versions("name = 'SE-CartPole-v0'")) == 1
+
+
+def test_the_first_runs_of_a_home_may_start_at_once(home: Home) -> None:
+    """MLflow makes the tables of a new database; two that do so end with an error."""
+    go = home.folder / "go"
+    code = (
+        "import pathlib, sys, time, mlflow.store.tracking.sqlalchemy_store;"
+        "from cluster.home import Home; from cluster.tracking import Tracker;"
+        "home = Home(pathlib.Path(sys.argv[1])); print('ready', flush=True);"
+        "[time.sleep(0.001) for _ in iter((home.folder / 'go').exists, True)];"
+        "Tracker(home.database_uri, 'CartPole-v0', home.artifacts)"
+    )
+    command = [sys.executable, "-W", "ignore", "-c", code, str(home.folder)]
+    processes = [
+        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        for _ in range(4)
+    ]
+    for process in processes:
+        assert process.stdout is not None
+        assert process.stdout.readline() == "ready\n"
+    go.touch()
+    for process in processes:
+        _, errors = process.communicate(timeout=120)
+        assert process.returncode == 0, errors
 
 
 def test_sync_adds_what_is_missing_and_removes_a_twin(home: Home, folder: Path) -> None:
