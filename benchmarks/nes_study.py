@@ -43,7 +43,7 @@ VARIANTS: dict[str, list[str]] = {
     "centred ranks": [
         *["--update", "antithetic", "--set", "nes.step_size=0.03", "--set", "nes.std_dev=0.03"],
         *["--set", "nes.momentum=0.8", "--set", "nes.retention=0.75"],
-        *["--vary-hp", "small", "--start-candidates", "64"],
+        *["--vary-hp", "small", "--start-candidates", "256"],
     ],
     "no choice of start": ["--start-candidates", "1"],
     "paper": ["--preset", "tuned", "--update", "paper"],

@@ -1,7 +1,7 @@
 """Natural evolution strategies over synthetic environments (paper, Algorithm 1).
 
-    psi  <- the best of start_candidates random initialisations: one evaluation each,
-            then RETESTS more of the best eighth
+    psi  <- the best of start_candidates random initialisations: one short evaluation
+            each, then RETESTS more of the best of them
     s, v <- 1, 0                                         # scale, velocity
     repeat n_o times:                                    # generations
         for each member i = 1 .. n_p:                    # ask: requests, in any order
@@ -62,11 +62,17 @@ class NES:
         return int(word)
 
     def screening_requests(self) -> list[EvaluationRequest]:
-        """One evaluation of each start candidate; none if there is one alone."""
+        """One evaluation of each start candidate; none if there is one alone.
+
+        All with the same agent, which has little longer than an agent needs at least:
+        most SEs teach nothing, and on those training would go on for long.
+        """
         candidates = self.hp.nes.start_candidates
         if candidates == 1:
             return []
-        agent = self._agent(_START, 0)
+        agent = self.hp.agents[0]
+        short = min(agent.max_episodes, agent.init_episodes + 3 * agent.early_out_episodes)
+        agent = replace(agent, max_episodes=short)
         return [self._start_request(i, i, 0, agent) for i in range(candidates)]
 
     def retest_requests(self, screened: Sequence[EvaluationResult]) -> list[EvaluationRequest]:
