@@ -71,8 +71,9 @@ class NES:
         if candidates == 1:
             return []
         agent = self.hp.agents[0]
-        short = min(agent.max_episodes, agent.init_episodes + 3 * agent.early_out_episodes)
-        agent = replace(agent, max_episodes=short)
+        short = agent.init_episodes + 3 * agent.early_out_episodes
+        most = min(short, agent.max_episodes, self.hp.nes.max_episodes)
+        agent = replace(agent, max_episodes=most)
         return [self._start_request(i, i, 0, agent) for i in range(candidates)]
 
     def retest_requests(self, screened: Sequence[EvaluationResult]) -> list[EvaluationRequest]:

@@ -10,6 +10,7 @@ from bilevel.hyperparameters import (
     SCORE_TRANSFORMS,
     UPDATES,
     AgentHyperparameters,
+    DDQNHyperparameters,
     Hyperparameters,
     load_preset,
 )
@@ -21,6 +22,7 @@ from bilevel.nes.updates import (
     update_step,
 )
 from bilevel.tasks import Task
+from search_spaces import draw_agent
 from tests.conftest import ddqn
 
 
@@ -89,6 +91,20 @@ class TestAsk:
             nes = NES(cartpole, hp, 0)
             requests = [*nes.screening_requests(), *nes.ask(NES(cartpole, small_hp, 0).start())]
             assert {r.agent.max_episodes for r in requests} == {trained}
+
+    def test_screening_is_short_and_the_same_for_all(
+        self, cartpole: Task, small_hp: Hyperparameters, small_agent: DDQNHyperparameters
+    ) -> None:
+        agent = replace(small_agent, init_episodes=4, early_out_episodes=10, max_episodes=1000)
+        nes_hp = replace(small_hp.nes, start_candidates=20)
+        hp = replace(small_hp, nes=nes_hp, agents=(agent,), vary_agent="all")
+        asked = NES(cartpole, hp, 0, draw_agent).screening_requests()
+        assert [r.agent for r in asked] == [replace(agent, max_episodes=34)] * 20
+        retested = NES(cartpole, hp, 0, draw_agent).retest_requests(
+            [answer(r, float(r.index)) for r in asked]
+        )
+        assert {r.agent.max_episodes for r in retested} == {hp.nes.max_episodes}
+        assert {r.start_seed for r in retested} == {asked[-1].start_seed, asked[-2].start_seed}
 
 
 class TestTell:
@@ -172,16 +188,16 @@ class TestStart:
         np.testing.assert_array_equal(nes.start().psi, nes.start().psi)
 
     def test_retests_decide(self, cartpole: Task, small_hp: Hyperparameters) -> None:
-        """16 candidates are screened, the best 2 retested; the lucky one loses."""
-        hp = replace(small_hp, nes=replace(small_hp.nes, start_candidates=16))
+        """32 candidates are screened, the best 2 retested; the lucky one loses."""
+        hp = replace(small_hp, nes=replace(small_hp.nes, start_candidates=32))
         nes = NES(cartpole, hp, 0)
         requests = nes.screening_requests()
         by_hand = {5: 90.0, 11: 80.0}
         screened = [answer(r, by_hand.get(r.index, 9.0)) for r in requests]
         retests = nes.retest_requests(screened)
-        assert len(requests) + len(retests) == hp.nes.start_evaluations == 32
+        assert len(requests) + len(retests) == hp.nes.start_evaluations == 48
         assert {r.start_seed for r in retests} == {requests[i].start_seed for i in (5, 11)}
-        assert len({r.seed for r in requests + retests}) == 32
+        assert len({r.seed for r in requests + retests}) == 48
         lucky = requests[5].start_seed
         again = [answer(r, 20.0 if r.start_seed == lucky else 70.0) for r in retests]
         chosen = requests[11].start_seed
@@ -291,7 +307,7 @@ class TestStepPrice:
 
     @pytest.fixture
     def nes(self, cartpole: Task, small_hp: Hyperparameters) -> NES:
-        hp = replace(small_hp.nes, step_price=10.0, start_candidates=16)
+        hp = replace(small_hp.nes, step_price=10.0, start_candidates=32)
         return NES(cartpole, replace(small_hp, nes=hp), 0)
 
     def test_of_equal_scores_the_faster_wins(self, nes: NES) -> None:
