@@ -64,22 +64,24 @@ class NES:
     def screening_requests(self) -> list[EvaluationRequest]:
         """One evaluation of each start candidate; none if there is one alone.
 
-        All with the same agent, which has little longer than an agent needs at least:
-        most SEs teach nothing, and on those training would go on for long.
+        Where agents vary, each has its own: were there one for all, and that one slow to
+        learn, chance would decide. It has little longer than it needs at least: most SEs
+        teach nothing, and on those training would go on for long.
         """
         candidates = self.hp.nes.start_candidates
         if candidates == 1:
             return []
-        agent = self.hp.agents[0]
-        short = agent.init_episodes + 3 * agent.early_out_episodes
-        most = min(short, agent.max_episodes, self.hp.nes.max_episodes)
-        agent = replace(agent, max_episodes=most)
-        return [self._start_request(i, i, 0, agent) for i in range(candidates)]
+        agents = [self._agent(_START, i, 0) for i in range(candidates)]
+        short = [agent.init_episodes + 3 * agent.early_out_episodes for agent in agents]
+        return [
+            self._start_request(i, i, 0, replace(agent, max_episodes=min(most, agent.max_episodes)))
+            for i, (agent, most) in enumerate(zip(agents, short, strict=True))
+        ]
 
     def retest_requests(self, screened: Sequence[EvaluationResult]) -> list[EvaluationRequest]:
         """Further evaluations of the candidates that screened best: agents differ so
         much from seed to seed that one evaluation mostly finds the luckiest."""
-        agents = [self._agent(_START, 1 + i) for i in range(RETESTS)]
+        agents = [self._agent(_START, 1 + i) for i in range(RETESTS)]  # the same for all
         return [
             self._start_request(place * RETESTS + i, candidate, 1 + i, agent)
             for place, candidate in enumerate(self._screened_best(screened))
@@ -110,7 +112,7 @@ class NES:
         return EvaluationRequest(
             index=index,
             seed=self._seed(_START, candidate, _EVALUATION, repeat),
-            agent=agent,  # the same for all candidates
+            agent=agent,
             start_seed=self._seed(_START, candidate),
         )
 

@@ -112,8 +112,6 @@ def test_a_mixture_draws_an_agent_a_member_the_same_for_a_pair(cartpole: Task) -
     kinds = [request.agent.agent for request in requests]
     assert kinds[:16] == kinds[16:32] == kinds[32:]
     assert set(kinds) == set(AGENTS)
-    retests = [request.agent.agent for request in nes.screening_requests()]
-    assert len(set(retests)) == 1  # candidates are compared with the same agent
 
 
 def test_an_agent_without_a_name_or_file_is_told(tmp_path: Path) -> None:

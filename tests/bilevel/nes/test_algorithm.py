@@ -92,19 +92,21 @@ class TestAsk:
             requests = [*nes.screening_requests(), *nes.ask(NES(cartpole, small_hp, 0).start())]
             assert {r.agent.max_episodes for r in requests} == {trained}
 
-    def test_screening_is_short_and_the_same_for_all(
+    def test_screening_is_short_and_retests_are_fair(
         self, cartpole: Task, small_hp: Hyperparameters, small_agent: DDQNHyperparameters
     ) -> None:
         agent = replace(small_agent, init_episodes=4, early_out_episodes=10, max_episodes=1000)
         nes_hp = replace(small_hp.nes, start_candidates=20)
         hp = replace(small_hp, nes=nes_hp, agents=(agent,), vary_agent="all")
         asked = NES(cartpole, hp, 0, draw_agent).screening_requests()
-        assert [r.agent for r in asked] == [replace(agent, max_episodes=34)] * 20
+        assert {r.agent.max_episodes for r in asked} == {34}
+        assert len({vars(r.agent)["learning_rate"] for r in asked}) == 20
         retested = NES(cartpole, hp, 0, draw_agent).retest_requests(
             [answer(r, float(r.index)) for r in asked]
         )
         assert {r.agent.max_episodes for r in retested} == {hp.nes.max_episodes}
         assert {r.start_seed for r in retested} == {asked[-1].start_seed, asked[-2].start_seed}
+        assert [r.agent for r in retested[:8]] == [r.agent for r in retested[8:]]
 
 
 class TestTell:
