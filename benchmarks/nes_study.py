@@ -2,7 +2,7 @@
 defaults taken away at a time. How many runs solve the task, when, whether they stay there,
 and what agents with varied hyperparameters learn on their best SEs.
 
-    python -m benchmarks.nes_study CartPole-v0 --variants defaults --seeds 20 --home FOLDER
+    python -m benchmarks.nes_study CartPole-v0 --variants defaults --seeds 0 1 2 --home FOLDER
 
 Runs are ordinary runs of one worker, one a core at a time; started again, the call goes on
 with what is missing. `results/nes_TASK.json` keeps the variants of earlier calls.
@@ -150,7 +150,8 @@ def write(study: Study, variants: Sequence[str], seeds: Sequence[int]) -> Path:
         if rows:
             found[variant] = {
                 "command": f"python -m benchmarks.nes_study {study.task} --variants '{variant}' "
-                f"--seeds {len(seeds)} --generations {study.generations} --home FOLDER",
+                f"--seeds {' '.join(map(str, seeds))} --generations {study.generations} "
+                "--home FOLDER",
                 "options": VARIANTS[variant],
                 "hyperparameters": study.hyperparameters(variant, rows[0]["seed"]),
                 "runs": rows,
@@ -164,14 +165,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("task")
     parser.add_argument("--variants", nargs="+", choices=VARIANTS, default=list(VARIANTS))
-    parser.add_argument("--seeds", type=int, default=10)
+    parser.add_argument("--seeds", type=int, nargs="+", default=list(range(10)))
     parser.add_argument("--generations", type=int, default=40)
     parser.add_argument("--transfers", type=int, default=20, help="agents on each best SE")
     parser.add_argument("--agents", nargs="+", choices=AGENTS, default=["ddqn"])
     parser.add_argument("--home", type=Path, required=True)
     options = parser.parse_args()
     study = Study(options.task, options.generations, options.home)
-    seeds = range(options.seeds)
+    seeds = sorted(set(options.seeds))
     with ThreadPoolExecutor(os.cpu_count()) as jobs:
         runs = [
             jobs.submit(study.run, variant, seed, options.transfers, options.agents)
