@@ -73,7 +73,10 @@ def _trade_off(axes: Axes, task: str) -> None:
     axes.set_xlabel("train steps (mean of 20 agents)")
     axes.set_ylabel("test return (mean)")
     axes.set_title(f"{task}: varied DDQN agents on the best SE of a run")
-    axes.legend(frameon=False, fontsize=8)
+    if axes.collections:
+        axes.legend(frameon=False, fontsize=8)
+    else:
+        axes.text(0.5, 0.5, "not measured yet", ha="center", transform=axes.transAxes)
 
 
 def picture() -> Figure:

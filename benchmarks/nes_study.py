@@ -138,7 +138,7 @@ def _bilevel(*arguments: str) -> None:
     print(arguments[0], arguments[arguments.index("--name") + 1], *done.stdout.splitlines()[-5:-4])
 
 
-def write(study: Study, variants: Sequence[str], seeds: Sequence[int]) -> Path:
+def write(study: Study, variants: Sequence[str], seeds: Sequence[int], transfers: int) -> Path:
     """The results of these runs beside those of earlier calls."""
     name = f"nes_{study.task}"
     try:
@@ -151,7 +151,7 @@ def write(study: Study, variants: Sequence[str], seeds: Sequence[int]) -> Path:
             found[variant] = {
                 "command": f"python -m benchmarks.nes_study {study.task} --variants '{variant}' "
                 f"--seeds {' '.join(map(str, seeds))} --generations {study.generations} "
-                "--home FOLDER",
+                f"--transfers {transfers} --home FOLDER",
                 "options": VARIANTS[variant],
                 "hyperparameters": study.hyperparameters(variant, rows[0]["seed"]),
                 "runs": rows,
@@ -181,7 +181,7 @@ def main() -> None:
         ]
     for run in runs:
         run.result()
-    print(f"written to {write(study, options.variants, seeds)}")
+    print(f"written to {write(study, options.variants, seeds, options.transfers)}")
 
 
 if __name__ == "__main__":
