@@ -41,7 +41,7 @@ def _curves(axes: Axes, task: str) -> None:
     axes.annotate("solved", (longest, solved), ha="right", va="bottom", fontsize=8)
     axes.set_xlabel("generation")
     axes.set_ylabel("score of psi")
-    axes.set_title(f"{task}: {len(runs)} seeds, and their median")
+    axes.set_title(f"{task}: {len(runs)} seed(s), and their median")
 
 
 def _solved(axes: Axes, task: str) -> None:
@@ -72,7 +72,7 @@ def _trade_off(axes: Axes, task: str) -> None:
     axes.axhline(get_task(task).solved_reward, color="black", lw=0.8, ls=":")
     axes.set_xlabel("train steps (mean of 20 agents)")
     axes.set_ylabel("test return (mean)")
-    axes.set_title(f"{task}: varied DDQN agents on the best SE of a run")
+    axes.set_title(f"{task}: varied DDQN on the best SEs")
     if axes.collections:
         axes.legend(frameon=False, fontsize=8)
     else:
