@@ -3,8 +3,6 @@
 python -m benchmarks.nes_picture
 """
 
-import hashlib
-import json
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +13,7 @@ from matplotlib.figure import Figure
 
 from benchmarks.machine import read_result
 from benchmarks.nes_tables import TASKS
+from benchmarks.pictures import digest, save
 from bilevel.tasks import get_task
 
 PICTURE = Path(__file__).parents[1] / "docs" / "nes.svg"
@@ -90,18 +89,13 @@ def picture() -> Figure:
 
 
 def results_digest() -> str:
-    """Of the results that the picture shows; it stands in the picture's description, so
-    that a picture of older results is noticed."""
-    content = json.dumps([_variants(task) for task in TASKS], sort_keys=True)
-    return hashlib.sha256(content.encode()).hexdigest()
+    """Of what the picture shows."""
+    return digest([_variants(task) for task in TASKS])
 
 
 def main() -> None:
     """Write `docs/nes.svg`."""
-    with mpl.rc_context({"svg.hashsalt": "nes"}):
-        metadata = {"Date": None, "Description": f"results {results_digest()}"}
-        picture().savefig(PICTURE, metadata=metadata)
-    print(f"written to {PICTURE}")
+    save(picture(), PICTURE, results_digest())
 
 
 if __name__ == "__main__":

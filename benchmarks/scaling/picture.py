@@ -3,16 +3,14 @@
 python -m benchmarks.scaling.picture
 """
 
-import hashlib
-import json
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.pictures import digest, save
 from benchmarks.scaling.generations import CORES, GENERATION, Cases, cases
 from benchmarks.scaling.recorded import TASKS, load, recorded_run, varied_generations
 
@@ -108,19 +106,14 @@ def picture() -> Figure:
 
 
 def results_digest() -> str:
-    """Of the results that the picture shows; it stands in the picture's description, so
-    that a picture of older results is noticed."""
+    """Of what the picture shows."""
     names = ["simulated", *(f"{kind}_{task}" for kind in ("nes", "agents") for task in TASKS)]
-    content = json.dumps([load(name) for name in names], sort_keys=True)
-    return hashlib.sha256(content.encode()).hexdigest()
+    return digest([load(name) for name in names])
 
 
 def main() -> None:
     """Write `docs/scaling.svg`."""
-    with mpl.rc_context({"svg.hashsalt": "scaling"}):
-        metadata = {"Date": None, "Description": f"results {results_digest()}"}
-        picture().savefig(PICTURE, metadata=metadata)
-    print(f"written to {PICTURE}")
+    save(picture(), PICTURE, results_digest())
 
 
 if __name__ == "__main__":
