@@ -150,6 +150,9 @@ def test_time_budget_ends_the_search(tmp_path: Path) -> None:
     result = run_bilevel(*SMOKE, *args, "--home", tmp_path)
     assert result.returncode == 0, result.stderr
     assert "the time budget is spent" in result.stdout
+    # a number of brackets that it will not come to is not shown
+    assert "bracket 1 rung 1/" in result.stdout
+    assert "/99" not in result.stdout
     assert "fresh agents trained on the best SE" in result.stdout
 
 
