@@ -126,8 +126,14 @@ def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) 
             field, plain = field.removeprefix(_INVERSE), 1.0 - plain
         if isinstance(plain, str):
             plain = str(plain)  # np.str_ is a str of another type
-        if section not in sections or field not in {s.name for s in fields(sections[section])}:
-            raise InvalidInput(f"unknown hyperparameter {name!r}")
+        known = (
+            [f"{section}.{s.name}" for s in fields(sections[section])]
+            if section in sections
+            else []
+        )
+        if f"{section}.{field}" not in known:
+            allowed = known or [f"{other}.*" for other in sections]
+            raise one_of("hyperparameter", name, allowed)
         changes.setdefault(section, {})[field] = plain
     return replace(
         base,
