@@ -15,10 +15,14 @@ from ray.util.placement_group import (
 
 from bilevel.errors import InvalidInput
 from cluster.agent_files import runtime_env
+from cluster.environment import environment_kept
 
 _CONNECT_TIMEOUT = 5.0  # seconds until an address counts as unreachable
 #: Begins the names of placement groups that stand for a run.
 _MARK = "bilevel-run-"
+#: Set by Ray when it starts a cluster. Left behind, it makes a later process ask for a token
+#: that its parent, with Ray imported before, does not show: the two never meet.
+_AUTHENTICATION = "RAY_AUTH_MODE"
 
 
 @contextlib.contextmanager
@@ -29,23 +33,26 @@ def ray_cluster(address: str | None) -> Iterator[None]:
     otherwise a local one is started and stopped again. Raises InvalidInput if the
     address cannot be reached.
     """
+    own = address in (None, "local")
     if address is not None and address not in ("auto", "local"):
         _require_reachable(address)
-    try:
-        ray.init(
-            address=address or "local",
-            include_dashboard=False if address in (None, "local") else None,
-            log_to_driver=False,
-            logging_level=logging.ERROR,
-            runtime_env=runtime_env(),
-        )
-    except (ConnectionError, ValueError, RuntimeError) as error:
-        reason = str(error).strip().splitlines()[0]
-        raise InvalidInput(f"no Ray cluster at {address!r}: {reason}") from None
-    try:
-        yield
-    finally:
-        ray.shutdown()
+    with environment_kept(_AUTHENTICATION):
+        try:
+            ray.init(
+                address=address or "local",
+                include_dashboard=False if own else None,
+                log_to_driver=False,
+                logging_level=logging.ERROR,
+                runtime_env=runtime_env(),
+            )
+        except (ConnectionError, ValueError, RuntimeError) as error:
+            reason = str(error).strip().splitlines()[0]
+            place = "cannot start Ray here" if own else f"no Ray cluster at {address!r}"
+            raise InvalidInput(f"{place}: {reason}") from None
+        try:
+            yield
+        finally:
+            ray.shutdown()
 
 
 def _require_reachable(address: str) -> None:

@@ -13,6 +13,7 @@ from cluster.bohb.searcher import BohbSearcher
 from cluster.bohb.stopping import StudyStopper
 from cluster.bohb.study import Study
 from cluster.bohb.trial import NESTrial
+from cluster.environment import environment_kept
 
 #: Tune's own files within the study's folder; nothing is ever read from them.
 _TUNES_FOLDER = "ray"
@@ -65,13 +66,6 @@ def _quiet_tune() -> Iterator[None]:
         "TUNE_GLOBAL_CHECKPOINT_S": "3600",
         "TUNE_RESULT_BUFFER_LENGTH": "0",
     }
-    before = {name: os.environ.get(name) for name in wanted}
-    os.environ.update(wanted)
-    try:
+    with environment_kept(*wanted):
+        os.environ.update(wanted)
         yield
-    finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value

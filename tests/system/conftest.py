@@ -1,5 +1,6 @@
 """Real Ray, real MLflow, real processes. Slow: seconds to a minute each."""
 
+import os
 import subprocess
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,9 +15,15 @@ from tests.commands import BILEVEL
 
 @pytest.fixture
 def local_ray() -> Iterator[None]:
+    before = _of_ray()
     with ray_cluster("local"):
         yield
     assert not ray.is_initialized()
+    assert _of_ray() == before  # what is started later must not inherit it
+
+
+def _of_ray() -> dict[str, str]:
+    return {name: value for name, value in os.environ.items() if name.startswith("RAY_")}
 
 
 def client(home: Path) -> mlflow.MlflowClient:
