@@ -23,6 +23,7 @@ from bilevel.errors import InvalidInput
 from cluster.home import Home
 from cluster.mlflow_server import mlflow_server
 from cluster.ports import free_port, require_free
+from cluster.tracking.database import database_ready
 
 #: What whoever joins a service takes over of its environment.
 _JOINING = {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN_PATH"}
@@ -164,6 +165,8 @@ def _ray_token(home: Home) -> dict[str, str]:
 
 
 def _start_mlflow(home: Home, host: str, port: int) -> Service:
+    with database_ready(home.database_uri):
+        pass  # a server that is ended while it makes one would leave it unusable
     command, environment = mlflow_server(home, host, port)
     page = f"http://{_reachable(host)}:{port}"
     return _start(home, "mlflow", command, page, page, f"{page}/health", environment)

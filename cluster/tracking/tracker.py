@@ -13,22 +13,20 @@ holds one row for a metric, time, step and value.
 """
 
 import json
-import logging
 import os
 import socket
 import tempfile
 import threading
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlparse
 
-from filelock import FileLock
-
 from bilevel.errors import InvalidInput
+from cluster.tracking.database import database_ready, silence_mlflow
 from cluster.tracking.registry import register_se
 from cluster.tracking.view import Document, Point, RunView
 
@@ -122,20 +120,15 @@ class Tracker:
             import mlflow
             from mlflow.exceptions import MlflowException
             from sqlalchemy.exc import SQLAlchemyError
-        for name in ("alembic", "mlflow", "mlflow.store.db.utils", "urllib3"):
-            logging.getLogger(name).setLevel(logging.CRITICAL)
+        silence_mlflow()
 
         self.uri = uri
         self._thorough = thorough
         self._shown: dict[str, _Shown] = {}
         server = uri.startswith("http")
         location = None if server else (artifacts / experiment).resolve().as_uri()
-        # MLflow makes a new database's tables without a look at who else does.
-        lock: AbstractContextManager[object] = nullcontext()
-        if not server:
-            lock = FileLock(artifacts.parent / ".mlflow.lock")
         try:
-            with lock:
+            with database_ready(uri):
                 self._client = mlflow.MlflowClient(uri, registry_uri=uri)
                 self.experiment_id = self._experiment(experiment, location)
         except (MlflowException, SQLAlchemyError, OSError) as error:

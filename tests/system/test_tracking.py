@@ -1,6 +1,7 @@
 """MLflow is a view of the disk: it may be away, locked, empty, or show what was before."""
 
 import json
+import signal
 import sqlite3
 import subprocess
 import sys
@@ -92,6 +93,22 @@ def test_the_first_runs_of_a_home_may_start_at_once(home: Home) -> None:
     for process in processes:
         _, errors = process.communicate(timeout=120)
         assert process.returncode == 0, errors
+
+
+def test_a_first_run_killed_while_the_database_is_made_leaves_the_next_one_a_whole_one(
+    home: Home,
+) -> None:
+    code = (
+        "import os, signal, sys, pathlib, alembic.command;"
+        "alembic.command.upgrade = lambda *_: os.kill(os.getpid(), signal.SIGKILL);"
+        "from cluster.home import Home; from cluster.tracking import Tracker;"
+        "home = Home(pathlib.Path(sys.argv[1]));"
+        "Tracker(home.database_uri, 'CartPole-v0', home.artifacts)"
+    )
+    command = [sys.executable, "-W", "ignore", "-c", code, str(home.folder)]
+    # The tables stand, their changes of later versions do not.
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    Tracker(home.database_uri, "CartPole-v0", home.artifacts)
 
 
 def test_sync_adds_what_is_missing_and_removes_a_twin(home: Home, folder: Path) -> None:
