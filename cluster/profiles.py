@@ -30,7 +30,7 @@ class Profile:
 
 PROFILES = {
     # All three layers, small: to see that it works.
-    "smoke": Profile("core", 2, 1, 3, 30, 1, 2, None, 4),
+    "smoke": Profile("core", 2, 1, 3, 15, 1, 2, None, 4),
     # A good configuration on a laptop, in half an hour.
     "local": Profile("core", 8, 1, 9, 1000, 16, 60, 30 * 60.0, 10),
     # The paper's scale (Table "Fixed hyperparameters").

@@ -54,6 +54,9 @@ class NESHyperparameters(Validated):
     # and alpha are adapted to it every generation. 0: they stay.
     retention: float = ranged(0.0, 1.0, 0.0)
     momentum: float = ranged(0.0, 0.999, 0.0)  # share of the last step that is made again
+    # Standard errors by which psi may be less fit than the fittest psi so far before NES
+    # goes back to that one. 0: it never does.
+    fallback: float = ranged(0.0, 100.0, 0.0)
     # Of agents that the run trains: one that trains for longer is no result to wait for.
     max_episodes: int = ranged(1, 1_000_000, 1_000_000)
     # Score that 1000 train steps cost in the fitness; the paper's fitness is the score.

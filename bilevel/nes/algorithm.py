@@ -9,9 +9,9 @@
             for SE in psi, psi + s eps_i, psi - s eps_i:
                 agent <- TrainAgent(fresh agent, SE)     # evaluation.evaluate
                 F     <- EvaluateAgent(agent, real task)
-        v   <- momentum v + s UpdateSE({eps_i}, {F_i})   # tell
-        psi <- psi + v
-        s   <- adapted to the share of the score that psi +- s eps keep
+        s   <- adapted to the share of the score that psi +- s eps keep    # tell
+        v   <- momentum v + s UpdateSE({eps_i}, {F_i})
+        psi <- psi + v, or back to the fittest psi so far, with v = 0, if psi fell far below
 
 Every random number is derived from (run seed, generation, member), so a request is
 the same whoever asks for it, and nothing random needs to be stored.
@@ -162,9 +162,11 @@ class NES:
         scores = self._scores(results).reshape(-1, nes.population_size)
         fitness = self._fitness(results).reshape(-1, nes.population_size)
         members = MemberScores(fitness[0], fitness[1], fitness[2] if len(fitness) == 3 else None)
+        kept = self._retention(scores)
+        scale = adapted_scale(nes, state.scale, kept)
         eps = self._perturbations(state.generation)
-        step = np.float32(state.scale) * update_step(nes, eps, members)
-        step += np.float32(nes.momentum) * state.velocity
+        velocity = np.float32(scale) * update_step(nes, eps, members)
+        velocity += np.float32(nes.momentum) * state.velocity
 
         centre = ordered[: nes.population_size]
         kernel_seconds = max(sum(r.seconds for r in ordered), 1e-9)
@@ -180,30 +182,36 @@ class NES:
             solved_fraction=float((scores[0] >= self.task.solved_reward).mean()),
             non_finite=sum(not (r.finite and math.isfinite(r.score)) for r in ordered),
             psi_norm=float(np.linalg.norm(state.psi)),
-            update_norm=float(np.linalg.norm(step)),
+            update_norm=float(np.linalg.norm(velocity)),
             std_dev=state.scale * nes.std_dev,
-            retention=self._retention(scores),
+            retention=kept,
             env_steps_per_second=sum(r.train_steps for r in ordered) / kernel_seconds,
             generation_seconds=seconds,
             core_utilisation=kernel_seconds / max(seconds * cores, 1e-9),
             finished=finished,
         )
-        finalist = Finalist(
-            state.psi,
-            state.generation,
-            record.score_mean,
-            record.fitness_mean,
-            record.perturbed_score_mean,
+        tried = state.as_finalist(
+            Finalist(
+                state.psi,
+                state.generation,
+                record.score_mean,
+                record.fitness_mean,
+                record.perturbed_score_mean,
+                _standard_error(members.centre),
+            )
         )
+        finalists = state.with_finalist(tried)
+        psi, fittest = state.psi + velocity, finalists[0]
+        if nes.fallback and fittest.surpasses(tried, nes.fallback):
+            psi, velocity = fittest.psi, np.zeros_like(velocity)
         solved = record.score_mean >= self.task.solved_reward
-        return replace(
-            state,
-            psi=state.psi + step,
-            velocity=step,
+        return NESState(
+            psi=psi,
+            velocity=velocity,
             generation=state.generation + 1,
-            scale=adapted_scale(nes, state.scale, record.retention),
+            scale=scale,
             solved_streak=state.solved_streak + 1 if solved else 0,
-            finalists=state.with_finalist(finalist),
+            finalists=finalists,
             records=(*state.records, record),
         )
 
@@ -235,3 +243,8 @@ class NES:
                 for member in range(self.hp.nes.population_size)
             ]
         )
+
+
+def _standard_error(values: NDArray[np.float64]) -> float:
+    """Of the mean; infinite for a single value."""
+    return float(values.std(ddof=1) / np.sqrt(values.size)) if values.size > 1 else math.inf

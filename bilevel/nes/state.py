@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -50,18 +50,39 @@ FINALISTS = 4
 
 @dataclass(frozen=True)
 class Finalist:
-    """An SE of a past generation, with what it scored then."""
+    """An SE of a past generation, with what it scored then; on average over several
+    generations, where the run came back to it."""
 
     psi: NDArray[np.float32]  # (P,)
-    generation: int
+    generation: int  # the first
     score_mean: float
     fitness_mean: float
     perturbed_score_mean: float
+    fitness_error: float  # standard error of fitness_mean
+    generations: int = 1
 
     @property
     def rank(self) -> tuple[float, float]:
         """Higher is better; among equally fit the one whose neighbours score higher."""
         return self.fitness_mean, self.perturbed_score_mean
+
+    def with_generation(self, other: "Finalist") -> "Finalist":
+        """The same SE, with what it scored in one more generation."""
+        n = self.generations
+        return replace(
+            self,
+            score_mean=(n * self.score_mean + other.score_mean) / (n + 1),
+            fitness_mean=(n * self.fitness_mean + other.fitness_mean) / (n + 1),
+            perturbed_score_mean=(n * self.perturbed_score_mean + other.perturbed_score_mean)
+            / (n + 1),
+            fitness_error=math.hypot(n * self.fitness_error, other.fitness_error) / (n + 1),
+            generations=n + 1,
+        )
+
+    def surpasses(self, other: "Finalist", errors: float) -> bool:
+        """Whether it is fitter by more than so many standard errors of the difference."""
+        difference = self.fitness_mean - other.fitness_mean
+        return difference > errors * math.hypot(self.fitness_error, other.fitness_error)
 
 
 @dataclass(frozen=True)
@@ -92,9 +113,17 @@ class NESState:
         learning curve, so that fast and good both count."""
         return float(np.mean([record.score_mean for record in self.records]))
 
+    def as_finalist(self, tried: Finalist) -> Finalist:
+        """What was just tried, together with what it scored before if it is a finalist."""
+        for finalist in self.finalists:
+            if np.array_equal(finalist.psi, tried.psi):
+                return finalist.with_generation(tried)
+        return tried
+
     def with_finalist(self, finalist: Finalist) -> tuple[Finalist, ...]:
         """The finalists when this one has entered."""
-        ranked = sorted((*self.finalists, finalist), key=lambda f: f.rank, reverse=True)
+        others = [f for f in self.finalists if f.generation != finalist.generation]
+        ranked = sorted([*others, finalist], key=lambda f: f.rank, reverse=True)
         return tuple(ranked[:FINALISTS])
 
     def save(self, path: Path) -> None:
@@ -104,8 +133,8 @@ class NESState:
             "scale": self.scale,
             "solved_streak": self.solved_streak,
             "finalists": [
-                [f.generation, f.score_mean, f.fitness_mean, f.perturbed_score_mean]
-                for f in self.finalists
+                {f.name: getattr(finalist, f.name) for f in fields(Finalist) if f.name != "psi"}
+                for finalist in self.finalists
             ],
             "records": [asdict(record) for record in self.records],
         }
@@ -127,10 +156,8 @@ class NESState:
                 raise ValueError("its checksum is wrong")
             psi, velocity = tensors["psi"], tensors["velocity"]
             finalists = tuple(
-                Finalist(
-                    tensors[f"finalist_{i}"], int(g), float(score), float(fitness), float(near)
-                )
-                for i, (g, score, fitness, near) in enumerate(header["finalists"])
+                Finalist(psi=tensors[f"finalist_{i}"], **values)
+                for i, values in enumerate(header["finalists"])
             )
             records = tuple(GenerationRecord(**record) for record in header["records"])
             generation, scale = int(header["generation"]), float(header["scale"])

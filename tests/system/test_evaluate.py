@@ -101,7 +101,8 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path) -> None:
     file = tmp_path / "reinforce.py"
     file.write_text(documented_agent())
     chosen: tuple[str | Path, ...] = ("--agent", "ddqn,reinforce", "--agent-file", file)
-    small = ("--preset", "default", "--population", "2", "--start-candidates", "1")
+    size = ("--population", "2", "--start-candidates", "1", "--set", "ddqn.max_episodes=13")
+    small = ("--preset", "default", *size)
     common = ("nes", "CartPole-v0", *chosen, *small, "--generations", "1", "--name", "mixed")
     psis = []
     for workers in ("1", "2"):

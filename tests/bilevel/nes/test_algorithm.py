@@ -15,6 +15,7 @@ from bilevel.hyperparameters import (
     load_preset,
 )
 from bilevel.nes import NES, NESState
+from bilevel.nes.state import Finalist
 from bilevel.nes.updates import (
     SCALES,
     MemberScores,
@@ -149,7 +150,8 @@ class TestTell:
     def test_only_the_best_few_are_kept(self, nes: NES) -> None:
         state = nes.start()
         for score in (3.0, 9.0, 1.0, 7.0, 8.0, 2.0):
-            state = nes.tell(state, [answer(r, score) for r in nes.ask(state)], 1.0, 0.0)
+            results = [answer(r, score + (r.index > 2) * r.index) for r in nes.ask(state)]
+            state = nes.tell(state, results, 1.0, 0.0)
         assert [f.score_mean for f in state.finalists] == [9.0, 8.0, 7.0, 3.0]
 
     @pytest.mark.parametrize("wrong", [np.nan, np.inf, -np.inf])
@@ -328,7 +330,10 @@ class TestStepPrice:
     def test_the_best_is_the_fittest(self, nes: NES) -> None:
         state = nes.start()
         for score, steps in ((100.0, 2000), (110.0, 4000)):
-            results = [replace(answer(r, score), train_steps=steps) for r in nes.ask(state)]
+            results = [
+                replace(answer(r, score + (r.index > 2) * r.index), train_steps=steps)
+                for r in nes.ask(state)
+            ]
             state = nes.tell(state, results, 1.0, 0.0)
         assert [f.generation for f in state.finalists] == [0, 1]
         assert state.best_score == 110.0
@@ -339,6 +344,64 @@ class TestStepPrice:
         screened = [replace(answer(r, 50.0), train_steps=slow.get(r.index, 9000)) for r in asked]
         retested = {r.start_seed for r in nes.retest_requests(screened)}
         assert retested == {asked[8].start_seed, asked[9].start_seed}
+
+
+class TestFallback:
+    """NES goes back to the fittest psi where the new one is worse beyond doubt."""
+
+    @pytest.fixture
+    def nes(self, cartpole: Task, small_hp: Hyperparameters) -> NES:
+        hp = replace(small_hp.nes, fallback=2.0, momentum=0.5)
+        return NES(cartpole, replace(small_hp, nes=hp), 0)
+
+    @staticmethod
+    def told(nes: NES, state: NESState, centre: tuple[float, float, float]) -> NESState:
+        results = [
+            answer(r, centre[i] if i < 3 else float(i)) for i, r in enumerate(nes.ask(state))
+        ]
+        return nes.tell(state, results, 1.0, 0.0)
+
+    def test_from_far_below_it_goes_back_and_stands_still_first(self, nes: NES) -> None:
+        first = self.told(nes, nes.start(), (99.0, 100.0, 101.0))
+        fallen = self.told(nes, first, (9.0, 10.0, 11.0))
+        np.testing.assert_array_equal(fallen.psi, nes.start().psi)
+        assert not fallen.velocity.any()
+        assert fallen.records[-1].update_norm > 0  # what it would have been
+        again = self.told(nes, fallen, (69.0, 70.0, 71.0))
+        assert not np.array_equal(again.psi, fallen.psi)
+        best, other = again.finalists
+        assert (best.generation, best.generations, best.score_mean) == (0, 2, 85.0)
+        assert (other.generation, other.generations, other.score_mean) == (1, 1, 10.0)
+
+    def test_within_the_noise_it_goes_on(self, nes: NES) -> None:
+        first = self.told(nes, nes.start(), (50.0, 100.0, 150.0))
+        second = self.told(nes, first, (20.0, 60.0, 100.0))
+        np.testing.assert_allclose(second.psi, first.psi + second.velocity, atol=1e-6)
+        assert second.velocity.any()
+
+    def test_it_may_be_switched_off(self, nes: NES) -> None:
+        hp = replace(nes.hp, nes=replace(nes.hp.nes, fallback=0.0))
+        nes = replace(nes, hp=hp)
+        first = self.told(nes, nes.start(), (99.0, 100.0, 101.0))
+        assert self.told(nes, first, (9.0, 10.0, 11.0)).velocity.any()
+
+    def test_one_score_tells_nothing_of_its_error(self, nes: NES) -> None:
+        hp = replace(nes.hp, nes=replace(nes.hp.nes, population_size=1))
+        nes, state = replace(nes, hp=hp), replace(nes, hp=hp).start()
+        for score in (100.0, 10.0):
+            state = nes.tell(state, [answer(r, score + r.sign) for r in nes.ask(state)], 1.0, 0.0)
+        assert state.velocity.any()
+
+    def test_errors_are_those_of_the_mean_of_all(self, rng: np.random.Generator) -> None:
+        values = rng.normal(100, 30, (3, 5000))
+        rows = [
+            Finalist(np.zeros(1, np.float32), i, 0, v.mean(), 0, v.std(ddof=1) / np.sqrt(v.size))
+            for i, v in enumerate(values)
+        ]
+        pooled = rows[0].with_generation(rows[1]).with_generation(rows[2])
+        assert pooled.fitness_mean == pytest.approx(values.mean())
+        assert pooled.fitness_error == pytest.approx(values.std() / np.sqrt(values.size), rel=0.02)
+        assert pooled.generations == 3
 
 
 class TestRetention:

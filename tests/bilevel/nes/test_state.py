@@ -113,7 +113,7 @@ def test_any_bytes_are_refused(content: bytes, tmp_path_factory: pytest.TempPath
         '{"generation": Infinity, "scale": 1, "solved_streak": 0, "finalists": [], "records": []}',
         '{"generation": 1, "scale": 1, "solved_streak": 0, "finalists": [], "records": []}',
         '{"generation": 1, "scale": 1, "solved_streak": 0, "finalists": [], "records": [{"x": 1}]}',
-        '{"generation": 0, "scale": 1, "solved_streak": 0, "finalists": [[0, 1, 2]],'
+        '{"generation": 0, "scale": 1, "solved_streak": 0, "finalists": [{"generation": 0}],'
         ' "records": []}',
         '{"generation": 0, "scale": 0, "solved_streak": 0, "finalists": [], "records": []}',
         '{"generation": 0, "scale": Infinity, "solved_streak": 0, "finalists": [], "records": []}',
