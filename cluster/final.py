@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationRequest
 from bilevel.hyperparameters import Hyperparameters
+from bilevel.nes import fitness
 from bilevel.synthetic_env import StoredSE, save_se
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool
@@ -72,11 +73,10 @@ def choose_best(
     one that took fewer steps. Contenders come best first, so one alone needs no test."""
     if len(contenders) == 1:
         return contenders[0]
-    scores = [_fresh_agents(task, c, RETESTS, (*seed, _RETEST), pool) for c in contenders]
-    steps = [score.train_steps.mean() for score in scores]
+    found = [_fresh_agents(task, c, RETESTS, (*seed, _RETEST), pool) for c in contenders]
     ranks = [
-        (score.scores.mean() - c.hp.nes.step_price * taken / 1000, -taken)
-        for c, score, taken in zip(contenders, scores, steps, strict=True)
+        (fitness(task, c.hp.nes, f.scores, f.train_steps).mean(), -f.train_steps.mean())
+        for c, f in zip(contenders, found, strict=True)
     ]
     return contenders[ranks.index(max(ranks))]
 

@@ -59,8 +59,9 @@ class NESHyperparameters(Validated):
     fallback: float = ranged(0.0, 100.0, 0.0)
     # Of agents that the run trains: one that trains for longer is no result to wait for.
     max_episodes: int = ranged(1, 1_000_000, 1_000_000)
-    # Score that 1000 train steps cost in the fitness; the paper's fitness is the score.
-    step_price: float = ranged(0.0, 1e6, 0.0)
+    # Share of the score (above the task's worst) that 1000 train steps cost in the fitness.
+    # 0: the paper's fitness, which is the score.
+    step_price: float = ranged(0.0, 1.0, 0.0)
 
     def __post_init__(self) -> None:
         super().__post_init__()

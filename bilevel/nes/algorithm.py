@@ -25,7 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
-from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
+from bilevel.hyperparameters import (
+    AgentHyperparameters,
+    Hyperparameters,
+    NESHyperparameters,
+)
 from bilevel.hyperparameters.definitions import RETEST_ONE_IN, RETESTS
 from bilevel.nes.state import Finalist, GenerationRecord, NESState
 from bilevel.nes.updates import MemberScores, adapted_scale, update_step
@@ -231,9 +235,9 @@ class NES:
         return float(np.clip((perturbed - worst) / (centre - worst), 0.0, 1.0))
 
     def _fitness(self, results: Sequence[EvaluationResult]) -> NDArray[np.float64]:
-        """The scores (n,) less the price of the train steps."""
+        """Of the results in the order of the requests, (n,)."""
         steps = np.array([r.train_steps for r in sorted(results, key=lambda r: r.index)])
-        return self._scores(results) - self.hp.nes.step_price * steps / 1000
+        return fitness(self.task, self.hp.nes, self._scores(results), steps)
 
     def _perturbations(self, generation: int) -> NDArray[np.float32]:
         architecture, sigma = self.architecture, self.hp.nes.std_dev
@@ -243,6 +247,23 @@ class NES:
                 for member in range(self.hp.nes.population_size)
             ]
         )
+
+
+def fitness(
+    task: Task,
+    hp: NESHyperparameters,
+    scores: NDArray[np.float64],
+    train_steps: NDArray[np.int64],
+) -> NDArray[np.float64]:
+    """What NES maximises, (n,): the scores (n,), less a share of what each is above the
+    task's worst for every 1000 of the train steps (n,).
+
+    A share, not an amount: agents that fail soon shall not be fitter than those that need
+    long to learn something.
+    """
+    left = np.maximum(1 - hp.step_price * train_steps / 1000, 0.0)
+    fit: NDArray[np.float64] = task.worst_score + (scores - task.worst_score) * left
+    return fit
 
 
 def _standard_error(values: NDArray[np.float64]) -> float:

@@ -29,7 +29,7 @@ class GenerationRecord:
     score_std: float
     score_best: float
     perturbed_score_mean: float  # of the agents trained on psi +- eps
-    fitness_mean: float  # score_mean less the price of the train steps
+    fitness_mean: float  # mean of `fitness`: scores, less what train steps cost
     train_steps_mean: float  # environment steps on the SE
     train_episodes_mean: float
     solved_fraction: float  # of the agents trained on psi

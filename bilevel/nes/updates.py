@@ -36,8 +36,7 @@ from bilevel.nes.transforms import centred_rank, finite, transform
 
 @dataclass(frozen=True)
 class MemberScores:
-    """Fitness of one generation: scores, less the price of the train steps if they have
-    one."""
+    """Fitness of one generation: scores, less what train steps cost."""
 
     centre: NDArray[np.float64]  # (n,) agents trained on psi itself
     plus: NDArray[np.float64]  # (n,)

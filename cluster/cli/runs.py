@@ -29,7 +29,7 @@ from cluster.cli.options import (
     "settings",
     type=Setting(),
     multiple=True,
-    help="A hyperparameter, as nes.step_price=5 or ddqn.learning_rate=0.002; may be repeated.",
+    help="A hyperparameter, as nes.step_price=0.02 or ddqn.learning_rate=0.002; may be repeated.",
 )
 @click.option(
     "--solved-for",

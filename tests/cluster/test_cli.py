@@ -36,7 +36,7 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         (["nes", "CartPole-v0", "--update", "x"], "unknown update 'x': allowed are paired"),
         (["nes", "CartPole-v0", "--vary-hp", "x"], "unknown variation of agents 'x': allowed are"),
         (["nes", "CartPole-v0", "--set", "nes.step_price=-1"], "step_price must be float, 0.0 to"),
-        (["nes", "CartPole-v0", "--set", "nes.step_price=x"], "float, 0.0 to 1000000.0; got 'x'"),
+        (["nes", "CartPole-v0", "--set", "nes.step_price=x"], "float, 0.0 to 1.0; got 'x'"),
         (
             ["nes", "CartPole-v0", "--set", "nes.price=1"],
             "unknown hyperparameter 'nes.price': allowed are nes.step_size",

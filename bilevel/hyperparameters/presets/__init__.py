@@ -4,7 +4,7 @@ A file holds the columns of the paper's tables as printed, in the sections `nes`
 `se` and one an agent; what a file does not tell of an agent, the default table does.
 A section `updates.NAME` replaces values when that update is asked for, as step sizes mean
 different things to different updates: of `nes` and of `se`. It also tells whether agents
-are varied.
+are varied, and whether they are those of the default table whatever the file tells.
 """
 
 import tomllib
@@ -51,14 +51,15 @@ def load_preset(
     file = files(__name__) / ("default.toml" if name == "default" else f"tuned-{task_id}.toml")
     if not file.is_file():
         raise InvalidInput(f"no preset 'tuned' for the task {task_id!r}: allowed is default")
-    values = tomllib.loads((files(__name__) / "default.toml").read_text())
-    values |= tomllib.loads(file.read_text())
+    default = tomllib.loads((files(__name__) / "default.toml").read_text())
+    values = default | tomllib.loads(file.read_text())
     own = values.get("updates", {}).get(update, {})
+    tables = default if own.get("default_agents") else values
     return Hyperparameters(
         nes=NESHyperparameters.from_dict(values["nes"] | own.get("nes", {}) | {"update": update}),
         se=SEHyperparameters.from_dict(values["se"] | own.get("se", {})),
         agents=tuple(
-            agent_hyperparameters(agent).from_dict(values.get(agent, {})) for agent in agents
+            agent_hyperparameters(agent).from_dict(tables.get(agent, {})) for agent in agents
         ),
         vary_agent=own.get("vary_agent", "no"),
     )

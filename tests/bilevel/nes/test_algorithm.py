@@ -14,7 +14,7 @@ from bilevel.hyperparameters import (
     Hyperparameters,
     load_preset,
 )
-from bilevel.nes import NES, NESState
+from bilevel.nes import NES, NESState, fitness
 from bilevel.nes.state import Finalist
 from bilevel.nes.updates import (
     SCALES,
@@ -307,11 +307,11 @@ class TestMomentum:
 
 
 class TestStepPrice:
-    """Fitness is the score less the price of the train steps."""
+    """Train steps cost a share of the score above the task's worst."""
 
     @pytest.fixture
     def nes(self, cartpole: Task, small_hp: Hyperparameters) -> NES:
-        hp = replace(small_hp.nes, step_price=10.0, start_candidates=32)
+        hp = replace(small_hp.nes, step_price=0.1, start_candidates=32)
         return NES(cartpole, replace(small_hp, nes=hp), 0)
 
     def test_of_equal_scores_the_faster_wins(self, nes: NES) -> None:
@@ -337,6 +337,17 @@ class TestStepPrice:
             state = nes.tell(state, results, 1.0, 0.0)
         assert [f.generation for f in state.finalists] == [0, 1]
         assert state.best_score == 110.0
+
+    def test_it_is_a_share_of_what_is_above_the_worst(self, nes: NES, acrobot: Task) -> None:
+        scores, steps = (
+            np.array([-500.0, -500.0, -100.0, -100.0]),
+            np.array([0, 3000, 2000, 99_000]),
+        )
+        np.testing.assert_allclose(
+            fitness(acrobot, nes.hp.nes, scores, steps), [-500.0, -500.0, -180.0, -500.0]
+        )
+        free = replace(nes.hp.nes, step_price=0.0)
+        np.testing.assert_array_equal(fitness(acrobot, free, scores, steps), scores)
 
     def test_the_start_is_the_fittest(self, nes: NES) -> None:
         asked = nes.screening_requests()
