@@ -55,6 +55,8 @@ def small_hp(small_agent: DDQNHyperparameters) -> Hyperparameters:
             start_candidates=1,
             momentum=0.0,
             retention=0.0,
+            fallback=0.0,
+            step_price=0.0,
         ),
         se=replace(hp.se, hidden_size=8),
         agents=(small_agent,),

@@ -18,7 +18,7 @@ from bilevel.hyperparameters.agents import (
 from bilevel.hyperparameters.validation import Validated, choice, ranged
 
 #: Of the start candidates one in so many is evaluated again, so many times.
-RETEST_ONE_IN, RETESTS = 16, 8
+RETEST_ONE_IN, RETESTS = 32, 8
 
 #: The update rules and score transforms by name; `bilevel.nes` implements them.
 UPDATES = ("paired", "antithetic", "paper", "authors")

@@ -113,3 +113,9 @@ def test_unknown_and_missing_fields() -> None:
         SEHyperparameters.from_dict({"hidden_layers": 1, "hidden_size": 4})
     with pytest.raises(InvalidInput, match="lack the section 'nes'"):
         Hyperparameters.from_dict({})
+
+
+def test_the_paired_update_on_cartpole_is_for_agents_of_the_default_table() -> None:
+    tuned, default = (load_preset(name, "CartPole-v0") for name in ("tuned", "default"))
+    assert tuned.agents == default.agents
+    assert load_preset("tuned", "CartPole-v0", "paper").agents != default.agents

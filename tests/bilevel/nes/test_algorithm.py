@@ -97,11 +97,11 @@ class TestAsk:
         self, cartpole: Task, small_hp: Hyperparameters, small_agent: DDQNHyperparameters
     ) -> None:
         agent = replace(small_agent, init_episodes=4, early_out_episodes=10, max_episodes=1000)
-        nes_hp = replace(small_hp.nes, start_candidates=20)
+        nes_hp = replace(small_hp.nes, start_candidates=40)
         hp = replace(small_hp, nes=nes_hp, agents=(agent,), vary_agent="all")
         asked = NES(cartpole, hp, 0, draw_agent).screening_requests()
         assert {r.agent.max_episodes for r in asked} == {34}
-        assert len({vars(r.agent)["learning_rate"] for r in asked}) == 20
+        assert len({vars(r.agent)["learning_rate"] for r in asked}) == 40
         retested = NES(cartpole, hp, 0, draw_agent).retest_requests(
             [answer(r, float(r.index)) for r in asked]
         )
@@ -192,16 +192,16 @@ class TestStart:
         np.testing.assert_array_equal(nes.start().psi, nes.start().psi)
 
     def test_retests_decide(self, cartpole: Task, small_hp: Hyperparameters) -> None:
-        """32 candidates are screened, the best 2 retested; the lucky one loses."""
-        hp = replace(small_hp, nes=replace(small_hp.nes, start_candidates=32))
+        """64 candidates are screened, the best 2 retested; the lucky one loses."""
+        hp = replace(small_hp, nes=replace(small_hp.nes, start_candidates=64))
         nes = NES(cartpole, hp, 0)
         requests = nes.screening_requests()
         by_hand = {5: 90.0, 11: 80.0}
         screened = [answer(r, by_hand.get(r.index, 9.0)) for r in requests]
         retests = nes.retest_requests(screened)
-        assert len(requests) + len(retests) == hp.nes.start_evaluations == 48
+        assert len(requests) + len(retests) == hp.nes.start_evaluations == 80
         assert {r.start_seed for r in retests} == {requests[i].start_seed for i in (5, 11)}
-        assert len({r.seed for r in requests + retests}) == 48
+        assert len({r.seed for r in requests + retests}) == 80
         lucky = requests[5].start_seed
         again = [answer(r, 20.0 if r.start_seed == lucky else 70.0) for r in retests]
         chosen = requests[11].start_seed
@@ -311,7 +311,7 @@ class TestStepPrice:
 
     @pytest.fixture
     def nes(self, cartpole: Task, small_hp: Hyperparameters) -> NES:
-        hp = replace(small_hp.nes, step_price=0.1, start_candidates=32)
+        hp = replace(small_hp.nes, step_price=0.1, start_candidates=64)
         return NES(cartpole, replace(small_hp, nes=hp), 0)
 
     def test_of_equal_scores_the_faster_wins(self, nes: NES) -> None:
