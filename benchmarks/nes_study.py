@@ -35,16 +35,14 @@ AGENTS = ("ddqn", "dueling-ddqn", "td3")
 #: Options of `bilevel nes`.
 VARIANTS: dict[str, list[str]] = {
     "defaults": [],
-    "step price 5": ["--set", "nes.step_price=5"],
+    "no step price": ["--set", "nes.step_price=0"],
+    "step price 5 %": ["--set", "nes.step_price=0.05"],
     "mixed agents": ["--agent", ",".join(AGENTS)],
     "fixed agents": ["--vary-hp", "no"],
+    "wide SEs": ["--set", "se.hidden_size=128"],
+    "no fallback": ["--set", "nes.fallback=0"],
     "no adaptation": ["--set", "nes.retention=0"],
-    "no momentum": ["--set", "nes.momentum=0", "--set", "nes.step_size=0.15"],
-    "centred ranks": [
-        *["--update", "antithetic", "--set", "nes.step_size=0.03", "--set", "nes.std_dev=0.03"],
-        *["--set", "nes.momentum=0.8", "--set", "nes.retention=0.75"],
-        *["--vary-hp", "small", "--start-candidates", "256"],
-    ],
+    "no momentum": ["--set", "nes.momentum=0", "--set", "nes.step_size=0.2"],
     "no choice of start": ["--start-candidates", "1"],
     "paper": ["--preset", "tuned", "--update", "paper"],
     "authors, nes-unnormalized": [

@@ -67,7 +67,7 @@ def _core() -> list[Dimension]:
         CS.Float("nes.step_size", (0.01, 0.2), log=True),
         CS.Float("nes.std_dev", (0.01, 0.1), log=True),
         CS.Float("nes.retention", (0.5, 0.9)),
-        CS.Integer("se.hidden_size", (48, 192), log=True),
+        CS.Integer("se.hidden_size", (16, 128), log=True),
     ]
 
 

@@ -1,6 +1,7 @@
 """Natural evolution strategies over synthetic environments, as ask and tell."""
 
-from bilevel.nes.algorithm import NES, AgentSampler, fitness
+from bilevel.nes.algorithm import NES, AgentSampler
+from bilevel.nes.generation import fitness
 from bilevel.nes.state import GenerationRecord, NESState
 
 __all__ = ["NES", "AgentSampler", "GenerationRecord", "NESState", "fitness"]

@@ -28,11 +28,11 @@ from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import (
     AgentHyperparameters,
     Hyperparameters,
-    NESHyperparameters,
 )
 from bilevel.hyperparameters.definitions import RETEST_ONE_IN, RETESTS
-from bilevel.nes.state import Finalist, GenerationRecord, NESState
-from bilevel.nes.updates import MemberScores, adapted_scale, update_step
+from bilevel.nes.generation import Generation
+from bilevel.nes.state import NESState
+from bilevel.nes.updates import adapted_scale, update_step
 from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task
 
@@ -161,52 +161,25 @@ class NES:
         """The state after the generation that `ask(state)` asked for; its record is
         the last of `records`. `results` may come in any order; they took `seconds` on
         so many cores, until the unix time `finished`."""
-        ordered = sorted(results, key=lambda result: result.index)
-        nes = self.hp.nes
-        scores = self._scores(results).reshape(-1, nes.population_size)
-        fitness = self._fitness(results).reshape(-1, nes.population_size)
-        members = MemberScores(fitness[0], fitness[1], fitness[2] if len(fitness) == 3 else None)
-        kept = self._retention(scores)
-        scale = adapted_scale(nes, state.scale, kept)
+        nes, tried = self.hp.nes, Generation.of(self.task, self.hp.nes, results)
+        scale = adapted_scale(nes, state.scale, tried.retention)
         eps = self._perturbations(state.generation)
-        velocity = np.float32(scale) * update_step(nes, eps, members)
+        velocity = np.float32(scale) * update_step(nes, eps, tried.members)
         velocity += np.float32(nes.momentum) * state.velocity
 
-        centre = ordered[: nes.population_size]
-        kernel_seconds = max(sum(r.seconds for r in ordered), 1e-9)
-        record = GenerationRecord(
+        record = tried.record(
             generation=state.generation,
-            score_mean=float(scores[0].mean()),
-            score_std=float(scores[0].std()),
-            score_best=float(scores[0].max()),
-            perturbed_score_mean=float(scores[1:].mean()),
-            fitness_mean=float(members.centre.mean()),
-            train_steps_mean=float(np.mean([r.train_steps for r in centre])),
-            train_episodes_mean=float(np.mean([r.train_episodes for r in centre])),
-            solved_fraction=float((scores[0] >= self.task.solved_reward).mean()),
-            non_finite=sum(not (r.finite and math.isfinite(r.score)) for r in ordered),
             psi_norm=float(np.linalg.norm(state.psi)),
             update_norm=float(np.linalg.norm(velocity)),
             std_dev=state.scale * nes.std_dev,
-            retention=kept,
-            env_steps_per_second=sum(r.train_steps for r in ordered) / kernel_seconds,
             generation_seconds=seconds,
-            core_utilisation=kernel_seconds / max(seconds * cores, 1e-9),
+            cores=cores,
             finished=finished,
         )
-        tried = state.as_finalist(
-            Finalist(
-                state.psi,
-                state.generation,
-                record.score_mean,
-                record.fitness_mean,
-                record.perturbed_score_mean,
-                _standard_error(members.centre),
-            )
-        )
-        finalists = state.with_finalist(tried)
+        current = state.as_finalist(tried.finalist(state.psi, state.generation))
+        finalists = state.with_finalist(current)
         psi, fittest = state.psi + velocity, finalists[0]
-        if nes.fallback and fittest.surpasses(tried, nes.fallback):
+        if nes.fallback and fittest.surpasses(current, nes.fallback):
             psi, velocity = fittest.psi, np.zeros_like(velocity)
         solved = record.score_mean >= self.task.solved_reward
         return NESState(
@@ -219,25 +192,13 @@ class NES:
             records=(*state.records, record),
         )
 
-    def _scores(self, results: Sequence[EvaluationResult]) -> NDArray[np.float64]:
-        """Scores (n,) in the order of the requests; one that is not finite is the
-        task's worst."""
-        scores = np.array([r.score for r in sorted(results, key=lambda r: r.index)])
-        return np.where(np.isfinite(scores), scores, self.task.worst_score)
-
-    def _retention(self, scores: NDArray[np.float64]) -> float:
-        """The share of psi's score above the task's worst that its perturbations keep, from
-        the scores of a generation, psi's own first; 1 if there is nothing to keep."""
-        centre, perturbed = scores[0].mean(), scores[1:].mean()
-        worst = self.task.worst_score
-        if centre <= worst:
-            return 1.0
-        return float(np.clip((perturbed - worst) / (centre - worst), 0.0, 1.0))
-
     def _fitness(self, results: Sequence[EvaluationResult]) -> NDArray[np.float64]:
-        """Of the results in the order of the requests, (n,)."""
-        steps = np.array([r.train_steps for r in sorted(results, key=lambda r: r.index)])
-        return fitness(self.task, self.hp.nes, self._scores(results), steps)
+        """Of results in the order of the requests, (n,)."""
+        if not results:
+            return np.zeros(0)
+        row: NDArray[np.float64]
+        (row,) = Generation.of(self.task, self.hp.nes, results, population=len(results)).fitness
+        return row
 
     def _perturbations(self, generation: int) -> NDArray[np.float32]:
         architecture, sigma = self.architecture, self.hp.nes.std_dev
@@ -247,25 +208,3 @@ class NES:
                 for member in range(self.hp.nes.population_size)
             ]
         )
-
-
-def fitness(
-    task: Task,
-    hp: NESHyperparameters,
-    scores: NDArray[np.float64],
-    train_steps: NDArray[np.int64],
-) -> NDArray[np.float64]:
-    """What NES maximises, (n,): the scores (n,), less a share of what each is above the
-    task's worst for every 1000 of the train steps (n,).
-
-    A share, not an amount: agents that fail soon shall not be fitter than those that need
-    long to learn something.
-    """
-    left = np.maximum(1 - hp.step_price * train_steps / 1000, 0.0)
-    fit: NDArray[np.float64] = task.worst_score + (scores - task.worst_score) * left
-    return fit
-
-
-def _standard_error(values: NDArray[np.float64]) -> float:
-    """Of the mean; infinite for a single value."""
-    return float(values.std(ddof=1) / np.sqrt(values.size)) if values.size > 1 else math.inf

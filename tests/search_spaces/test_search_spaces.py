@@ -87,6 +87,7 @@ def test_core_is_small_and_for_the_paired_update() -> None:
     varied = set(agent_variation_space(ddqn(base("core"))))
     assert not {name.removeprefix("ddqn.") for name in space} & varied
     assert all(hp.nes.update == "paired" for hp in drawn("core"))
+    assert {16 <= hp.se.hidden_size <= 128 for hp in drawn("core")} == {True}
 
 
 def test_numpy_scalars_are_taken() -> None:
