@@ -5,10 +5,7 @@ from functools import partial
 from typing import Any
 
 from benchmarks.machine import read_result
-
-
-def _row(*cells: str) -> str:
-    return f"| {' | '.join(cells)} |"
+from benchmarks.markdown import source, table
 
 
 def _measured(group: dict[str, Any]) -> list[str]:
@@ -19,48 +16,46 @@ def _measured(group: dict[str, Any]) -> list[str]:
     ]
 
 
-def _where(result: dict[str, Any]) -> str:
-    machine = result["machine"]
-    return f"\n({machine['cores']} cores of {machine['processor']}; `{result['command']}`)"
-
-
 def baseline(task: str) -> str:
     """Agents on the real task, beside the authors' figures."""
-    head = ("agent", "agents", "test return", "solved", "train steps")
-    rows = [_row(*head, "authors' return", "authors' train steps"), _row(*["---"] * 7)]
+    head = ["agent", "agents", "test return", "solved", "train steps"]
     result = read_result(f"baseline_{task}")
+    rows, notes = [], ""
     for group in result["groups"]:
         authors = group["authors"]
         score = "-" if authors["score"] is None else f"{authors['score']:.1f}"
         steps = f"{authors['train_steps_mean']} ± {authors['train_steps_std']}"
         agents = f"{group['agents']:.0f}"
-        rows.append(_row(group["agent"], agents, *_measured(group), score, steps))
-    for group in result["groups"]:
+        rows.append([group["agent"], agents, *_measured(group), score, steps])
         stuck = group.get("worst_by_layers", {})
         if any(worst for worst, _ in stuck.values()):
             counts = ", ".join(f"{worst} of {of}" for worst, of in stuck.values())
-            rows.append(
-                f"\nThe worst return in every test, {group['agent']} of {', '.join(stuck)} hidden "
-                f"layers: {counts}."
+            notes += (
+                f"\n\nThe worst return in every test, {group['agent']} of {', '.join(stuck)} "
+                f"hidden layers: {counts}."
             )
-    return "\n".join(rows) + "\n" + _where(result)
+    whole = table([*head, "authors' return", "authors' train steps"], rows)
+    return f"{whole}{notes}\n\n{source(result)}"
 
 
 def transfer() -> str:
     """Agents on an SE."""
     result = read_result("transfer_CartPole-v0")
     rows = [
-        _row("agent", "hyperparameters", "agents", "test return", "solved", "train steps"),
-        _row(*["---"] * 6),
+        [
+            group["agent"],
+            "varied" if group["varied"] else "default",
+            f"{group['agents']:.0f}",
+            *_measured(group),
+        ]
+        for group in result["groups"]
     ]
-    for group in result["groups"]:
-        kind = "varied" if group["varied"] else "default"
-        rows.append(_row(group["agent"], kind, f"{group['agents']:.0f}", *_measured(group)))
-    rows.append(
-        f"\nOne SE for CartPole-v0, learned with DDQN at fixed hyperparameters in "
-        f"{result['generations']} generations, seed 0."
+    head = ["agent", "hyperparameters", "agents", "test return", "solved", "train steps"]
+    return (
+        f"{table(head, rows)}\n\n"
+        f"One SE for CartPole-v0, learned with DDQN at fixed hyperparameters in "
+        f"{result['generations']} generations, seed 0.\n\n{source(result)}"
     )
-    return "\n".join(rows) + _where(result)
 
 
 TABLES: dict[str, Callable[[], str]] = {

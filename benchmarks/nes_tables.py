@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 from benchmarks.machine import NotMeasured, read_result
+from benchmarks.markdown import table
 from benchmarks.nes_study import AGENTS
 from bilevel.tasks import get_task
 
@@ -24,10 +25,6 @@ _HEADER = (
 )
 
 
-def _row(*cells: str) -> str:
-    return f"| {' | '.join(cells)} |"
-
-
 def _spread(values: Sequence[float], form: str) -> str:
     if not values:
         return "-"
@@ -35,7 +32,7 @@ def _spread(values: Sequence[float], form: str) -> str:
     return f"{middle:{form}} ({low:{form}} to {high:{form}})"
 
 
-def variant_row(name: str, runs: Sequence[dict[str, Any]], solved_reward: float) -> str:
+def variant_row(name: str, runs: Sequence[dict[str, Any]], solved_reward: float) -> list[str]:
     """One variant: medians over its seeds, with the lowest and the highest."""
 
     def column(field: str) -> list[float]:
@@ -46,7 +43,7 @@ def variant_row(name: str, runs: Sequence[dict[str, Any]], solved_reward: float)
     solved = sum(run["final_score_mean"] >= solved_reward for run in runs)
     varied = [agents["score_mean"] for agents in on_ddqn]
     reached = sum(score >= solved_reward for score in varied)
-    return _row(
+    return [
         name,
         f"{solved} of {len(runs)}",
         _spread(column("first_solved_generation"), ".0f"),
@@ -56,7 +53,7 @@ def variant_row(name: str, runs: Sequence[dict[str, Any]], solved_reward: float)
         _spread(varied, ".1f"),
         f"{reached} of {len(varied)}" if varied else "-",
         _spread([agents["train_steps_mean"] for agents in on_ddqn], ".0f"),
-    )
+    ]
 
 
 def seeds(task: str) -> str:
@@ -64,10 +61,11 @@ def seeds(task: str) -> str:
     result = read_result(f"nes_{task}")
     solved_reward = get_task(task).solved_reward
     header = [cell.format(solved=f"{solved_reward:g}") for cell in _HEADER]
-    rows = [_row(*header), _row(*["---"] * len(header))]
-    for name, variant in result["variants"].items():
-        rows.append(variant_row(name, variant["runs"], solved_reward))
-    return "\n".join(rows) + _commands(result)
+    rows = [
+        variant_row(name, variant["runs"], solved_reward)
+        for name, variant in result["variants"].items()
+    ]
+    return table(header, rows) + _commands(result)
 
 
 def _commands(result: dict[str, Any]) -> str:
@@ -77,15 +75,15 @@ def _commands(result: dict[str, Any]) -> str:
 
 def transfer() -> str:
     """Every kind of agents on the best SE of each run that they were tried on."""
-    rows = [_row("task", "learned with", "agents", "SEs", "test return", "solve", "train steps")]
-    rows.append(_row(*["---"] * 7))
+    head = ["task", "learned with", "agents", "SEs", "test return", "solve", "train steps"]
+    rows: list[list[str]] = []
     for task in TASKS:
         for name, variant in read_result(f"nes_{task}", "variants")["variants"].items():
             for agent in AGENTS:
                 found = [run["varied"][agent] for run in variant["runs"] if agent in run["varied"]]
                 if found:
                     rows.append(
-                        _row(
+                        [
                             task,
                             name,
                             f"{found[0]['agents']} {agent}",
@@ -93,11 +91,11 @@ def transfer() -> str:
                             _spread([one["score_mean"] for one in found], ".1f"),
                             f"{statistics.mean(one['solved_fraction'] for one in found):.0%}",
                             _spread([one["train_steps_mean"] for one in found], ".0f"),
-                        )
+                        ]
                     )
-    if len(rows) == 2:
+    if not rows:
         raise NotMeasured("other agents on the best SEs")
-    return "\n".join(rows)
+    return table(head, rows)
 
 
 def _machine(result: dict[str, Any]) -> str:
@@ -107,14 +105,13 @@ def _machine(result: dict[str, Any]) -> str:
 def defaults() -> str:
     """The defaults alone, a row a task."""
     header = [cell.format(solved="solved") for cell in ("task", *_HEADER[1:])]
-    rows = [_row(*header), _row(*["---"] * len(header))]
-    commands = []
+    rows, commands = [], []
     for task in TASKS:
         result = read_result(f"nes_{task}", "variants")
         variant = result["variants"]["defaults"]
         rows.append(variant_row(task, variant["runs"], get_task(task).solved_reward))
         commands.append(f"`{variant['command']}`")
-    return "\n".join(rows) + f"\n\n(one core a run; {_machine(result)}; {', '.join(commands)})"
+    return table(header, rows) + f"\n\n(one core a run; {_machine(result)}; {', '.join(commands)})"
 
 
 TABLES: dict[str, Callable[[], str]] = {

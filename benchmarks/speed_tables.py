@@ -4,13 +4,11 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from benchmarks.machine import read_result
+from benchmarks.markdown import source, table
 
 
 def _table(head: Sequence[str], rows: Iterable[Sequence[str]], result: dict[str, Any]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    table = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    machine = result["machine"]
-    return f"{table}\n\n({machine['cores']} cores of {machine['processor']}; `{result['command']}`)"
+    return f"{table(head, rows)}\n\n{source(result)}"
 
 
 def _spread(value: dict[str, float], form: str) -> str:

@@ -1,18 +1,14 @@
 """The tables of docs/scaling.md, from the committed results."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable
 from typing import Any
 
+from benchmarks.markdown import source, table
 from benchmarks.scaling.generations import CORES, GENERATION, MEMBERS
 from benchmarks.scaling.recorded import PHASE, TASKS, load
 
 #: A split that is at most this much slower than the fastest one is as good.
 AS_GOOD = 1.1
-
-
-def _table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    lines = [head, ["---"] * len(head), *rows]
-    return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
 
 
 def _percent(share: float) -> str:
@@ -21,12 +17,6 @@ def _percent(share: float) -> str:
 
 def _seconds(value: float) -> str:
     return f"{value:.3g} s"
-
-
-def _source(*results: dict[str, Any]) -> str:
-    machine = results[0]["machine"]
-    commands = ", ".join(f"`{result['command']}`" for result in results)
-    return f"\n({machine['cores']} cores of {machine['processor']}; {commands})"
 
 
 def _simulated() -> dict[str, Any]:
@@ -62,9 +52,9 @@ def recommended() -> str:
             )
         )
     head = ["cores", "`bilevel nes`", "`bilevel bohb --profile paper`", "search takes"]
-    table = _table([*head, "efficiency", "configurations by the model"], rows)
+    whole = table([*head, "efficiency", "configurations by the model"], rows)
     return (
-        f"{table}\n\nThe population is the paper's {MEMBERS}, on more than {GENERATION} cores the "
+        f"{whole}\n\nThe population is the paper's {MEMBERS}, on more than {GENERATION} cores the "
         "largest one whose generation takes at\nmost a tenth longer. The split is the one with the "
         "fewest trials at a time among those at most a\ntenth slower than the fastest: fewer at a "
         "time leave BOHB's model more results to learn from."
@@ -96,7 +86,7 @@ def spread() -> str:
     ]
     head = ["evaluations of", "measured", "train steps", "mean", "median", "deviation / mean"]
     results = [load(f"{kind}_{task}") for task in TASKS for kind in ("nes", "agents")]
-    return _table([*head, "longest of a generation / mean"], rows) + "\n" + _source(*results)
+    return table([*head, "longest of a generation / mean"], rows) + "\n\n" + source(*results)
 
 
 def validation() -> str:
@@ -115,7 +105,7 @@ def validation() -> str:
     simulated = _compared(measured, study["simulated_seconds"])
     rows.append((what, f"{measured:.1f} s", simulated, "-"))
     head = ["", "measured", "simulated from its own seconds", "from those with one actor"]
-    return _table(head, rows) + "\n" + _source(load("pool"), load("study"))
+    return table(head, rows) + "\n\n" + source(load("pool"), load("study"))
 
 
 def _compared(measured: float, simulated: float) -> str:
@@ -131,7 +121,7 @@ def by_cores() -> str:
         at = {row["cores"]: row for row in case}
         cells = [f"{at[c]['seconds']:.2f} s, {_percent(at[c]['efficiency'])}" for c in chosen]
         rows.append((name, *cells))
-    return _table(["one generation, its efficiency", *(f"{c} cores" for c in chosen)], rows)
+    return table(["one generation, its efficiency", *(f"{c} cores" for c in chosen)], rows)
 
 
 def waiting() -> str:
@@ -141,7 +131,7 @@ def waiting() -> str:
     for name, case in _of_cases("by_cores"):
         at = {row["cores"]: row for row in case}
         rows.append((name, *(_percent(at[c]["straggler_share"]) for c in chosen)))
-    return _table(["waiting for the slowest", *(f"{c} cores" for c in chosen)], rows)
+    return table(["waiting for the slowest", *(f"{c} cores" for c in chosen)], rows)
 
 
 def stages() -> str:
@@ -153,7 +143,7 @@ def stages() -> str:
             shares = [_percent(row["efficiency"][str(c)]) for c in CORES]
             rows.append((f"{task}, {row['stage']}", row["independent"], *shares))
     head = ["stage", "independent evaluations"]
-    return _table([*head, *(f"{c} cores" for c in CORES)], rows)
+    return table([*head, *(f"{c} cores" for c in CORES)], rows)
 
 
 def ordering() -> str:
@@ -166,7 +156,7 @@ def ordering() -> str:
                 saved = [f"{100 * share:+.0f} %" for share in row["saved"].values()]
                 rows.append((f"{task}, {agents}", row["order"], *saved))
     cores = [f"{c} cores" for c in result[TASKS[0]]["ordering"]["fixed agents"][0]["saved"]]
-    return _table(["generations of", "longest expected first, by", *cores], rows)
+    return table(["generations of", "longest expected first, by", *cores], rows)
 
 
 def asynchronous() -> str:
@@ -176,7 +166,7 @@ def asynchronous() -> str:
     head = [f"{row['cores']} cores" for row in cases[0][1]]
     stale = ", ".join(f"{c / GENERATION:.0f} on {c} cores" for c in CORES if c > 2 * GENERATION)
     return (
-        _table(["times as many generations", *head], rows)
+        table(["times as many generations", *head], rows)
         + "\n\nIf more cores than that were kept busy, the updates made while an evaluation runs "
         + f"would\nbe {stale}."
     )
@@ -198,7 +188,7 @@ def larger_population() -> str:
                 )
             )
     head = ["evaluations of", "cores", "population in 1.1 times the time", "population that fills"]
-    return _table([*head, "takes times as long", "evaluations a second, times"], rows)
+    return table([*head, "takes times as long", "evaluations a second, times"], rows)
 
 
 def splits() -> str:
@@ -215,7 +205,7 @@ def splits() -> str:
         for row in _simulated()["search"]["splits"]
     ]
     head = ["cores", "trials x workers", "hours", "efficiency", "configurations by the model"]
-    return _table([*head, "driver busy"], rows) + "\n" + _source(_simulated())
+    return table([*head, "driver busy"], rows) + "\n\n" + source(_simulated())
 
 
 def longer() -> str:
@@ -236,7 +226,7 @@ def longer() -> str:
     ]
     head = ["brackets", "hours", "brackets an hour", "efficiency", "configurations by the model"]
     what = f"{first['cores']} cores, {first['trials']} x {first['workers_per_trial']}"
-    return _table([f"{what}: {head[0]}", *head[1:]], rows)
+    return table([f"{what}: {head[0]}", *head[1:]], rows)
 
 
 def overheads() -> str:
@@ -253,7 +243,7 @@ def overheads() -> str:
         for row in pool["overhead"]
     ]
     head = ["actors", "an actor's time per evaluation", "in the evaluation", "overhead"]
-    table = _table([*head, "processor time of the driver"], rows)
+    whole = table([*head, "processor time of the driver"], rows)
     out = ", ".join(
         f"{row['driver_ms']:.2f} ms with {row['references']}"
         for row in pool["driver_by_references"]
@@ -270,7 +260,7 @@ def overheads() -> str:
         "journal, MLflow's database, pictures): at most "
         f"{1 / study['report_seconds']:.0f} generations a second.",
     ]
-    return table + "\n\n" + "\n".join(lines)
+    return whole + "\n\n" + "\n".join(lines)
 
 
 def _phase() -> str:

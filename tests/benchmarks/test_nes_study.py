@@ -25,7 +25,7 @@ def run(**changes: Any) -> dict[str, Any]:
 def test_failures_are_counted() -> None:
     failed = run(seed=1, first_solved_generation=None, solved_since=None, final_score_mean=60.0)
     measured = run(seed=2, varied={"ddqn": {"score_mean": 196.0, "train_steps_mean": 5000}})
-    cells = variant_row("x", [run(), failed, measured], 195.0).split(" | ")
+    cells = variant_row("x", [run(), failed, measured], 195.0)
     assert cells[1] == "2 of 3"
     assert cells[2] == "10 (10 to 10)"
     assert cells[3] == "50%"
@@ -34,7 +34,7 @@ def test_failures_are_counted() -> None:
 
 def test_a_variant_that_never_solved_has_a_row() -> None:
     failed = run(first_solved_generation=None, solved_since=None, final_score_mean=9.0)
-    assert variant_row("x", [failed], 195.0).startswith("| x | 0 of 1 | - | 0% |")
+    assert variant_row("x", [failed], 195.0)[:4] == ["x", "0 of 1", "-", "0%"]
 
 
 @pytest.mark.parametrize("task", TASKS)
