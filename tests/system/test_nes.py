@@ -57,7 +57,7 @@ def test_a_run_its_tracking_and_its_continuation(
     assert tracked.data.params["nes.population_size"] == "2"
     assert tracked.data.params["nes.momentum"] == "0.7"
     assert tracked.data.params["vary_agent"] == "small"
-    assert tracked.data.params["agents.ddqn.batch_size"] == "199"
+    assert tracked.data.params["agents.ddqn.batch_size"] == "128"
     for name, values in {
         key: [record[key] for record in scores(tmp_path)] for key in scores(tmp_path)[0]
     }.items():
