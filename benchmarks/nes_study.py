@@ -111,7 +111,10 @@ class Study:
                     "train_steps_mean": round(group["train_steps_mean"]),
                     "agents": round(group["agents"]),
                 }
-        seconds = state.records[-1].finished - Begun.read(folder).time
+        first_record = state.records[0]
+        start = first_record.finished - first_record.generation_seconds - Begun.read(folder).time
+        # Not until the end: a run may have stood still in between.
+        seconds = start + sum(r.generation_seconds for r in state.records)
         first = solved.index(True) if any(solved) else None
         return {
             "seed": seed,
