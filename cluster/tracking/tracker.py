@@ -82,8 +82,12 @@ def mlflow_imported_meanwhile() -> Iterator[None]:
         thread.join()  # an import must not be caught by the end of the process
 
 
+#: Two threads that import SQLAlchemy at once see halves of its modules.
+_IMPORT = threading.Lock()
+
+
 def _import_mlflow() -> None:
-    with warnings.catch_warnings():
+    with _IMPORT, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         import mlflow
         import mlflow.store.tracking.sqlalchemy_store  # noqa: F401
@@ -115,11 +119,11 @@ class Tracker:
         os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")
         os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "30")
         os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            import mlflow
-            from mlflow.exceptions import MlflowException
-            from sqlalchemy.exc import SQLAlchemyError
+        _import_mlflow()
+        import mlflow
+        from mlflow.exceptions import MlflowException
+        from sqlalchemy.exc import SQLAlchemyError
+
         silence_mlflow()
 
         self.uri = uri

@@ -110,7 +110,8 @@ def test_a_mixture_draws_an_agent_a_member_the_same_for_a_pair(cartpole: Task) -
     psi = np.zeros(nes.architecture.parameter_count, np.float32)
     requests = nes.ask(NESState(psi, psi))
     kinds = [request.agent.agent for request in requests]
-    assert kinds[:16] == kinds[16:32] == kinds[32:]
+    n = hp.nes.population_size
+    assert kinds[:n] == kinds[n : 2 * n] == kinds[2 * n :]
     assert set(kinds) == set(AGENTS)
 
 

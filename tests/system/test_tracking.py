@@ -5,6 +5,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
@@ -22,6 +23,7 @@ from cluster.progress import Terminal
 from cluster.run_folder import Begun, held
 from cluster.sync import sync
 from cluster.tracking import Mirror, Tracker
+from cluster.tracking.tracker import _IMPORT
 from cluster.views import StudyViews, views_of
 from tests.studies import make_study
 
@@ -93,6 +95,20 @@ def test_the_first_runs_of_a_home_may_start_at_once(home: Home) -> None:
     for process in processes:
         _, errors = process.communicate(timeout=120)
         assert process.returncode == 0, errors
+
+
+def test_whoever_uses_mlflow_waits_until_it_is_imported(home: Home) -> None:
+    """A command that joins a cluster comes to it while a thread still imports it: two at
+    once see halves of SQLAlchemy's modules."""
+    arguments = home.database_uri, "CartPole-v0", home.artifacts
+    user = threading.Thread(target=Tracker, args=arguments)
+    with _IMPORT:  # as the importing thread holds it
+        user.start()
+        user.join(6.0)
+        assert user.is_alive()
+        assert not (home.folder / "mlflow.db").exists()
+    user.join(60.0)
+    assert (home.folder / "mlflow.db").exists()
 
 
 def test_a_first_run_killed_while_the_database_is_made_leaves_the_next_one_a_whole_one(
