@@ -25,12 +25,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
-from bilevel.hyperparameters import (
-    AgentHyperparameters,
-    Hyperparameters,
-)
+from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 from bilevel.hyperparameters.definitions import RETEST_ONE_IN, RETESTS
-from bilevel.nes.generation import Generation
+from bilevel.nes.generation import Generation, judged
 from bilevel.nes.state import NESState
 from bilevel.nes.updates import adapted_scale, update_step
 from bilevel.synthetic_env import Architecture
@@ -194,11 +191,7 @@ class NES:
 
     def _fitness(self, results: Sequence[EvaluationResult]) -> NDArray[np.float64]:
         """Of results in the order of the requests, (n,)."""
-        if not results:
-            return np.zeros(0)
-        row: NDArray[np.float64]
-        (row,) = Generation.of(self.task, self.hp.nes, results, population=len(results)).fitness
-        return row
+        return judged(self.task, self.hp.nes, results)[2]
 
     def _perturbations(self, generation: int) -> NDArray[np.float32]:
         architecture, sigma = self.architecture, self.hp.nes.std_dev

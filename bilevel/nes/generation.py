@@ -33,31 +33,33 @@ def fitness(
     return fit
 
 
+def judged(
+    task: Task, hp: NESHyperparameters, results: Sequence[EvaluationResult]
+) -> tuple[list[EvaluationResult], NDArray[np.float64], NDArray[np.float64]]:
+    """Results, given in any order, in that of their requests; their scores (n,), of which
+    those that are not finite are the task's worst; their fitness (n,)."""
+    ordered = sorted(results, key=lambda result: result.index)
+    scores = np.array([r.score for r in ordered])
+    scores = np.where(np.isfinite(scores), scores, task.worst_score)
+    steps = np.array([r.train_steps for r in ordered], np.int64)
+    return ordered, scores, fitness(task, hp, scores, steps)
+
+
 @dataclass(frozen=True)
 class Generation:
     """Results in the order of their requests: a row for psi itself, for psi + eps, and with
     mirrored sampling for psi - eps; n agents in each."""
 
     task: Task
-    results: tuple[EvaluationResult, ...]
-    scores: NDArray[np.float64]  # (rows, n), one that is not finite is the task's worst
+    results: list[EvaluationResult]
+    scores: NDArray[np.float64]  # (rows, n)
     fitness: NDArray[np.float64]  # (rows, n)
 
     @classmethod
-    def of(
-        cls,
-        task: Task,
-        hp: NESHyperparameters,
-        results: Sequence[EvaluationResult],
-        population: int | None = None,
-    ) -> Self:
-        """From results in any order, `hp.population_size` a row unless said otherwise."""
-        ordered = tuple(sorted(results, key=lambda result: result.index))
-        scores = np.array([r.score for r in ordered])
-        scores = np.where(np.isfinite(scores), scores, task.worst_score)
-        steps = np.array([r.train_steps for r in ordered])
-        shape = -1, population or hp.population_size
-        fit = fitness(task, hp, scores, steps)
+    def of(cls, task: Task, hp: NESHyperparameters, results: Sequence[EvaluationResult]) -> Self:
+        """From results in any order."""
+        ordered, scores, fit = judged(task, hp, results)
+        shape = -1, hp.population_size
         return cls(task, ordered, scores.reshape(shape), fit.reshape(shape))
 
     @property

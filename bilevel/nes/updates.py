@@ -19,8 +19,8 @@ authors       alpha * sum_i w_i eps_i: the authors' code, which does not divide
 
 In the last two, w are the transformed scores, and mirrored sampling is the authors':
 of each pair the better sign is kept, with its score, and the other is dropped.
-All steps are proportional to eps: where a `scale` (`adapted_scale`) multiplies sigma, the
-step is multiplied by it as well, which keeps alpha / sigma.
+All steps are proportional to eps; where a `scale` (`adapted_scale`) multiplies sigma, the
+step is multiplied by the one that follows from the scores it is made of.
 """
 
 import math
@@ -63,7 +63,8 @@ SCALES = 1 / 32, 4.0
 
 
 def adapted_scale(hp: NESHyperparameters, scale: float, kept: float) -> float:
-    """The scale of alpha and sigma for the next generation, from this one's.
+    """The scale of this generation's alpha and of the next one's sigma, from the scale of
+    this one's sigma.
 
     `kept` is the share of psi's score, above the task's worst, that the SEs psi +- eps have
     on average. Where psi is good, most directions lead away from it: perturbations that

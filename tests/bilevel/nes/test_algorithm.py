@@ -448,6 +448,17 @@ class TestRetention:
             scale = adapted_scale(hp, scale, share)
             assert SCALES[0] <= scale <= SCALES[1]
 
+    def test_this_step_is_as_short_as_its_own_scores_ask_for(
+        self, cartpole: Task, hp: Hyperparameters
+    ) -> None:
+        nes = NES(cartpole, hp, 0)
+        rests = NES(cartpole, replace(hp, nes=replace(hp.nes, retention=0.0)), 0)
+        state = nes.start()
+        results = [answer(r, 100.0 if r.sign == 0 else r.index) for r in nes.ask(state)]
+        adapted, plain = (run.tell(state, results, 1.0, 0.0) for run in (nes, rests))
+        assert adapted.scale < 0.5
+        np.testing.assert_allclose(adapted.velocity, adapted.scale * plain.velocity, rtol=1e-5)
+
     def test_without_it_the_scale_rests(self, hp: Hyperparameters) -> None:
         assert adapted_scale(replace(hp.nes, retention=0.0), 0.7, 0.1) == 0.7
 
