@@ -106,7 +106,9 @@ class _Actor:
         task = get_task(task_id)
         shape = Architecture.of(task, hp.se)
         for seed in range(seeds):
-            evaluate(task, shape, None, EvaluationRequest(0, seed, hp.agents[0], start_seed=seed))
+            evaluate(
+                task, shape, None, EvaluationRequest(0, seed, hp.agents[0], start_seeds=(seed,) * 3)
+            )
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 

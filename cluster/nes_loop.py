@@ -95,10 +95,9 @@ class NESRun:
             tell(f"{error}; it is now {aside.name!r}, and its generations are run again")
         if state is None:
             nes = self.nes
-            shape = nes.architecture
-            screened = pool.run(self.task, shape, None, nes.screening_requests(), on_result)
-            retests = nes.retest_requests(screened)
-            state = nes.start(screened, pool.run(self.task, shape, None, retests, on_result))
+            state = nes.start(
+                lambda requests: pool.run(self.task, nes.architecture, None, requests, on_result)
+            )
             state.save(self.folder / STATE_FILE)
         return state
 

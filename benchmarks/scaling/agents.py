@@ -55,7 +55,9 @@ def of_configurations(workers: Processes, task: Task, count: int) -> list[dict[s
     rows = []
     for sample in search_space("full", seed=0).sample_configuration(count) if count > 1 else []:
         hp = to_hyperparameters(base, dict(sample))
-        requests = [EvaluationRequest(i, i, hp.agents[0], start_seed=i) for i in range(REPEATS)]
+        requests = [
+            EvaluationRequest(i, i, hp.agents[0], start_seeds=(i,) * 3) for i in range(REPEATS)
+        ]
         results = workers.run(task, Architecture.of(task, hp.se), None, requests)
         rows.append(
             {

@@ -8,11 +8,13 @@ The state before every generation stays in FOLDER, for the other measurements.
 
 import argparse
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from benchmarks.machine import write_result
 from benchmarks.scaling.evaluations import Processes, columns, processes
+from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import load_preset
 from bilevel.nes import NES
 from bilevel.tasks import get_task
@@ -27,9 +29,14 @@ def record(nes: NES, generations: int, workers: Processes, home: Path) -> dict[s
     """The run; `between_seconds` (processor time) lie between the last answer of a
     generation and the first request of the next: update, state on disk, requests."""
     task, shape = nes.task, nes.architecture
-    screened = workers.run(task, shape, None, nes.screening_requests())
-    retested = workers.run(task, shape, None, nes.retest_requests(screened))
-    state = nes.start(screened, retested)
+    batches: list[Sequence[EvaluationResult]] = []
+
+    def evaluate(requests: Sequence[EvaluationRequest]) -> Sequence[EvaluationResult]:
+        batches.append(workers.run(task, shape, None, requests))
+        return batches[-1]
+
+    state = nes.start(evaluate)
+    screened, retested = batches
     state.save(generation_path(home, task.id, nes.seed, 0))
     requests = nes.ask(state)
     rows: list[dict[str, Any]] = []

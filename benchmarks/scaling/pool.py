@@ -38,7 +38,7 @@ def trivial_requests(count: int) -> list[EvaluationRequest]:
     agent = replace(
         tuned, max_episodes=1, test_episodes=1, hidden_size=1, batch_size=1, init_episodes=10
     )
-    return [EvaluationRequest(i, i, agent, start_seed=i) for i in range(count)]
+    return [EvaluationRequest(i, i, agent, start_seeds=(i,) * 3) for i in range(count)]
 
 
 def overhead(pool: EvaluationPool) -> dict[str, float]:

@@ -7,7 +7,7 @@ in `search_spaces`. "Table 1" is the paper's table of optimized hyperparameters,
 
 import math
 from dataclasses import asdict, dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters.agents import (
@@ -17,8 +17,8 @@ from bilevel.hyperparameters.agents import (
 )
 from bilevel.hyperparameters.validation import Validated, choice, ranged
 
-#: Of the start candidates one in so many is evaluated again, so many times.
-RETEST_ONE_IN, RETESTS = 32, 8
+#: Further evaluations of a start candidate that did well.
+RETESTS = 8
 
 #: The update rules and score transforms by name; `bilevel.nes` implements them.
 UPDATES = ("paired", "antithetic", "paper", "authors")
@@ -38,6 +38,13 @@ SCORE_TRANSFORMS = (
 VARIATIONS = ("no", "small", "all")
 
 
+class StartRound(NamedTuple):
+    """How many candidates a round of the search for a start tries, and how many again."""
+
+    screened: int
+    retested: int
+
+
 @dataclass(frozen=True, kw_only=True)
 class NESHyperparameters(Validated):
     """Natural evolution strategies (paper, Algorithm 1)."""
@@ -50,6 +57,7 @@ class NESHyperparameters(Validated):
     population_size: int = ranged(1, 65536, 16)  # n_p, members a generation
     generations: int = ranged(1, 1_000_000, 200)  # n_o, outer loops at most
     start_candidates: int = ranged(1, 65536, 1)  # initialisations the start is chosen from
+    start_crossings: int = ranged(0, 1000, 0)  # rounds in which their networks are recombined
     # Share of psi's score (above the task's worst) that its perturbations shall keep: sigma
     # and alpha are adapted to it every generation. 0: they stay.
     retention: float = ranged(0.0, 1.0, 0.0)
@@ -71,10 +79,18 @@ class NESHyperparameters(Validated):
             )
 
     @property
-    def start_evaluations(self) -> int:
-        """Evaluations that choose the start."""
+    def start_rounds(self) -> list[StartRound]:
+        """The rounds that choose the start, the crossings after the first."""
         n = self.start_candidates
-        return n + math.ceil(n / RETEST_ONE_IN) * RETESTS if n > 1 else 0
+        if n == 1:
+            return []
+        crossing = StartRound(math.ceil(n / 8), math.ceil(n / 64))
+        return [StartRound(n, math.ceil(n / 32))] + [crossing] * self.start_crossings
+
+    @property
+    def start_evaluations(self) -> int:
+        """Evaluations that choose the start, at most."""
+        return sum(size.screened + size.retested * RETESTS for size in self.start_rounds)
 
     @property
     def evaluations(self) -> int:

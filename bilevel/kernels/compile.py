@@ -17,7 +17,7 @@ def main() -> None:
             continue
         hp = load_preset("default", task.id, agents=(name,))
         agent = replace(hp.agents[0], max_episodes=2, init_episodes=0, test_episodes=1)
-        request = EvaluationRequest(0, 0, agent, start_seed=0)
+        request = EvaluationRequest(0, 0, agent, start_seeds=(0,) * 3)
         evaluate(task, Architecture.of(task, hp.se), None, request)
         train_and_test(task, None, agent, 0)
 

@@ -1,7 +1,6 @@
 """Natural evolution strategies over synthetic environments (paper, Algorithm 1).
 
-    psi  <- the best of start_candidates random initialisations: one short evaluation
-            each, then RETESTS more of the best of them
+    psi  <- the best of many random initialisations             # bilevel.nes.start
     s, v <- 1, 0                                         # scale, velocity
     repeat n_o times:                                    # generations
         for each member i = 1 .. n_p:                    # ask: requests, in any order
@@ -17,7 +16,6 @@ Every random number is derived from (run seed, generation, member), so a request
 the same whoever asks for it, and nothing random needs to be stored.
 """
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
@@ -26,8 +24,8 @@ from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
-from bilevel.hyperparameters.definitions import RETEST_ONE_IN, RETESTS
-from bilevel.nes.generation import Generation, judged
+from bilevel.nes.generation import Generation
+from bilevel.nes.start import Evaluations, StartSearch
 from bilevel.nes.state import NESState
 from bilevel.nes.updates import adapted_scale, update_step
 from bilevel.synthetic_env import Architecture
@@ -62,60 +60,17 @@ class NES:
         word = np.random.SeedSequence([self.seed, *path]).generate_state(1, np.uint64)[0]
         return int(word)
 
-    def screening_requests(self) -> list[EvaluationRequest]:
-        """One evaluation of each start candidate; none if there is one alone.
-
-        Where agents vary, each has its own: were there one for all, and that one slow to
-        learn, chance would decide. It has little longer than it needs at least: most SEs
-        teach nothing, and on those training would go on for long.
-        """
-        candidates = self.hp.nes.start_candidates
-        if candidates == 1:
-            return []
-        agents = [self._agent(_START, i, 0) for i in range(candidates)]
-        short = [agent.init_episodes + 3 * agent.early_out_episodes for agent in agents]
-        return [
-            self._start_request(i, i, 0, replace(agent, max_episodes=min(most, agent.max_episodes)))
-            for i, (agent, most) in enumerate(zip(agents, short, strict=True))
-        ]
-
-    def retest_requests(self, screened: Sequence[EvaluationResult]) -> list[EvaluationRequest]:
-        """Further evaluations of the candidates that screened best: agents differ so
-        much from seed to seed that one evaluation mostly finds the luckiest."""
-        agents = [self._agent(_START, 1 + i) for i in range(RETESTS)]  # the same for all
-        return [
-            self._start_request(place * RETESTS + i, candidate, 1 + i, agent)
-            for place, candidate in enumerate(self._screened_best(screened))
-            for i, agent in enumerate(agents)
-        ]
-
-    def start(
-        self,
-        screened: Sequence[EvaluationResult] = (),
-        retested: Sequence[EvaluationResult] = (),
-    ) -> NESState:
-        """The state before the first generation."""
-        best = 0
-        if retested:
-            fitness = self._fitness(retested).reshape(-1, RETESTS).mean(axis=1)
-            best = self._screened_best(screened)[int(fitness.argmax())]
-        rng = np.random.default_rng(self._seed(_START, best))
-        psi = self.architecture.initialize(rng)
-        return NESState(psi, np.zeros_like(psi))
-
-    def _screened_best(self, screened: Sequence[EvaluationResult]) -> list[int]:
-        keep = math.ceil(len(screened) / RETEST_ONE_IN)
-        return [int(i) for i in np.argsort(-self._fitness(screened), kind="stable")[:keep]]
-
-    def _start_request(
-        self, index: int, candidate: int, repeat: int, agent: AgentHyperparameters
-    ) -> EvaluationRequest:
-        return EvaluationRequest(
-            index=index,
-            seed=self._seed(_START, candidate, _EVALUATION, repeat),
-            agent=agent,
-            start_seed=self._seed(_START, candidate),
+    def start(self, evaluate: Evaluations | None = None) -> NESState:
+        """The state before the first generation. `evaluate` answers the requests of the
+        search for it; where there is a single candidate it is not needed."""
+        search = StartSearch(
+            self.task,
+            self.hp.nes,
+            lambda *path: self._seed(_START, *path),
+            lambda *path: self._agent(_START, *path),
         )
+        psi = self.architecture.assembled(search.best(evaluate))
+        return NESState(psi, np.zeros_like(psi))
 
     def ask(self, state: NESState) -> list[EvaluationRequest]:
         """The evaluations of the next generation: n_p on psi itself, n_p on
@@ -188,10 +143,6 @@ class NES:
             finalists=finalists,
             records=(*state.records, record),
         )
-
-    def _fitness(self, results: Sequence[EvaluationResult]) -> NDArray[np.float64]:
-        """Of results in the order of the requests, (n,)."""
-        return judged(self.task, self.hp.nes, results)[2]
 
     def _perturbations(self, generation: int) -> NDArray[np.float32]:
         architecture, sigma = self.architecture, self.hp.nes.std_dev

@@ -10,6 +10,7 @@ S, A     state size, number of actions
 P        length of psi
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +83,12 @@ class Architecture:
     def initialize(self, rng: np.random.Generator) -> NDArray[np.float32]:
         """A fresh psi (P,): uniform in +-1/sqrt(fan_in)."""
         return np.concatenate([initial_parameters(net, rng) for net in self.networks])
+
+    def assembled(self, seeds: Sequence[int]) -> NDArray[np.float32]:
+        """A psi (P,) of which every network is initialised from a seed of its own: equal
+        seeds make equal networks, whatever the others are."""
+        sources = [self.split(self.initialize(np.random.default_rng(seed))) for seed in seeds]
+        return np.concatenate([sources[k][k] for k in range(len(NETWORKS))])
 
     def perturbation(self, seed: int, std_dev: float) -> NDArray[np.float32]:
         """eps ~ N(0, std_dev^2 I), shape (P,), the same for the same seed everywhere."""

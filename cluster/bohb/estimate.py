@@ -54,7 +54,7 @@ def dry_run(command: StudyCommand) -> None:
         hp = to_hyperparameters(study.base, dict(sample))
         architecture = Architecture.of(study.task, hp.se)
         agent = hp.agents[i % len(hp.agents)]
-        request = EvaluationRequest(0, i, agent, start_seed=i)
+        request = EvaluationRequest(0, i, agent, start_seeds=(i,) * 3)
         if i == 0:
             evaluate(study.task, architecture, None, request)  # compiles, untimed
         seconds.append(evaluate(study.task, architecture, None, request).seconds)

@@ -20,7 +20,7 @@ from bilevel.tasks import Task
 class TestMeasuring:
     def test_changes_no_evaluation(self, cartpole: Task, small_agent: DDQNHyperparameters) -> None:
         shape = Architecture(cartpole.state_size, cartpole.n_actions, 1, 8, "tanh")
-        request = EvaluationRequest(3, 7, small_agent, start_seed=1)
+        request = EvaluationRequest(3, 7, small_agent, start_seeds=(1,) * 3)
         result = timed(cartpole, shape, None, request)
         plain = evaluate(cartpole, shape, None, request)
         assert replace(result, seconds=0.0) == replace(plain, seconds=0.0)

@@ -10,7 +10,6 @@ from bilevel.hyperparameters import (
     SCORE_TRANSFORMS,
     UPDATES,
     AgentHyperparameters,
-    DDQNHyperparameters,
     Hyperparameters,
     load_preset,
 )
@@ -23,7 +22,6 @@ from bilevel.nes.updates import (
     update_step,
 )
 from bilevel.tasks import Task
-from search_spaces import draw_agent
 from tests.conftest import ddqn
 
 
@@ -88,26 +86,9 @@ class TestAsk:
         self, cartpole: Task, small_hp: Hyperparameters
     ) -> None:
         for most, trained in ((5, 5), (10_000, 13)):
-            hp = replace(small_hp, nes=replace(small_hp.nes, max_episodes=most, start_candidates=8))
+            hp = replace(small_hp, nes=replace(small_hp.nes, max_episodes=most))
             nes = NES(cartpole, hp, 0)
-            requests = [*nes.screening_requests(), *nes.ask(NES(cartpole, small_hp, 0).start())]
-            assert {r.agent.max_episodes for r in requests} == {trained}
-
-    def test_screening_is_short_and_retests_are_fair(
-        self, cartpole: Task, small_hp: Hyperparameters, small_agent: DDQNHyperparameters
-    ) -> None:
-        agent = replace(small_agent, init_episodes=4, early_out_episodes=10, max_episodes=1000)
-        nes_hp = replace(small_hp.nes, start_candidates=40)
-        hp = replace(small_hp, nes=nes_hp, agents=(agent,), vary_agent="all")
-        asked = NES(cartpole, hp, 0, draw_agent).screening_requests()
-        assert {r.agent.max_episodes for r in asked} == {34}
-        assert len({vars(r.agent)["learning_rate"] for r in asked}) == 40
-        retested = NES(cartpole, hp, 0, draw_agent).retest_requests(
-            [answer(r, float(r.index)) for r in asked]
-        )
-        assert {r.agent.max_episodes for r in retested} == {hp.nes.max_episodes}
-        assert {r.start_seed for r in retested} == {asked[-1].start_seed, asked[-2].start_seed}
-        assert [r.agent for r in retested[:8]] == [r.agent for r in retested[8:]]
+            assert {r.agent.max_episodes for r in nes.ask(nes.start())} == {trained}
 
 
 class TestTell:
@@ -184,30 +165,6 @@ class TestTell:
         assert after.objective == after.best_score == -500.0
         assert after.solved_streak == 0
         assert after.records[-1].non_finite == 9
-
-
-class TestStart:
-    def test_single_candidate_needs_no_evaluation(self, nes: NES) -> None:
-        assert nes.screening_requests() == nes.retest_requests([]) == []
-        np.testing.assert_array_equal(nes.start().psi, nes.start().psi)
-
-    def test_retests_decide(self, cartpole: Task, small_hp: Hyperparameters) -> None:
-        """64 candidates are screened, the best 2 retested; the lucky one loses."""
-        hp = replace(small_hp, nes=replace(small_hp.nes, start_candidates=64))
-        nes = NES(cartpole, hp, 0)
-        requests = nes.screening_requests()
-        by_hand = {5: 90.0, 11: 80.0}
-        screened = [answer(r, by_hand.get(r.index, 9.0)) for r in requests]
-        retests = nes.retest_requests(screened)
-        assert len(requests) + len(retests) == hp.nes.start_evaluations == 80
-        assert {r.start_seed for r in retests} == {requests[i].start_seed for i in (5, 11)}
-        assert len({r.seed for r in requests + retests}) == 80
-        lucky = requests[5].start_seed
-        again = [answer(r, 20.0 if r.start_seed == lucky else 70.0) for r in retests]
-        chosen = requests[11].start_seed
-        assert chosen is not None
-        expected = nes.architecture.initialize(np.random.default_rng(chosen))
-        np.testing.assert_array_equal(nes.start(screened, again[::-1]).psi, expected)
 
 
 class TestUpdates:
@@ -311,7 +268,7 @@ class TestStepPrice:
 
     @pytest.fixture
     def nes(self, cartpole: Task, small_hp: Hyperparameters) -> NES:
-        hp = replace(small_hp.nes, step_price=0.1, start_candidates=64)
+        hp = replace(small_hp.nes, step_price=0.1)
         return NES(cartpole, replace(small_hp, nes=hp), 0)
 
     def test_of_equal_scores_the_faster_wins(self, nes: NES) -> None:
@@ -348,13 +305,6 @@ class TestStepPrice:
         )
         free = replace(nes.hp.nes, step_price=0.0)
         np.testing.assert_array_equal(fitness(acrobot, free, scores, steps), scores)
-
-    def test_the_start_is_the_fittest(self, nes: NES) -> None:
-        asked = nes.screening_requests()
-        slow = {3: 20_000, 8: 1000, 9: 2000}
-        screened = [replace(answer(r, 50.0), train_steps=slow.get(r.index, 9000)) for r in asked]
-        retested = {r.start_seed for r in nes.retest_requests(screened)}
-        assert retested == {asked[8].start_seed, asked[9].start_seed}
 
 
 class TestFallback:

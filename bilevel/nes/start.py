@@ -1,0 +1,136 @@
+"""The choice of psi that NES starts from: random search, then recombination.
+
+    candidates <- start_candidates random SEs
+    repeat 1 + start_crossings times:
+        try every candidate once and shortly, each with an agent of its own
+        parents <- the best of them, tried RETESTS more times by the same agents for all
+        candidates <- new SEs, each of the next-state network of one parent, the reward
+                      network of another and the done network of a third; the fitter a
+                      parent of any round is, the more often its networks are taken
+    psi <- the fittest parent
+
+Most random SEs teach nothing, often because of one of their networks alone: what two of
+them got right may go together.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.evaluation import EvaluationRequest, EvaluationResult
+from bilevel.hyperparameters import AgentHyperparameters, NESHyperparameters
+from bilevel.hyperparameters.definitions import RETESTS, StartRound
+from bilevel.nes.generation import judged
+from bilevel.synthetic_env.architecture import NETWORKS
+from bilevel.tasks import Task
+
+#: An SE not yet tried: what each of its networks is initialised from.
+Candidate = tuple[int, ...]
+
+#: Answers requests, in any order.
+Evaluations = Callable[[Sequence[EvaluationRequest]], Sequence[EvaluationResult]]
+
+#: Networks are taken from a parent in proportion to this power of its fitness above the
+#: task's worst.
+_SELECTION = 2
+
+#: Draws of networks for one new candidate, on average, before a round goes without.
+_DRAWS = 20
+
+# What a derived seed is for; part of the seed, so never renumber.
+_INITIAL, _SCREENING, _RETEST, _CROSSING = range(4)
+
+
+class Seed(Protocol):
+    """A seed for what it is for, and which."""
+
+    def __call__(self, *path: int) -> int: ...
+
+
+class Agent(Protocol):
+    """The agent of that name in the run."""
+
+    def __call__(self, *path: int) -> AgentHyperparameters: ...
+
+
+@dataclass(frozen=True)
+class StartSearch:
+    """The search for a run's start; `seed` and `agent` are the run's."""
+
+    task: Task
+    hp: NESHyperparameters
+    seed: Seed
+    agent: Agent
+
+    def best(self, evaluate: Evaluations | None) -> Candidate:
+        """The start; a single candidate is tried by nobody."""
+        if self.hp.start_candidates == 1:
+            return self._random(0)
+        assert evaluate is not None
+        tried: set[Candidate] = set()
+        parents: dict[Candidate, float] = {}
+        for number, size in enumerate(self.hp.start_rounds):
+            if number == 0:
+                candidates = [self._random(i) for i in range(size.screened)]
+            else:
+                candidates = self._crossed(parents, tried, number, size)
+            tried.update(candidates)
+            fitness = self._fitness(evaluate(self._screening(candidates, number)))
+            order = np.argsort(-fitness, kind="stable")[: size.retested]
+            chosen = [candidates[i] for i in order]
+            fitness = self._fitness(evaluate(self._retests(chosen, number)))
+            means = fitness.reshape(-1, RETESTS).mean(axis=1)
+            parents.update(zip(chosen, means.tolist(), strict=True))
+        return max(parents, key=parents.__getitem__)
+
+    def _random(self, number: int) -> Candidate:
+        return (self.seed(_INITIAL, number),) * len(NETWORKS)
+
+    def _crossed(
+        self, parents: dict[Candidate, float], tried: set[Candidate], number: int, size: StartRound
+    ) -> list[Candidate]:
+        """Candidates that were not tried yet, as far as there are any."""
+        above = np.maximum(np.array(list(parents.values())) - self.task.worst_score, 1e-9)
+        weights = above**_SELECTION / (above**_SELECTION).sum()
+        rng = np.random.default_rng(self.seed(_CROSSING, number))
+        seeds, crossed = np.array(list(parents), np.uint64), dict[Candidate, None]()
+        for _ in range(_DRAWS * size.screened):
+            drawn = rng.choice(len(parents), len(NETWORKS), p=weights)
+            candidate = tuple(int(seeds[i, network]) for network, i in enumerate(drawn))
+            if candidate not in tried:
+                crossed[candidate] = None
+            if len(crossed) == size.screened:
+                break
+        return list(crossed)
+
+    def _screening(self, candidates: Sequence[Candidate], number: int) -> list[EvaluationRequest]:
+        """One evaluation of each.
+
+        Where agents vary, each has its own: were there one for all, and that one slow to
+        learn, chance would decide. It has little longer than it needs at least: most SEs
+        teach nothing, and on those training would go on for long.
+        """
+        requests = []
+        for i, candidate in enumerate(candidates):
+            agent = self.agent(_SCREENING, number, i)
+            least = agent.init_episodes + 3 * agent.early_out_episodes
+            agent = replace(agent, max_episodes=min(least, agent.max_episodes))
+            seed = self.seed(_SCREENING, number, i)
+            requests.append(EvaluationRequest(i, seed, agent, start_seeds=candidate))
+        return requests
+
+    def _retests(self, candidates: Sequence[Candidate], number: int) -> list[EvaluationRequest]:
+        """Agents differ so much from seed to seed that one evaluation mostly finds the
+        luckiest."""
+        agents = [self.agent(_RETEST, number, i) for i in range(RETESTS)]
+        pairs = [(candidate, agent) for candidate in candidates for agent in agents]
+        return [
+            EvaluationRequest(i, self.seed(_RETEST, number, i), agent, start_seeds=candidate)
+            for i, (candidate, agent) in enumerate(pairs)
+        ]
+
+    def _fitness(self, results: Sequence[EvaluationResult]) -> NDArray[np.float64]:
+        return judged(self.task, self.hp, results)[2]
