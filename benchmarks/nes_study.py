@@ -170,11 +170,12 @@ def main() -> None:
     parser.add_argument("--generations", type=int, default=40)
     parser.add_argument("--transfers", type=int, default=20, help="agents on each best SE")
     parser.add_argument("--agents", nargs="+", choices=AGENTS, default=["ddqn"])
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="runs at a time")
     parser.add_argument("--home", type=Path, required=True)
     options = parser.parse_args()
     study = Study(options.task, options.generations, options.home)
     seeds = sorted(set(options.seeds))
-    with ThreadPoolExecutor(os.cpu_count()) as jobs:
+    with ThreadPoolExecutor(options.jobs) as jobs:
         runs = [
             jobs.submit(study.run, variant, seed, options.transfers, options.agents)
             for variant in options.variants
