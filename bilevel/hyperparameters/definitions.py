@@ -105,6 +105,9 @@ class SEHyperparameters(Validated):
     hidden_layers: int = ranged(1, 2)
     hidden_size: int = ranged(1, 4096)
     activation: str = choice(ACTIVATIONS)
+    # Of the initial rewards: how much smaller the reward network's last layer is than usual,
+    # in what it starts with and in its perturbations.
+    reward_scale: float = ranged(1e-6, 1e6, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)

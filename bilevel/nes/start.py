@@ -3,7 +3,8 @@
     candidates <- start_candidates random SEs
     repeat 1 + start_crossings times:
         try every candidate once and shortly, each with an agent of its own
-        parents <- the best of them, tried RETESTS more times by the same agents for all
+        parents <- the best of them, tried RETESTS more times, perturbed, by the same
+                   agents for all
         candidates <- new SEs, each of the next-state network of one parent, the reward
                       network of another and the done network of a third; the fitter a
                       parent of any round is, the more often its networks are taken
@@ -41,7 +42,7 @@ _SELECTION = 2
 _DRAWS = 20
 
 # What a derived seed is for; part of the seed, so never renumber.
-_INITIAL, _SCREENING, _RETEST, _CROSSING = range(4)
+_INITIAL, _SCREENING, _RETEST, _CROSSING, _EPS = range(5)
 
 
 class Seed(Protocol):
@@ -123,12 +124,24 @@ class StartSearch:
         return requests
 
     def _retests(self, candidates: Sequence[Candidate], number: int) -> list[EvaluationRequest]:
-        """Agents differ so much from seed to seed that one evaluation mostly finds the
-        luckiest."""
+        """More of each: agents differ so much from seed to seed that one evaluation mostly
+        finds the luckiest.
+
+        Perturbed as NES will perturb it: an SE whose neighbours teach nothing tells NES
+        nothing about where to go.
+        """
         agents = [self.agent(_RETEST, number, i) for i in range(RETESTS)]
         pairs = [(candidate, agent) for candidate in candidates for agent in agents]
         return [
-            EvaluationRequest(i, self.seed(_RETEST, number, i), agent, start_seeds=candidate)
+            EvaluationRequest(
+                i,
+                self.seed(_RETEST, number, i),
+                agent,
+                sign=1,
+                perturbation_seed=self.seed(_RETEST, number, i, _EPS),
+                std_dev=self.hp.std_dev,
+                start_seeds=candidate,
+            )
             for i, (candidate, agent) in enumerate(pairs)
         ]
 

@@ -32,18 +32,30 @@ _SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": LRELU_SLOPE, "prelu": PRELU_INITIA
 
 @dataclass(frozen=True)
 class Architecture:
-    """Sizes of an SE's networks."""
+    """Sizes of an SE's networks.
+
+    The reward network's last layer is `reward_scale` times as large as the others would be,
+    in a fresh psi and in a perturbation; psi itself tells all there is to know of an SE.
+    """
 
     state_size: int
     n_actions: int
     hidden_layers: int
     hidden_size: int
     activation: str
+    reward_scale: float = 1.0
 
     @classmethod
     def of(cls, task: Task, hp: SEHyperparameters) -> "Architecture":
         """The architecture of an SE for `task`."""
-        return cls(task.state_size, task.n_actions, hp.hidden_layers, hp.hidden_size, hp.activation)
+        return cls(
+            task.state_size,
+            task.n_actions,
+            hp.hidden_layers,
+            hp.hidden_size,
+            hp.activation,
+            hp.reward_scale,
+        )
 
     @property
     def slope(self) -> float:
@@ -81,8 +93,9 @@ class Architecture:
         return next_state, reward, done
 
     def initialize(self, rng: np.random.Generator) -> NDArray[np.float32]:
-        """A fresh psi (P,): uniform in +-1/sqrt(fan_in)."""
-        return np.concatenate([initial_parameters(net, rng) for net in self.networks])
+        """A fresh psi (P,): uniform in +-1/sqrt(fan_in), the reward's last layer scaled."""
+        psi = np.concatenate([initial_parameters(net, rng) for net in self.networks])
+        return self._with_small_rewards(psi)
 
     def assembled(self, seeds: Sequence[int]) -> NDArray[np.float32]:
         """A psi (P,) of which every network is initialised from a seed of its own: equal
@@ -91,9 +104,17 @@ class Architecture:
         return np.concatenate([sources[k][k] for k in range(len(NETWORKS))])
 
     def perturbation(self, seed: int, std_dev: float) -> NDArray[np.float32]:
-        """eps ~ N(0, std_dev^2 I), shape (P,), the same for the same seed everywhere."""
+        """eps ~ N(0, std_dev^2 I), shape (P,), the reward's last layer scaled; the same for
+        the same seed everywhere."""
         eps = np.random.default_rng(seed).standard_normal(self.parameter_count, np.float32)
-        return eps * np.float32(std_dev)
+        return self._with_small_rewards(eps * np.float32(std_dev))
+
+    def _with_small_rewards(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+        """`values` (P,), changed in place."""
+        reward = self.networks[1]
+        last = self.split(values)[1][int(reward.offsets[-2]) :]
+        last *= np.float32(self.reward_scale)
+        return values
 
 
 def kernel_form(architecture: Architecture, psi: NDArray[np.float32]) -> SEKernel:

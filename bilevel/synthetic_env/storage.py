@@ -118,6 +118,7 @@ def load_se(path: Path) -> StoredSE:
             hidden_layers=sizes["hidden_layers"],
             hidden_size=sizes["hidden_size"],
             activation=sizes["activation"],
+            reward_scale=sizes.get("reward_scale", 1.0),
         )
         for name in ("state_size", "n_actions"):
             if type(sizes[name]) is not int or not 1 <= sizes[name] <= 65536:

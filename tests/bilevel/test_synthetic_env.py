@@ -72,6 +72,24 @@ def test_perturbation_is_a_function_of_its_seed(cartpole: Task) -> None:
     assert eps.std() == pytest.approx(0.5, rel=0.2)
 
 
+@pytest.mark.parametrize("layers", [1, 2])
+def test_initial_rewards_are_scaled_and_perturbed_alike(cartpole: Task, layers: int) -> None:
+    usual = SEHyperparameters(hidden_layers=layers, hidden_size=8, activation="prelu")
+    one, small = (
+        Architecture.of(cartpole, hp) for hp in (usual, replace(usual, reward_scale=0.25))
+    )
+    last = 8 + 1  # weights and bias of the only output
+    for make in (
+        lambda shape: shape.initialize(np.random.default_rng(3)),
+        lambda shape: shape.perturbation(3, 0.1),
+    ):
+        (next_state, reward, done), scaled = (shape.split(make(shape)) for shape in (one, small))
+        np.testing.assert_array_equal(scaled[0], next_state)
+        np.testing.assert_array_equal(scaled[1][:-last], reward[:-last])
+        np.testing.assert_array_equal(scaled[1][-last:], 0.25 * reward[-last:])
+        np.testing.assert_array_equal(scaled[2], done)
+
+
 class TestFile:
     def test_round_trip(self, se_file: Path, cartpole: Task) -> None:
         before, after = make_se(cartpole), load_se(se_file)

@@ -110,6 +110,15 @@ def test_screening_is_short_and_retests_are_fair(
     assert [r.agent for r in retested[:8]] == [r.agent for r in retested[8:]]
 
 
+def test_retests_are_of_neighbours(cartpole: Task, small_hp: Hyperparameters) -> None:
+    answers = Answers(luck)
+    search(cartpole, small_hp, answers, start_candidates=64)
+    screened, retested = answers.batches
+    assert {(r.sign, r.std_dev) for r in screened} == {(0, 0.0)}
+    assert {(r.sign, r.std_dev) for r in retested} == {(1, small_hp.nes.std_dev)}
+    assert len({r.perturbation_seed for r in retested}) == len(retested)
+
+
 class TestCrossing:
     def test_networks_of_parents_are_recombined(
         self, cartpole: Task, small_hp: Hyperparameters

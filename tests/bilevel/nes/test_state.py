@@ -32,7 +32,11 @@ def nes(cartpole: Task, small_hp: Hyperparameters) -> NES:
 def saved(tmp_path_factory: pytest.TempPathFactory) -> bytes:
     """A checkpoint after one generation."""
     hp = load_preset("tuned", "CartPole-v0", "antithetic")
-    hp = replace(hp, nes=replace(hp.nes, population_size=2), se=replace(hp.se, hidden_size=4))
+    hp = replace(
+        hp,
+        nes=replace(hp.nes, population_size=2, start_candidates=1),
+        se=replace(hp.se, hidden_size=4),
+    )
     nes = NES(get_task("CartPole-v0"), hp, 0)
     state = nes.start()
     path = tmp_path_factory.mktemp("saved") / "state"
