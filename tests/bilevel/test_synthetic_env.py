@@ -79,11 +79,11 @@ def test_initial_rewards_are_scaled_and_perturbed_alike(cartpole: Task, layers: 
         Architecture.of(cartpole, hp) for hp in (usual, replace(usual, reward_scale=0.25))
     )
     last = 8 + 1  # weights and bias of the only output
-    for make in (
-        lambda shape: shape.initialize(np.random.default_rng(3)),
-        lambda shape: shape.perturbation(3, 0.1),
+    for values, values_of_small in (
+        (shape.initialize(np.random.default_rng(3)) for shape in (one, small)),
+        (shape.perturbation(3, 0.1) for shape in (one, small)),
     ):
-        (next_state, reward, done), scaled = (shape.split(make(shape)) for shape in (one, small))
+        (next_state, reward, done), scaled = one.split(values), small.split(values_of_small)
         np.testing.assert_array_equal(scaled[0], next_state)
         np.testing.assert_array_equal(scaled[1][:-last], reward[:-last])
         np.testing.assert_array_equal(scaled[1][-last:], 0.25 * reward[-last:])
