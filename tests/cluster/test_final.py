@@ -1,0 +1,81 @@
+"""Which SE is handed over, by scores given by hand."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import cast
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from bilevel.evaluation import EvaluationRequest, EvaluationResult
+from bilevel.hyperparameters import Hyperparameters
+from bilevel.synthetic_env import Architecture, StoredSE
+from bilevel.tasks import Task
+from cluster.final import Contender, choose_best, score_anew
+from cluster.pool import EvaluationPool
+
+
+class ByHand:
+    """Stands for a pool: score and train steps of the SE whose parameters are all k."""
+
+    def __init__(self, *outcomes: tuple[float, int]) -> None:
+        self.outcomes, self.seeds = outcomes, list[int]()
+
+    def run(
+        self,
+        task: Task,
+        architecture: Architecture,
+        psi: NDArray[np.float32],
+        requests: Sequence[EvaluationRequest],
+    ) -> list[EvaluationResult]:
+        self.seeds += [request.seed for request in requests]
+        score, steps = self.outcomes[int(psi[0])]
+        return [
+            EvaluationResult((score,), steps, 10, np.isfinite(score), request.index, 0.01)
+            for request in reversed(requests)
+        ]
+
+
+def contenders(task: Task, hp: Hyperparameters, count: int, price: float) -> list[Contender]:
+    shape = Architecture.of(task, hp.se)
+    hp = replace(hp, nes=replace(hp.nes, step_price=price))
+    psis = [np.full(shape.parameter_count, k, np.float32) for k in range(count)]
+    return [
+        Contender(StoredSE(shape, psi, task.id, task.step_limit, task.solved_reward), hp)
+        for psi in psis
+    ]
+
+
+@pytest.mark.parametrize(
+    ("outcomes", "price", "expected"),
+    [
+        (((90.0, 1000), (100.0, 9000)), 0.0, 1),
+        (((90.0, 1000), (100.0, 9000)), 0.02, 0),  # 88.2 and 82.0
+        (((100.0, 9000), (100.0, 1000)), 0.0, 1),
+        (((np.nan, 10), (20.0, 1000)), 0.0, 1),
+    ],
+)
+def test_the_fittest_is_chosen(
+    cartpole: Task,
+    small_hp: Hyperparameters,
+    outcomes: tuple[tuple[float, int], ...],
+    price: float,
+    expected: int,
+) -> None:
+    entered = contenders(cartpole, small_hp, 2, price)
+    pool = cast(EvaluationPool, ByHand(*outcomes))
+    assert choose_best(cartpole, entered, (1,), pool) is entered[expected]
+
+
+def test_the_final_score_has_seeds_of_its_own(cartpole: Task, small_hp: Hyperparameters) -> None:
+    by_hand = ByHand((50.0, 1000), (60.0, 2000))
+    pool = cast(EvaluationPool, by_hand)
+    best = choose_best(cartpole, contenders(cartpole, small_hp, 2, 0.0), (1,), pool)
+    chosen_by = set(by_hand.seeds)
+    by_hand.seeds.clear()
+    score = score_anew(cartpole, best, 5, (1,), pool)
+    assert (score.scores == 60.0).all()
+    assert (score.train_steps == 2000).all()
+    assert len(by_hand.seeds) == 5
+    assert not chosen_by & set(by_hand.seeds)
