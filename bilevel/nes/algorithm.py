@@ -35,7 +35,10 @@ from bilevel.tasks import Task
 AgentSampler = Callable[[tuple[AgentHyperparameters, ...], str, int], AgentHyperparameters]
 
 # What a derived seed is for; part of the seed, so never renumber.
-_START, _PERTURBATION, _AGENT, _EVALUATION = range(4)
+_PERTURBATION, _AGENT, _EVALUATION = range(1, 4)
+
+#: Stands where a seed has its generation, for the search of the start.
+_START = 2**32
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ them got right may go together.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,26 +44,15 @@ _DRAWS = 20
 _INITIAL, _SCREENING, _RETEST, _CROSSING, _EPS = range(5)
 
 
-class Seed(Protocol):
-    """A seed for what it is for, and which."""
-
-    def __call__(self, *path: int) -> int: ...
-
-
-class Agent(Protocol):
-    """The agent of that name in the run."""
-
-    def __call__(self, *path: int) -> AgentHyperparameters: ...
-
-
 @dataclass(frozen=True)
 class StartSearch:
-    """The search for a run's start; `seed` and `agent` are the run's."""
+    """The search for a run's start; `seed` and `agent` derive the run's from what each is
+    for, and which of them it is."""
 
     task: Task
     hp: NESHyperparameters
-    seed: Seed
-    agent: Agent
+    seed: Callable[..., int]
+    agent: Callable[..., AgentHyperparameters]
 
     def best(self, evaluate: Evaluations | None) -> Candidate:
         """The start; a single candidate is tried by nobody."""

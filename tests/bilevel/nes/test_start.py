@@ -119,6 +119,23 @@ def test_retests_are_of_neighbours(cartpole: Task, small_hp: Hyperparameters) ->
     assert len({r.perturbation_seed for r in retested}) == len(retested)
 
 
+def test_the_start_shares_no_seed_with_the_generations(
+    cartpole: Task, small_hp: Hyperparameters
+) -> None:
+    answers = Answers(luck)
+    hp = replace(small_hp.nes, start_candidates=64, start_crossings=1, population_size=32)
+    nes = NES(cartpole, replace(small_hp, nes=hp), 0)
+    state = nes.start(answers)
+    of_start = {
+        seed
+        for batch in answers.batches
+        for r in batch
+        for seed in (r.seed, r.perturbation_seed, *r.start_seeds)
+    }
+    of_generation = {s for r in nes.ask(state) for s in (r.seed, r.perturbation_seed)}
+    assert not of_start & of_generation
+
+
 class TestCrossing:
     def test_networks_of_parents_are_recombined(
         self, cartpole: Task, small_hp: Hyperparameters
