@@ -3,8 +3,8 @@
     candidates <- start_candidates random SEs
     repeat 1 + start_crossings times:
         try every candidate once and shortly, each with an agent of its own
-        parents <- the best of them, tried RETESTS more times, perturbed, by the same
-                   agents for all
+        parents <- the best of them, tried RETESTS more times by the same agents for all,
+                   half of these times perturbed
         candidates <- new SEs, each of the next-state network of one parent, the reward
                       network of another and the done network of a third; the fitter a
                       parent of any round is, the more often its networks are taken
@@ -115,8 +115,8 @@ class StartSearch:
         """More of each: agents differ so much from seed to seed that one evaluation mostly
         finds the luckiest.
 
-        Perturbed as NES will perturb it: an SE whose neighbours teach nothing tells NES
-        nothing about where to go.
+        Every second one is perturbed as NES will perturb it: of an SE whose neighbours teach
+        nothing, NES does not see where to go.
         """
         agents = [self.agent(_RETEST, number, i) for i in range(RETESTS)]
         pairs = [(candidate, agent) for candidate in candidates for agent in agents]
@@ -125,7 +125,7 @@ class StartSearch:
                 i,
                 self.seed(_RETEST, number, i),
                 agent,
-                sign=1,
+                sign=i % 2,
                 perturbation_seed=self.seed(_RETEST, number, i, _EPS),
                 std_dev=self.hp.std_dev,
                 start_seeds=candidate,
