@@ -36,7 +36,7 @@ def record(nes: NES, generations: int, workers: Processes, home: Path) -> dict[s
         return batches[-1]
 
     state = nes.start(evaluate)
-    screened, retested = batches
+    *screened, retested = batches
     state.save(generation_path(home, task.id, nes.seed, 0))
     requests = nes.ask(state)
     rows: list[dict[str, Any]] = []
@@ -57,7 +57,7 @@ def record(nes: NES, generations: int, workers: Processes, home: Path) -> dict[s
         )
         print(f"generation {number}: score {score:.1f}", flush=True)
     return {
-        "screening": columns(task, screened),
+        "screening": columns(task, [result for batch in screened for result in batch]),
         "retests": columns(task, retested),
         "generations": rows,
     }

@@ -39,10 +39,22 @@ VARIATIONS = ("no", "small", "all")
 
 
 class StartRound(NamedTuple):
-    """How many candidates a round of the search for a start tries, and how many again."""
+    """How many candidates a round of the search for a start tries, how many of them once
+    again, and how many of these RETESTS times more."""
 
     screened: int
+    again: int
     retested: int
+
+    @classmethod
+    def of(cls, screened: int, retested: int) -> Self:
+        """Tried again are four times those that are left in the end."""
+        return cls(screened, min(4 * retested, screened), retested)
+
+    @property
+    def evaluations(self) -> int:
+        """In all."""
+        return self.screened + self.again + self.retested * RETESTS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,13 +96,13 @@ class NESHyperparameters(Validated):
         n = self.start_candidates
         if n == 1:
             return []
-        crossing = StartRound(math.ceil(n / 8), math.ceil(n / 64))
-        return [StartRound(n, math.ceil(n / 32))] + [crossing] * self.start_crossings
+        crossing = StartRound.of(math.ceil(n / 8), math.ceil(n / 64))
+        return [StartRound.of(n, math.ceil(n / 32))] + [crossing] * self.start_crossings
 
     @property
     def start_evaluations(self) -> int:
         """Evaluations that choose the start, at most."""
-        return sum(size.screened + size.retested * RETESTS for size in self.start_rounds)
+        return sum(size.evaluations for size in self.start_rounds)
 
     @property
     def evaluations(self) -> int:

@@ -2,8 +2,9 @@
 
     candidates <- start_candidates random SEs
     repeat 1 + start_crossings times:
-        try every candidate once and shortly, each with an agent of its own
-        parents <- the best of them, tried RETESTS more times by the same agents for all,
+        try every candidate once and shortly, each with an agent of its own, and the best
+            of them once more
+        parents <- the best by both, tried RETESTS more times by the same agents for all,
                    half of these times perturbed
         candidates <- new SEs, each of the next-state network of one parent, the reward
                       network of another and the done network of a third; the fitter a
@@ -67,12 +68,15 @@ class StartSearch:
             else:
                 candidates = self._crossed(parents, tried, number, size)
             tried.update(candidates)
-            fitness = self._fitness(evaluate(self._screening(candidates, number)))
-            order = np.argsort(-fitness, kind="stable")[: size.retested]
-            chosen = [candidates[i] for i in order]
-            fitness = self._fitness(evaluate(self._retests(chosen, number)))
+            once = self._fitness(evaluate(self._screening(candidates, number, 0)))
+            best = np.argsort(-once, kind="stable")[: size.again]
+            candidates = [candidates[i] for i in best]
+            twice = self._fitness(evaluate(self._screening(candidates, number, 1)))
+            best = np.argsort(-once[best] - twice, kind="stable")[: size.retested]
+            candidates = [candidates[i] for i in best]
+            fitness = self._fitness(evaluate(self._retests(candidates, number)))
             means = fitness.reshape(-1, RETESTS).mean(axis=1)
-            parents.update(zip(chosen, means.tolist(), strict=True))
+            parents.update(zip(candidates, means.tolist(), strict=True))
         return max(parents, key=parents.__getitem__)
 
     def _random(self, number: int) -> Candidate:
@@ -95,7 +99,9 @@ class StartSearch:
                 break
         return list(crossed)
 
-    def _screening(self, candidates: Sequence[Candidate], number: int) -> list[EvaluationRequest]:
+    def _screening(
+        self, candidates: Sequence[Candidate], number: int, repeat: int
+    ) -> list[EvaluationRequest]:
         """One evaluation of each.
 
         Where agents vary, each has its own: were there one for all, and that one slow to
@@ -104,16 +110,16 @@ class StartSearch:
         """
         requests = []
         for i, candidate in enumerate(candidates):
-            agent = self.agent(_SCREENING, number, i)
+            agent = self.agent(_SCREENING, number, repeat, i)
             least = agent.init_episodes + 3 * agent.early_out_episodes
             agent = replace(agent, max_episodes=min(least, agent.max_episodes))
-            seed = self.seed(_SCREENING, number, i)
+            seed = self.seed(_SCREENING, number, repeat, i)
             requests.append(EvaluationRequest(i, seed, agent, start_seeds=candidate))
         return requests
 
     def _retests(self, candidates: Sequence[Candidate], number: int) -> list[EvaluationRequest]:
         """More of each: agents differ so much from seed to seed that one evaluation mostly
-        finds the luckiest.
+        finds the luckiest, some of them on SEs whose episodes end before anything is learned.
 
         Every second one is perturbed as NES will perturb it: of an SE whose neighbours teach
         nothing, NES does not see where to go.

@@ -36,7 +36,7 @@ def test_a_run_is_recorded_as_it_would_go_unrecorded(recorded: NES, tmp_path: Pa
         assert row["train_steps"] == [result.train_steps for result in results]
         assert row["score"] == round(state.records[-1].score_mean, 1)
     assert (NESState.load(path).psi == state.psi).all()
-    assert [len(rows["screening"]["seconds"]), len(rows["retests"]["seconds"])] == [4, 8]
+    assert [len(rows["screening"]["seconds"]), len(rows["retests"]["seconds"])] == [8, 8]
 
 
 @pytest.mark.usefixtures("local_ray")

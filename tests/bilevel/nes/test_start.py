@@ -66,7 +66,7 @@ def test_evaluations_are_as_many_as_announced(
     assert len(requests) <= hp.start_evaluations
     if candidates > 2:  # of two initialisations there are few crossings
         assert len(requests) == hp.start_evaluations
-    assert len(answers.batches) == 2 * (1 + crossings)
+    assert len(answers.batches) == 3 * (1 + crossings)
     assert len({request.seed for request in requests}) == len(requests)
 
 
@@ -76,13 +76,15 @@ def test_retests_decide(cartpole: Task, small_hp: Hyperparameters) -> None:
 
     def score(request: EvaluationRequest) -> float:
         first = answers.batches[0]
-        if len(answers.batches) == 1:
-            return {lucky: 90.0, good: 80.0}.get(request.index, 9.0)
+        if len(answers.batches) < 3:
+            return {first[lucky].start_seeds: 90.0, first[good].start_seeds: 80.0}.get(
+                request.start_seeds, 9.0
+            )
         return 20.0 if request.start_seeds == first[lucky].start_seeds else 70.0
 
     answers = Answers(score)
     psi = search(cartpole, small_hp, answers, start_candidates=64)
-    screened, retested = answers.batches
+    screened, _, retested = answers.batches
     assert {r.start_seeds for r in retested} == {screened[i].start_seeds for i in (lucky, good)}
     expected = NES(cartpole, small_hp, 0).architecture.assembled(screened[good].start_seeds)
     np.testing.assert_array_equal(psi, expected)
@@ -92,7 +94,7 @@ def test_the_start_is_the_fittest(cartpole: Task, small_hp: Hyperparameters) -> 
     slow = {3: 20_000.0, 8: 1000.0, 9: 2000.0}
     answers = Answers(lambda r: 50.0, lambda r: slow.get(r.index, 9000.0))
     search(cartpole, small_hp, answers, start_candidates=64, step_price=0.1)
-    screened, retested = answers.batches
+    screened, _, retested = answers.batches
     assert {r.start_seeds for r in retested} == {screened[i].start_seeds for i in (8, 9)}
 
 
@@ -103,7 +105,7 @@ def test_screening_is_short_and_retests_are_fair(
     hp = replace(small_hp, agents=(agent,), vary_agent="all")
     answers = Answers(luck)
     search(cartpole, hp, answers, start_candidates=40, max_episodes=200)
-    screened, retested = answers.batches
+    screened, _, retested = answers.batches
     assert {r.agent.max_episodes for r in screened} == {34}
     assert len({vars(r.agent)["learning_rate"] for r in screened}) == 40
     assert {r.agent.max_episodes for r in retested} == {200}
@@ -113,7 +115,7 @@ def test_screening_is_short_and_retests_are_fair(
 def test_every_second_retest_is_of_a_neighbour(cartpole: Task, small_hp: Hyperparameters) -> None:
     answers = Answers(luck)
     search(cartpole, small_hp, answers, start_candidates=64)
-    screened, retested = answers.batches
+    screened, _, retested = answers.batches
     assert {(r.sign, r.std_dev) for r in screened} == {(0, 0.0)}
     assert [r.sign for r in retested] == [0, 1] * 8
     assert {r.std_dev for r in retested} == {small_hp.nes.std_dev}
@@ -143,7 +145,7 @@ class TestCrossing:
     ) -> None:
         answers = Answers(luck)
         search(cartpole, small_hp, answers, start_candidates=128, start_crossings=1)
-        first, parents, crossed, _ = answers.batches
+        first, _, parents, crossed, *_ = answers.batches
         known = {request.start_seeds[0] for request in parents}
         assert len(known) == 4
         assert all(len(set(request.start_seeds)) == 1 for request in first)
@@ -153,7 +155,7 @@ class TestCrossing:
     def test_nothing_is_screened_twice(self, cartpole: Task, small_hp: Hyperparameters) -> None:
         answers = Answers(luck)
         search(cartpole, small_hp, answers, start_candidates=96, start_crossings=3)
-        screened = [r.start_seeds for batch in answers.batches[::2] for r in batch]
+        screened = [r.start_seeds for batch in answers.batches[::3] for r in batch]
         assert len(set(screened)) == len(screened)
 
     def test_it_finds_what_random_search_does_not(
