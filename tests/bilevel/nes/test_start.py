@@ -90,9 +90,31 @@ def test_retests_decide(cartpole: Task, small_hp: Hyperparameters) -> None:
     np.testing.assert_array_equal(psi, expected)
 
 
+def test_who_was_lucky_once_is_not_retested(cartpole: Task, small_hp: Hyperparameters) -> None:
+    """8 of 64 candidates are screened again, and the mean of both counts."""
+
+    def score(request: EvaluationRequest) -> float:
+        place = [r.start_seeds for r in answers.batches[0]].index(request.start_seeds)
+        if len(answers.batches) == 1:
+            return 100.0 if place < 6 else 70.0 if place < 8 else 9.0
+        return 70.0 if place in (6, 7) else 9.0
+
+    answers = Answers(score)
+    search(cartpole, small_hp, answers, start_candidates=64)
+    screened, again, retested = answers.batches
+    assert {r.start_seeds for r in again} == {r.start_seeds for r in screened[:8]}
+    assert {r.start_seeds for r in retested} == {r.start_seeds for r in screened[6:8]}
+    assert len({r.seed for r in screened + again}) == 64 + 8
+
+
 def test_the_start_is_the_fittest(cartpole: Task, small_hp: Hyperparameters) -> None:
     slow = {3: 20_000.0, 8: 1000.0, 9: 2000.0}
-    answers = Answers(lambda r: 50.0, lambda r: slow.get(r.index, 9000.0))
+
+    def steps(request: EvaluationRequest) -> float:
+        first = [r.start_seeds for r in answers.batches[0]]
+        return slow.get(first.index(request.start_seeds), 9000.0)
+
+    answers = Answers(lambda r: 50.0, steps)
     search(cartpole, small_hp, answers, start_candidates=64, step_price=0.1)
     screened, _, retested = answers.batches
     assert {r.start_seeds for r in retested} == {screened[i].start_seeds for i in (8, 9)}
