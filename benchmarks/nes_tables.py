@@ -98,6 +98,27 @@ def transfer() -> str:
     return table(head, rows)
 
 
+def starts() -> str:
+    """What the search for a start finds, with and without crossings."""
+    head = ["task", "search", "evaluations", "score of the start, seed by seed", "mean"]
+    rows: list[list[str]] = []
+    where: list[str] = []
+    for task in TASKS:
+        try:
+            result = read_result(f"starts_{task}")
+        except NotMeasured:
+            continue
+        for name, found in result["starts"].items():
+            scores = [one["score_mean"] for one in found]
+            evaluations = statistics.median(one["evaluations"] for one in found)
+            cells = [task, name, f"{evaluations:.0f}", ", ".join(f"{s:.0f}" for s in scores)]
+            rows.append([*cells, f"{statistics.mean(scores):.0f}"])
+        where.append(f"{_machine(result)}; `{result['command']}`")
+    if not rows:
+        raise NotMeasured("starts")
+    return table(head, rows) + f"\n\n({', '.join(where)})"
+
+
 def _machine(result: dict[str, Any]) -> str:
     return f"{result['machine']['cores']} cores of {result['machine']['processor']}"
 
@@ -116,5 +137,6 @@ def defaults() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     **{f"nes-{task}": partial(seeds, task) for task in TASKS},
+    "nes-starts": starts,
     "nes-transfer": transfer,
 }

@@ -1,0 +1,12 @@
+import pytest
+
+from benchmarks.nes_starts import searches
+from benchmarks.nes_tables import TASKS
+from bilevel.hyperparameters import load_preset
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_neither_search_gets_much_more_evaluations(task: str) -> None:
+    crossing, alone = searches(load_preset("tuned", task).nes).values()
+    assert crossing.start_crossings
+    assert 1.0 <= alone.start_evaluations / crossing.start_evaluations < 1.1
