@@ -40,10 +40,10 @@ def test_a_run_is_recorded_as_it_would_go_unrecorded(recorded: NES, tmp_path: Pa
 
 
 @pytest.mark.usefixtures("local_ray")
-def test_the_pool_is_measured(recorded: NES, tmp_path: Path) -> None:
+def test_the_pool_is_measured(recorded: NES, small_hp: Hyperparameters, tmp_path: Path) -> None:
     path = generation_path(tmp_path, "CartPole-v0", 1, 0)
     path.parent.mkdir()
-    recorded.start().save(path)
+    replace(recorded, hp=small_hp).start().save(path)
     with EvaluationPool(1) as pool:
         costs = overhead(pool)
         (row,) = replayed(pool, recorded, tmp_path, [0])
