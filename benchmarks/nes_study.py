@@ -45,7 +45,7 @@ VARIANTS: dict[str, list[str]] = {
     "no momentum": ["--set", "nes.momentum=0", "--set", "nes.step_size=0.2"],
     "no crossing": ["--set", "nes.start_crossings=0"],
     "no choice of start": ["--start-candidates", "1"],
-    "usual rewards": ["--set", "se.reward_scale=1"],
+    "small rewards": ["--set", "se.reward_scale=0.0625"],
     "paper": ["--preset", "tuned", "--update", "paper"],
     "authors, nes-unnormalized": [
         *["--preset", "tuned", "--update", "authors"],
