@@ -1,4 +1,4 @@
-"""The start of NES: random search alone, and with crossings, at about as many evaluations.
+"""The start of NES: random search alone, and with crossover, at about as many evaluations.
 
     python -m benchmarks.nes_starts CartPole-v0 --seeds 3
 
@@ -27,8 +27,8 @@ AGENTS = 32
 def searches(hp: NESHyperparameters) -> dict[str, NESHyperparameters]:
     """The defaults, and random search alone with twice the candidates, which takes as many
     evaluations and a few more."""
-    alone = replace(hp, start_candidates=2 * hp.start_candidates, start_crossings=0)
-    return {"with crossings": hp, "random search alone": alone}
+    alone = replace(hp, start_candidates=2 * hp.start_candidates, start_crossovers=0)
+    return {"with crossover": hp, "random search alone": alone}
 
 
 def measured(nes: NES, workers: Processes) -> dict[str, Any]:

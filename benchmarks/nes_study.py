@@ -43,7 +43,7 @@ VARIANTS: dict[str, list[str]] = {
     "no fallback": ["--set", "nes.fallback=0"],
     "no adaptation": ["--set", "nes.retention=0"],
     "no momentum": ["--set", "nes.momentum=0", "--set", "nes.step_size=0.2"],
-    "no crossing": ["--set", "nes.start_crossings=0"],
+    "no crossover": ["--set", "nes.start_crossovers=0"],
     "no choice of start": ["--start-candidates", "1"],
     "small rewards": ["--set", "se.reward_scale=0.0625"],
     "paper": ["--preset", "tuned", "--update", "paper"],

@@ -99,7 +99,7 @@ def transfer() -> str:
 
 
 def starts() -> str:
-    """What the search for a start finds, with and without crossings."""
+    """What the search for a start finds, with and without crossover."""
     head = ["task", "search", "evaluations", "score of the start, seed by seed", "mean"]
     rows: list[list[str]] = []
     where: list[str] = []

@@ -26,7 +26,14 @@ from bilevel.evaluation import EvaluationRequest, evaluate
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_preset
 from bilevel.kernels import training
 from bilevel.kernels.environment import environment
-from bilevel.synthetic_env import Architecture, StoredSE, kernel_form, load_se, save_se
+from bilevel.synthetic_env import (
+    Architecture,
+    StoredSE,
+    kernel_form,
+    load_se,
+    same_for_all,
+    save_se,
+)
 from bilevel.tasks import get_task
 
 REPEATS = 3
@@ -107,7 +114,10 @@ class _Actor:
         shape = Architecture.of(task, hp.se)
         for seed in range(seeds):
             evaluate(
-                task, shape, None, EvaluationRequest(0, seed, hp.agents[0], start_seeds=(seed,) * 3)
+                task,
+                shape,
+                None,
+                EvaluationRequest(0, seed, hp.agents[0], start_seeds=same_for_all(seed)),
             )
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 

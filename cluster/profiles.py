@@ -23,7 +23,6 @@ class Profile:
     largest_budget: int  # generations of the highest rung
     max_episodes: int  # an agent trains on an SE
     start_candidates: int
-    start_crossings: int
     brackets: int
     time_budget: float | None
     final_agents: int  # trained on the best SE at the end, with fresh seeds
@@ -31,11 +30,11 @@ class Profile:
 
 PROFILES = {
     # All three layers, small: to see that it works.
-    "smoke": Profile("core", 2, 1, 3, 15, 1, 0, 2, None, 4),
+    "smoke": Profile("core", 2, 1, 3, 15, 1, 2, None, 4),
     # A good configuration on a laptop, in half an hour.
-    "local": Profile("core", 8, 1, 9, 1000, 16, 0, 60, 30 * 60.0, 10),
+    "local": Profile("core", 8, 1, 9, 1000, 16, 60, 30 * 60.0, 10),
     # The paper's scale (Table "Fixed hyperparameters").
-    "paper": Profile("full", 16, 7, 200, 1000, 1, 0, 12, None, 10),
+    "paper": Profile("full", 16, 7, 200, 1000, 1, 12, None, 10),
 }
 
 
@@ -58,7 +57,7 @@ def base_hyperparameters(
             population_size=profile.population,
             generations=profile.largest_budget,
             start_candidates=profile.start_candidates,
-            start_crossings=profile.start_crossings,
+            start_crossovers=0,  # a search tries many starts as it is
         ),
         agents=tuple(replace(hp, max_episodes=profile.max_episodes) for hp in base.agents),
     )

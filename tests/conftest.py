@@ -53,7 +53,7 @@ def small_hp(small_agent: DDQNHyperparameters) -> Hyperparameters:
             population_size=3,
             generations=2,
             start_candidates=1,
-            start_crossings=0,
+            start_crossovers=0,
             momentum=0.0,
             retention=0.0,
             fallback=0.0,

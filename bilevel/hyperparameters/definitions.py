@@ -17,7 +17,7 @@ from bilevel.hyperparameters.agents import (
 )
 from bilevel.hyperparameters.validation import Validated, choice, ranged
 
-#: Further evaluations of a start candidate that did well.
+#: Evaluations of a candidate for the start that is retested.
 RETESTS = 8
 
 #: The update rules and score transforms by name; `bilevel.nes` implements them.
@@ -39,22 +39,22 @@ VARIATIONS = ("no", "small", "all")
 
 
 class StartRound(NamedTuple):
-    """How many candidates a round of the search for a start tries, how many of them once
-    again, and how many of these RETESTS times more."""
+    """How many candidates a round of the search for a start screens, how many of them twice,
+    and how many of these it retests."""
 
     screened: int
-    again: int
+    rescreened: int
     retested: int
 
     @classmethod
     def of(cls, screened: int, retested: int) -> Self:
-        """Tried again are four times those that are left in the end."""
+        """Screened twice are four times those that are retested."""
         return cls(screened, min(4 * retested, screened), retested)
 
     @property
     def evaluations(self) -> int:
         """In all."""
-        return self.screened + self.again + self.retested * RETESTS
+        return self.screened + self.rescreened + self.retested * RETESTS
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,7 +69,7 @@ class NESHyperparameters(Validated):
     population_size: int = ranged(1, 65536, 16)  # n_p, members a generation
     generations: int = ranged(1, 1_000_000, 200)  # n_o, outer loops at most
     start_candidates: int = ranged(1, 65536, 1)  # initialisations the start is chosen from
-    start_crossings: int = ranged(0, 1000, 0)  # rounds in which their networks are recombined
+    start_crossovers: int = ranged(0, 1000, 0)  # rounds in which their networks are recombined
     # Share of psi's score (above the task's worst) that its perturbations shall keep: sigma
     # and alpha are adapted to it every generation. 0: they stay.
     retention: float = ranged(0.0, 1.0, 0.0)
@@ -92,12 +92,12 @@ class NESHyperparameters(Validated):
 
     @property
     def start_rounds(self) -> list[StartRound]:
-        """The rounds that choose the start, the crossings after the first."""
+        """The rounds that choose the start: random search, then crossovers."""
         n = self.start_candidates
         if n == 1:
             return []
-        crossing = StartRound.of(math.ceil(n / 8), math.ceil(n / 64))
-        return [StartRound.of(n, math.ceil(n / 32))] + [crossing] * self.start_crossings
+        crossover = StartRound.of(math.ceil(n / 8), math.ceil(n / 64))
+        return [StartRound.of(n, math.ceil(n / 32))] + [crossover] * self.start_crossovers
 
     @property
     def start_evaluations(self) -> int:
@@ -117,8 +117,7 @@ class SEHyperparameters(Validated):
     hidden_layers: int = ranged(1, 2)
     hidden_size: int = ranged(1, 4096)
     activation: str = choice(ACTIVATIONS)
-    # Of the initial rewards: how much smaller the reward network's last layer is than usual,
-    # in what it starts with and in its perturbations.
+    # Factor of the reward network's last layer, in what it starts with and in perturbations.
     reward_scale: float = ranged(1e-6, 1e6, 1.0)
 
 

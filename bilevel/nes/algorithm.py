@@ -1,6 +1,6 @@
 """Natural evolution strategies over synthetic environments (paper, Algorithm 1).
 
-    psi  <- the best of many random initialisations             # bilevel.nes.start
+    psi  <- the best of many random SEs and their crossovers   # bilevel.nes.start
     s, v <- 1, 0                                         # scale, velocity
     repeat n_o times:                                    # generations
         for each member i = 1 .. n_p:                    # ask: requests, in any order

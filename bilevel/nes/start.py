@@ -1,7 +1,7 @@
-"""The choice of psi that NES starts from: random search, then recombination.
+"""The choice of psi that NES starts from: random search, then crossover.
 
     candidates <- start_candidates random SEs
-    repeat 1 + start_crossings times:
+    repeat 1 + start_crossovers times:
         try every candidate once and shortly, each with an agent of its own, and the best
             of them once more
         parents <- the best by both, tried RETESTS more times by the same agents for all,
@@ -25,10 +25,10 @@ from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import AgentHyperparameters, NESHyperparameters
 from bilevel.hyperparameters.definitions import RETESTS, StartRound
 from bilevel.nes.generation import judged
-from bilevel.synthetic_env.architecture import NETWORKS
+from bilevel.synthetic_env.architecture import NETWORKS, same_for_all
 from bilevel.tasks import Task
 
-#: An SE not yet tried: what each of its networks is initialised from.
+#: An SE that may become the start: what each of its networks is initialised from.
 Candidate = tuple[int, ...]
 
 #: Answers requests, in any order.
@@ -42,7 +42,7 @@ _SELECTION = 2
 _DRAWS = 20
 
 # What a derived seed is for; part of the seed, so never renumber.
-_INITIAL, _SCREENING, _RETEST, _CROSSING, _EPS = range(5)
+_INITIAL, _SCREENING, _RETEST, _CROSSOVER, _EPS = range(5)
 
 
 @dataclass(frozen=True)
@@ -69,7 +69,7 @@ class StartSearch:
                 candidates = self._crossed(parents, tried, number, size)
             tried.update(candidates)
             once = self._fitness(evaluate(self._screening(candidates, number, 0)))
-            best = np.argsort(-once, kind="stable")[: size.again]
+            best = np.argsort(-once, kind="stable")[: size.rescreened]
             candidates = [candidates[i] for i in best]
             twice = self._fitness(evaluate(self._screening(candidates, number, 1)))
             best = np.argsort(-once[best] - twice, kind="stable")[: size.retested]
@@ -80,7 +80,7 @@ class StartSearch:
         return max(parents, key=parents.__getitem__)
 
     def _random(self, number: int) -> Candidate:
-        return (self.seed(_INITIAL, number),) * len(NETWORKS)
+        return same_for_all(self.seed(_INITIAL, number))
 
     def _crossed(
         self, parents: dict[Candidate, float], tried: set[Candidate], number: int, size: StartRound
@@ -88,7 +88,7 @@ class StartSearch:
         """Candidates that were not tried yet, as far as there are any."""
         above = np.maximum(np.array(list(parents.values())) - self.task.worst_score, 1e-9)
         weights = above**_SELECTION / (above**_SELECTION).sum()
-        rng = np.random.default_rng(self.seed(_CROSSING, number))
+        rng = np.random.default_rng(self.seed(_CROSSOVER, number))
         seeds, crossed = np.array(list(parents), np.uint64), dict[Candidate, None]()
         for _ in range(_DRAWS * size.screened):
             drawn = rng.choice(len(parents), len(NETWORKS), p=weights)

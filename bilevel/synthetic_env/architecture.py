@@ -25,6 +25,12 @@ from bilevel.tasks import Task
 #: The networks of an SE in the order in which psi holds them.
 NETWORKS = ("next_state", "reward", "done")
 
+
+def same_for_all(seed: int) -> tuple[int, ...]:
+    """One seed for every network, as `Architecture.assembled` takes them."""
+    return (seed,) * len(NETWORKS)
+
+
 #: The slope for negative inputs. NES perturbs weights and biases alone, so a
 #: PReLU keeps the slope it starts with.
 _SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": LRELU_SLOPE, "prelu": PRELU_INITIAL_SLOPE}
@@ -34,8 +40,8 @@ _SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": LRELU_SLOPE, "prelu": PRELU_INITIA
 class Architecture:
     """Sizes of an SE's networks.
 
-    The reward network's last layer is `reward_scale` times as large as the others would be,
-    in a fresh psi and in a perturbation; psi itself tells all there is to know of an SE.
+    `reward_scale` multiplies the reward network's last layer in a fresh psi and in
+    perturbations; a given psi it does not change.
     """
 
     state_size: int
@@ -95,11 +101,10 @@ class Architecture:
     def initialize(self, rng: np.random.Generator) -> NDArray[np.float32]:
         """A fresh psi (P,): uniform in +-1/sqrt(fan_in), the reward's last layer scaled."""
         psi = np.concatenate([initial_parameters(net, rng) for net in self.networks])
-        return self._with_small_rewards(psi)
+        return self._scale_rewards(psi)
 
     def assembled(self, seeds: Sequence[int]) -> NDArray[np.float32]:
-        """A psi (P,) of which every network is initialised from a seed of its own: equal
-        seeds make equal networks, whatever the others are."""
+        """A psi (P,) whose k-th network is that of `initialize` from the k-th seed."""
         sources = [self.split(self.initialize(np.random.default_rng(seed))) for seed in seeds]
         return np.concatenate([sources[k][k] for k in range(len(NETWORKS))])
 
@@ -107,9 +112,9 @@ class Architecture:
         """eps ~ N(0, std_dev^2 I), shape (P,), the reward's last layer scaled; the same for
         the same seed everywhere."""
         eps = np.random.default_rng(seed).standard_normal(self.parameter_count, np.float32)
-        return self._with_small_rewards(eps * np.float32(std_dev))
+        return self._scale_rewards(eps * np.float32(std_dev))
 
-    def _with_small_rewards(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
+    def _scale_rewards(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
         """`values` (P,), changed in place."""
         reward = self.networks[1]
         last = self.split(values)[1][int(reward.offsets[-2]) :]

@@ -7,6 +7,6 @@ from bilevel.hyperparameters import load_preset
 
 @pytest.mark.parametrize("task", TASKS)
 def test_neither_search_gets_much_more_evaluations(task: str) -> None:
-    crossing, alone = searches(load_preset("tuned", task).nes).values()
-    assert crossing.start_crossings
-    assert 1.0 <= alone.start_evaluations / crossing.start_evaluations < 1.1
+    crossover, alone = searches(load_preset("tuned", task).nes).values()
+    assert crossover.start_crossovers
+    assert 1.0 <= alone.start_evaluations / crossover.start_evaluations < 1.1

@@ -55,18 +55,18 @@ def test_a_single_candidate_needs_no_evaluation(cartpole: Task, small_hp: Hyperp
     np.testing.assert_array_equal(nes.start().psi, nes.start().psi)
 
 
-@pytest.mark.parametrize(("candidates", "crossings"), [(64, 0), (128, 2), (2, 1)])
+@pytest.mark.parametrize(("candidates", "crossovers"), [(64, 0), (128, 2), (2, 1)])
 def test_evaluations_are_as_many_as_announced(
-    cartpole: Task, small_hp: Hyperparameters, candidates: int, crossings: int
+    cartpole: Task, small_hp: Hyperparameters, candidates: int, crossovers: int
 ) -> None:
     answers = Answers(luck)
-    hp = replace(small_hp.nes, start_candidates=candidates, start_crossings=crossings)
+    hp = replace(small_hp.nes, start_candidates=candidates, start_crossovers=crossovers)
     search(cartpole, replace(small_hp, nes=hp), answers)
     requests = [request for batch in answers.batches for request in batch]
     assert len(requests) <= hp.start_evaluations
-    if candidates > 2:  # of two initialisations there are few crossings
+    if candidates > 2:  # of two initialisations there are few crossovers
         assert len(requests) == hp.start_evaluations
-    assert len(answers.batches) == 3 * (1 + crossings)
+    assert len(answers.batches) == 3 * (1 + crossovers)
     assert len({request.seed for request in requests}) == len(requests)
 
 
@@ -148,7 +148,7 @@ def test_the_start_shares_no_seed_with_the_generations(
     cartpole: Task, small_hp: Hyperparameters
 ) -> None:
     answers = Answers(luck)
-    hp = replace(small_hp.nes, start_candidates=64, start_crossings=1, population_size=32)
+    hp = replace(small_hp.nes, start_candidates=64, start_crossovers=1, population_size=32)
     nes = NES(cartpole, replace(small_hp, nes=hp), 0)
     state = nes.start(answers)
     of_start = {
@@ -161,12 +161,12 @@ def test_the_start_shares_no_seed_with_the_generations(
     assert not of_start & of_generation
 
 
-class TestCrossing:
+class TestCrossover:
     def test_networks_of_parents_are_recombined(
         self, cartpole: Task, small_hp: Hyperparameters
     ) -> None:
         answers = Answers(luck)
-        search(cartpole, small_hp, answers, start_candidates=128, start_crossings=1)
+        search(cartpole, small_hp, answers, start_candidates=128, start_crossovers=1)
         first, _, parents, crossed, *_ = answers.batches
         known = {request.start_seeds[0] for request in parents}
         assert len(known) == 4
@@ -176,7 +176,7 @@ class TestCrossing:
 
     def test_nothing_is_screened_twice(self, cartpole: Task, small_hp: Hyperparameters) -> None:
         answers = Answers(luck)
-        search(cartpole, small_hp, answers, start_candidates=96, start_crossings=3)
+        search(cartpole, small_hp, answers, start_candidates=96, start_crossovers=3)
         screened = [r.start_seeds for batch in answers.batches[::3] for r in batch]
         assert len(set(screened)) == len(screened)
 
@@ -187,9 +187,9 @@ class TestCrossing:
         crossed: list[float] = []
         alone: list[float] = []
         for seed in range(5):
-            for found, candidates, crossings in ((crossed, 128, 4), (alone, 256, 0)):
+            for found, candidates, crossovers in ((crossed, 128, 4), (alone, 256, 0)):
                 answers = Answers(quality)
-                size = {"start_candidates": candidates, "start_crossings": crossings}
+                size = {"start_candidates": candidates, "start_crossovers": crossovers}
                 search(cartpole, small_hp, answers, seed, **size)
                 found.append(max(quality(r) for batch in answers.batches for r in batch))
         assert np.mean(crossed) > 1.3 * np.mean(alone)
