@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.machine import NotMeasured, read_result, write_result
-from bilevel.nes import NESState
+from bilevel.nes import GenerationRecord, NESState
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
 from cluster.final import BEST_FILE
@@ -113,17 +113,13 @@ class Study:
                     "train_steps_mean": round(group["train_steps_mean"]),
                     "agents": round(group["agents"]),
                 }
-        first_record = state.records[0]
-        start = first_record.finished - first_record.generation_seconds - Begun.read(folder).time
-        # Not until the end: a run may have stood still in between.
-        seconds = start + sum(r.generation_seconds for r in state.records)
         first = solved.index(True) if any(solved) else None
         return {
             "seed": seed,
             "generations": state.generation,
             "first_solved_generation": first,
             "solved_since": None if first is None else round(statistics.mean(solved[first:]), 2),
-            "minutes": round(seconds / 60, 2),
+            "minutes": round(seconds(state.records, Begun.read(folder).time) / 60, 2),
             "final_score_mean": round(final["final_score_mean"], 1),
             "final_train_steps_mean": round(final["final_train_steps_mean"]),
             "varied": varied,
@@ -131,6 +127,13 @@ class Study:
             "steps_curve": [round(r.train_steps_mean) for r in state.records],
             "std_dev_curve": [round(r.std_dev, 4) for r in state.records],
         }
+
+
+def seconds(records: Sequence[GenerationRecord], begun: float) -> float:
+    """That a run ran, its start included; it may have stood still between generations."""
+    first = records[0]
+    start = first.finished - first.generation_seconds - begun
+    return start + sum(record.generation_seconds for record in records)
 
 
 def _bilevel(*arguments: str) -> None:

@@ -83,7 +83,7 @@ def stages(run: RecordedRun, overhead: PoolOverhead) -> list[dict[str, Any]]:
     centre = np.concatenate([g.seconds[:MEMBERS] for g in run.late])
     parts: dict[str, list[NDArray[np.float64]]] = {
         "screening": [run.screening.seconds],
-        "retests of the best eighth": [run.retests.seconds],
+        "retests of the best": [run.retests.seconds],
         "generation, psi alone": [g.seconds[:MEMBERS] for g in run.generations],
         "generation without mirrored sampling": [g.seconds[: 2 * MEMBERS] for g in run.generations],
         "generation with mirrored sampling": [g.seconds for g in run.generations],

@@ -9,4 +9,5 @@ from bilevel.hyperparameters import load_preset
 def test_neither_search_gets_much_more_evaluations(task: str) -> None:
     crossover, alone = searches(load_preset("tuned", task).nes).values()
     assert crossover.start_crossovers
+    assert crossover.start_evaluations == 14 * crossover.evaluations  # as docs/nes.md says
     assert 1.0 <= alone.start_evaluations / crossover.start_evaluations < 1.1

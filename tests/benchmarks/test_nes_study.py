@@ -4,9 +4,12 @@ import pytest
 
 from benchmarks.machine import read_result
 from benchmarks.nes_picture import PICTURE, picture, results_digest
-from benchmarks.nes_study import VARIANTS
+from benchmarks.nes_study import VARIANTS, seconds
 from benchmarks.nes_tables import TASKS, variant_row
-from bilevel.hyperparameters import load_preset
+from bilevel.evaluation import EvaluationResult
+from bilevel.hyperparameters import Hyperparameters, load_preset
+from bilevel.nes import NES
+from bilevel.tasks import Task
 
 
 def run(**changes: Any) -> dict[str, Any]:
@@ -35,6 +38,19 @@ def test_failures_are_counted() -> None:
 def test_a_variant_that_never_solved_has_a_row() -> None:
     failed = run(first_solved_generation=None, solved_since=None, final_score_mean=9.0)
     assert variant_row("x", [failed], 195.0)[:4] == ["x", "0 of 1", "-", "0%"]
+
+
+def test_a_run_that_stood_still_took_what_it_ran(cartpole: Task, small_hp: Hyperparameters) -> None:
+    """40 s for the start, 10 s a generation, a day between the second and the third."""
+    nes = NES(cartpole, small_hp, 0)
+    state = nes.start()
+    for finished in (150.0, 160.0, 86_570.0):
+        results = [
+            EvaluationResult((1.0,), 100, 10, True, request.index, 0.01)
+            for request in nes.ask(state)
+        ]
+        state = nes.tell(state, results, 10.0, finished)
+    assert seconds(state.records, begun=100.0) == 40.0 + 3 * 10.0
 
 
 @pytest.mark.parametrize("task", TASKS)

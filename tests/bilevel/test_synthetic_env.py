@@ -142,6 +142,7 @@ class TestFile:
             {"architecture": {"state_size": -1}},
             {"architecture": {"activation": "__import__"}},
             {"architecture": {"hidden_size": 13}},
+            {"architecture": {"reward_scale": 0.0}},
             {"step_limit": "many"},
             {"step_limit": 0},
             {"solved_reward": float("nan")},
@@ -156,6 +157,15 @@ class TestFile:
         safetensors.numpy.save_file(tensors, se_file, {"se": json.dumps(header)})
         with pytest.raises(InvalidInput, match="damaged or not an SE file"):
             load_se(se_file)
+
+    def test_a_file_from_before_reward_scales_is_read(self, se_file: Path) -> None:
+        with safetensors.safe_open(se_file, framework="numpy") as file:
+            header = json.loads(file.metadata()["se"])
+        del header["architecture"]["reward_scale"], header["sha256"]
+        tensors = safetensors.numpy.load_file(se_file)
+        expected = load_se(se_file)
+        safetensors.numpy.save_file(tensors, se_file, {"se": json.dumps(header)})
+        assert load_se(se_file).architecture == expected.architecture
 
     def test_foreign_safetensors(self, tmp_path: Path) -> None:
         path = tmp_path / "foreign.safetensors"

@@ -180,6 +180,23 @@ class TestCrossover:
         screened = [r.start_seeds for batch in answers.batches[::3] for r in batch]
         assert len(set(screened)) == len(screened)
 
+    def test_fit_parents_give_more_of_their_networks(
+        self, cartpole: Task, small_hp: Hyperparameters
+    ) -> None:
+        def score(request: EvaluationRequest) -> float:
+            if len(answers.batches) > 3:  # the crossovers themselves
+                return 0.0
+            place = [r.start_seeds for r in answers.batches[0]].index(request.start_seeds)
+            return {3: 60.0, 5: 20.0}.get(place, 1.0)
+
+        answers = Answers(score)
+        search(cartpole, small_hp, answers, start_candidates=512, start_crossovers=1)
+        first, crossed = answers.batches[0], answers.batches[3]
+        taken = [seed for request in crossed for seed in request.start_seeds]
+        fit, fair, poor = (taken.count(first[i].start_seeds[0]) for i in (3, 5, 0))
+        assert fit > 3 * fair > 0
+        assert poor <= fair
+
     def test_it_finds_what_random_search_does_not(
         self, cartpole: Task, small_hp: Hyperparameters
     ) -> None:
