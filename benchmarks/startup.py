@@ -31,7 +31,6 @@ from bilevel.synthetic_env import (
     StoredSE,
     kernel_form,
     load_se,
-    same_for_all,
     save_se,
 )
 from bilevel.tasks import get_task
@@ -117,7 +116,7 @@ class _Actor:
                 task,
                 shape,
                 None,
-                EvaluationRequest(0, seed, hp.agents[0], start_seeds=same_for_all(seed)),
+                EvaluationRequest(0, seed, hp.agents[0], start_seed=seed),
             )
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 

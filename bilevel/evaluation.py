@@ -35,8 +35,8 @@ class EvaluationRequest:
     """What one evaluation needs besides task, architecture and psi.
 
     The agent trains on the SE psi + sign * eps, eps drawn from `perturbation_seed`;
-    sign 0 is psi itself. `start_seeds`, one for each network, replace psi by fresh
-    initialisations; on the `real` task there is no SE at all.
+    sign 0 is psi itself. `start_seed` replaces psi by a fresh
+    initialisation; on the `real` task there is no SE at all.
     """
 
     index: int  # position in the generation
@@ -45,7 +45,7 @@ class EvaluationRequest:
     sign: int = 0
     perturbation_seed: int = 0
     std_dev: float = 0.0
-    start_seeds: tuple[int, ...] = ()
+    start_seed: int | None = None
     real: bool = False
 
 
@@ -81,7 +81,7 @@ def evaluate(
 ) -> EvaluationResult:
     """TrainAgent, then EvaluateAgent (paper, Algorithm 1).
 
-    `psi` (P,) float32 may be None if the request brings start seeds, or asks for
+    `psi` (P,) float32 may be None if the request brings a start seed, or asks for
     training on the real task.
     """
     started = time.perf_counter()
@@ -98,8 +98,8 @@ def request_psi(
     architecture: Architecture, psi: NDArray[np.float32] | None, request: EvaluationRequest
 ) -> NDArray[np.float32]:
     """The SE parameters (P,) that a request asks for."""
-    if request.start_seeds:
-        psi = architecture.assembled(request.start_seeds)
+    if request.start_seed is not None:
+        psi = architecture.initialize(np.random.default_rng(request.start_seed))
     assert psi is not None
     if request.sign == 0:
         return psi

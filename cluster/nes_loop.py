@@ -96,7 +96,9 @@ class NESRun:
         if state is None:
             nes = self.nes
             state = nes.start(
-                lambda requests: pool.run(self.task, nes.architecture, None, requests, on_result)
+                lambda psi, requests: pool.run(
+                    self.task, nes.architecture, psi, requests, on_result
+                )
             )
             state.save(self.folder / STATE_FILE)
         return state

@@ -57,7 +57,6 @@ def base_hyperparameters(
             population_size=profile.population,
             generations=profile.largest_budget,
             start_candidates=profile.start_candidates,
-            start_crossovers=0,  # a search tries many starts as it is
         ),
         agents=tuple(replace(hp, max_episodes=profile.max_episodes) for hp in base.agents),
     )

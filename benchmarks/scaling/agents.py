@@ -17,7 +17,7 @@ from benchmarks.scaling.nes_runs import generation_path
 from bilevel.evaluation import EvaluationRequest
 from bilevel.hyperparameters import AgentHyperparameters, DDQNHyperparameters, load_preset
 from bilevel.nes import NES, NESState
-from bilevel.synthetic_env import Architecture, same_for_all
+from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task, get_task
 from cluster.profiles import base_hyperparameters, get_profile
 from search_spaces import draw_agent, search_space, to_hyperparameters
@@ -55,10 +55,7 @@ def of_configurations(workers: Processes, task: Task, count: int) -> list[dict[s
     rows = []
     for sample in search_space("full", seed=0).sample_configuration(count) if count > 1 else []:
         hp = to_hyperparameters(base, dict(sample))
-        requests = [
-            EvaluationRequest(i, i, hp.agents[0], start_seeds=same_for_all(i))
-            for i in range(REPEATS)
-        ]
+        requests = [EvaluationRequest(i, i, hp.agents[0], start_seed=i) for i in range(REPEATS)]
         results = workers.run(task, Architecture.of(task, hp.se), None, requests)
         rows.append(
             {

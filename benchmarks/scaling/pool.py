@@ -21,7 +21,7 @@ from benchmarks.scaling.nes_runs import generation_path
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import DDQNHyperparameters, load_preset
 from bilevel.nes import NES, NESState
-from bilevel.synthetic_env import Architecture, same_for_all
+from bilevel.synthetic_env import Architecture
 from bilevel.tasks import get_task
 from cluster.pool import EvaluationPool
 from cluster.ray_cluster import ray_cluster
@@ -38,7 +38,7 @@ def trivial_requests(count: int) -> list[EvaluationRequest]:
     agent = replace(
         tuned, max_episodes=1, test_episodes=1, hidden_size=1, batch_size=1, init_episodes=10
     )
-    return [EvaluationRequest(i, i, agent, start_seeds=same_for_all(i)) for i in range(count)]
+    return [EvaluationRequest(i, i, agent, start_seed=i) for i in range(count)]
 
 
 def overhead(pool: EvaluationPool) -> dict[str, float]:

@@ -38,18 +38,17 @@ SCORE_TRANSFORMS = (
 VARIATIONS = ("no", "small", "all")
 
 
-class StartRound(NamedTuple):
-    """How many candidates a round of the search for a start screens, how many of them twice,
-    and how many of these it retests."""
+#: What NES starts from: random initialisations, as the paper, or SEs fitted to the task.
+STARTS = ("random", "fitted")
+
+
+class StartSearch(NamedTuple):
+    """How many candidates the search for a start screens, how many of them twice, and how
+    many of these it retests."""
 
     screened: int
     rescreened: int
     retested: int
-
-    @classmethod
-    def of(cls, screened: int, retested: int) -> Self:
-        """Screened twice are four times those that are retested."""
-        return cls(screened, min(4 * retested, screened), retested)
 
     @property
     def evaluations(self) -> int:
@@ -68,8 +67,8 @@ class NESHyperparameters(Validated):
     update: str = choice(UPDATES, "paired")
     population_size: int = ranged(1, 65536, 16)  # n_p, members a generation
     generations: int = ranged(1, 1_000_000, 200)  # n_o, outer loops at most
-    start_candidates: int = ranged(1, 65536, 1)  # initialisations the start is chosen from
-    start_crossovers: int = ranged(0, 1000, 0)  # rounds in which their networks are recombined
+    start: str = choice(STARTS, "random")
+    start_candidates: int = ranged(1, 65536, 1)  # of which the start is chosen
     # Share of psi's score (above the task's worst) that its perturbations shall keep: sigma
     # and alpha are adapted to it every generation. 0: they stay.
     retention: float = ranged(0.0, 1.0, 0.0)
@@ -91,18 +90,21 @@ class NESHyperparameters(Validated):
             )
 
     @property
-    def start_rounds(self) -> list[StartRound]:
-        """The rounds that choose the start: random search, then crossovers."""
+    def start_search(self) -> StartSearch:
+        """The search for the start; a single candidate is tried by nobody, of fitted ones,
+        which are few and good, all are retested at once."""
         n = self.start_candidates
         if n == 1:
-            return []
-        crossover = StartRound.of(math.ceil(n / 8), math.ceil(n / 64))
-        return [StartRound.of(n, math.ceil(n / 32))] + [crossover] * self.start_crossovers
+            return StartSearch(0, 0, 0)
+        if self.start == "fitted":
+            return StartSearch(0, 0, n)
+        retested = math.ceil(n / 32)
+        return StartSearch(n, min(4 * retested, n), retested)
 
     @property
     def start_evaluations(self) -> int:
-        """Evaluations that choose the start, at most."""
-        return sum(size.evaluations for size in self.start_rounds)
+        """Evaluations that choose the start."""
+        return self.start_search.evaluations
 
     @property
     def evaluations(self) -> int:

@@ -5,7 +5,7 @@ from dataclasses import replace
 from bilevel.agents import get_agent, registered_agents
 from bilevel.evaluation import EvaluationRequest, evaluate, train_and_test
 from bilevel.hyperparameters import load_preset
-from bilevel.synthetic_env import Architecture, same_for_all
+from bilevel.synthetic_env import Architecture
 from bilevel.tasks import get_task
 
 
@@ -17,7 +17,7 @@ def main() -> None:
             continue
         hp = load_preset("default", task.id, agents=(name,))
         agent = replace(hp.agents[0], max_episodes=2, init_episodes=0, test_episodes=1)
-        request = EvaluationRequest(0, 0, agent, start_seeds=same_for_all(0))
+        request = EvaluationRequest(0, 0, agent, start_seed=0)
         evaluate(task, Architecture.of(task, hp.se), None, request)
         train_and_test(task, None, agent, 0)
 

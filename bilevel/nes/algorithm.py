@@ -1,6 +1,6 @@
 """Natural evolution strategies over synthetic environments (paper, Algorithm 1).
 
-    psi  <- the best of many random SEs and their crossovers   # bilevel.nes.start
+    psi  <- a random SE, or the best of some fitted to the task   # bilevel.nes.start
     s, v <- 1, 0                                         # scale, velocity
     repeat n_o times:                                    # generations
         for each member i = 1 .. n_p:                    # ask: requests, in any order
@@ -68,11 +68,12 @@ class NES:
         search for it; where there is a single candidate it is not needed."""
         search = StartSearch(
             self.task,
+            self.architecture,
             self.hp.nes,
             lambda *path: self._seed(_START, *path),
             lambda *path: self._agent(_START, *path),
         )
-        psi = self.architecture.assembled(search.best(evaluate))
+        psi = search.best(evaluate)
         return NESState(psi, np.zeros_like(psi))
 
     def ask(self, state: NESState) -> list[EvaluationRequest]:

@@ -1,18 +1,14 @@
-"""The choice of psi that NES starts from: random search, then crossover.
+"""The choice of psi that NES starts from.
 
-    candidates <- start_candidates random SEs
-    repeat 1 + start_crossovers times:
-        try every candidate once and shortly, each with an agent of its own, and the best
-            of them once more
-        parents <- the best by both, tried RETESTS more times by the same agents for all,
-                   half of these times perturbed
-        candidates <- new SEs, each of the next-state network of one parent, the reward
-                      network of another and the done network of a third; the fitter a
-                      parent of any round is, the more often its networks are taken
-    psi <- the fittest parent
+random    the best of so many random initialisations, as in the paper if it is one: each is
+          tried once and shortly by an agent of its own, the best of them once more, and the
+          best by both RETESTS more times by the same agents for all, half of these times
+          perturbed
+fitted    the best of so many SEs fitted to the real task (`bilevel.synthetic_env.fitted`),
+          each tried RETESTS times by the same agents
 
-Most random SEs teach nothing, often because of one of their networks alone: what two of
-them got right may go together.
+Most random SEs teach nothing. Most fitted ones teach something, and every agent the same:
+NES then begins where scores tell SEs, not agents, apart.
 """
 
 from collections.abc import Callable, Sequence
@@ -23,26 +19,19 @@ from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import AgentHyperparameters, NESHyperparameters
-from bilevel.hyperparameters.definitions import RETESTS, StartRound
+from bilevel.hyperparameters.definitions import RETESTS
 from bilevel.nes.generation import judged
-from bilevel.synthetic_env.architecture import NETWORKS, same_for_all
+from bilevel.synthetic_env import Architecture
+from bilevel.synthetic_env.fitted import fitted_psi
 from bilevel.tasks import Task
 
-#: An SE that may become the start: what each of its networks is initialised from.
-Candidate = tuple[int, ...]
+Psi = NDArray[np.float32]
 
-#: Answers requests, in any order.
-Evaluations = Callable[[Sequence[EvaluationRequest]], Sequence[EvaluationResult]]
-
-#: Networks are taken from a parent in proportion to this power of its fitness above the
-#: task's worst.
-_SELECTION = 2
-
-#: Draws of networks for one new candidate, on average, before a round goes without.
-_DRAWS = 20
+#: Answers requests, in any order; on SEs that they initialise, or on a psi (P,).
+Evaluations = Callable[[Psi | None, Sequence[EvaluationRequest]], Sequence[EvaluationResult]]
 
 # What a derived seed is for; part of the seed, so never renumber.
-_INITIAL, _SCREENING, _RETEST, _CROSSOVER, _EPS = range(5)
+_INITIAL, _SCREENING, _RETEST, _EPS, _FITTED = range(5)
 
 
 @dataclass(frozen=True)
@@ -51,57 +40,49 @@ class StartSearch:
     for, and which of them it is."""
 
     task: Task
+    architecture: Architecture
     hp: NESHyperparameters
     seed: Callable[..., int]
     agent: Callable[..., AgentHyperparameters]
 
-    def best(self, evaluate: Evaluations | None) -> Candidate:
-        """The start; a single candidate is tried by nobody."""
-        if self.hp.start_candidates == 1:
-            return self._random(0)
+    def best(self, evaluate: Evaluations | None) -> Psi:
+        """The start (P,); a single candidate is tried by nobody."""
+        if self.hp.start == "fitted":
+            return self._best_fitted(evaluate)
+        best = self.seed(_INITIAL, 0)
+        if self.hp.start_candidates > 1:
+            assert evaluate is not None
+            best = self._best_random(evaluate)
+        return self.architecture.initialize(np.random.default_rng(best))
+
+    def _best_fitted(self, evaluate: Evaluations | None) -> Psi:
+        count = self.hp.start_candidates
+        seeds = [self.seed(_FITTED, i) for i in range(count)]
+        fitted = [fitted_psi(self.task, self.architecture, seed) for seed in seeds]
+        if count == 1:
+            return fitted[0]
         assert evaluate is not None
-        tried: set[Candidate] = set()
-        parents: dict[Candidate, float] = {}
-        for number, size in enumerate(self.hp.start_rounds):
-            if number == 0:
-                candidates = [self._random(i) for i in range(size.screened)]
-            else:
-                candidates = self._crossed(parents, tried, number, size)
-            tried.update(candidates)
-            once = self._fitness(evaluate(self._screening(candidates, number, 0)))
-            best = np.argsort(-once, kind="stable")[: size.rescreened]
-            candidates = [candidates[i] for i in best]
-            twice = self._fitness(evaluate(self._screening(candidates, number, 1)))
-            best = np.argsort(-once[best] - twice, kind="stable")[: size.retested]
-            candidates = [candidates[i] for i in best]
-            fitness = self._fitness(evaluate(self._retests(candidates, number)))
-            means = fitness.reshape(-1, RETESTS).mean(axis=1)
-            parents.update(zip(candidates, means.tolist(), strict=True))
-        return max(parents, key=parents.__getitem__)
+        requests = [
+            EvaluationRequest(i, self.seed(_RETEST, i), self.agent(_RETEST, i))
+            for i in range(RETESTS)
+        ]
+        means = [self._fitness(evaluate(psi, requests)).mean() for psi in fitted]
+        return fitted[int(np.argmax(means))]
 
-    def _random(self, number: int) -> Candidate:
-        return same_for_all(self.seed(_INITIAL, number))
+    def _best_random(self, evaluate: Evaluations) -> int:
+        """The seed of the best initialisation."""
+        size = self.hp.start_search
+        seeds = [self.seed(_INITIAL, i) for i in range(size.screened)]
+        once = self._fitness(evaluate(None, self._screening(seeds, 0)))
+        best = np.argsort(-once, kind="stable")[: size.rescreened]
+        seeds = [seeds[i] for i in best]
+        twice = self._fitness(evaluate(None, self._screening(seeds, 1)))
+        best = np.argsort(-once[best] - twice, kind="stable")[: size.retested]
+        seeds = [seeds[i] for i in best]
+        fitness = self._fitness(evaluate(None, self._retests(seeds)))
+        return seeds[int(np.argmax(fitness.reshape(-1, RETESTS).mean(axis=1)))]
 
-    def _crossed(
-        self, parents: dict[Candidate, float], tried: set[Candidate], number: int, size: StartRound
-    ) -> list[Candidate]:
-        """Candidates that were not tried yet, as far as there are any."""
-        above = np.maximum(np.array(list(parents.values())) - self.task.worst_score, 1e-9)
-        weights = above**_SELECTION / (above**_SELECTION).sum()
-        rng = np.random.default_rng(self.seed(_CROSSOVER, number))
-        seeds, crossed = np.array(list(parents), np.uint64), dict[Candidate, None]()
-        for _ in range(_DRAWS * size.screened):
-            drawn = rng.choice(len(parents), len(NETWORKS), p=weights)
-            candidate = tuple(int(seeds[i, network]) for network, i in enumerate(drawn))
-            if candidate not in tried:
-                crossed[candidate] = None
-            if len(crossed) == size.screened:
-                break
-        return list(crossed)
-
-    def _screening(
-        self, candidates: Sequence[Candidate], number: int, repeat: int
-    ) -> list[EvaluationRequest]:
+    def _screening(self, seeds: Sequence[int], repeat: int) -> list[EvaluationRequest]:
         """One evaluation of each.
 
         Where agents vary, each has its own: were there one for all, and that one slow to
@@ -109,34 +90,34 @@ class StartSearch:
         teach nothing, and on those training would go on for long.
         """
         requests = []
-        for i, candidate in enumerate(candidates):
-            agent = self.agent(_SCREENING, number, repeat, i)
+        for i, start_seed in enumerate(seeds):
+            agent = self.agent(_SCREENING, repeat, i)
             least = agent.init_episodes + 3 * agent.early_out_episodes
             agent = replace(agent, max_episodes=min(least, agent.max_episodes))
-            seed = self.seed(_SCREENING, number, repeat, i)
-            requests.append(EvaluationRequest(i, seed, agent, start_seeds=candidate))
+            seed = self.seed(_SCREENING, repeat, i)
+            requests.append(EvaluationRequest(i, seed, agent, start_seed=start_seed))
         return requests
 
-    def _retests(self, candidates: Sequence[Candidate], number: int) -> list[EvaluationRequest]:
+    def _retests(self, seeds: Sequence[int]) -> list[EvaluationRequest]:
         """More of each: agents differ so much from seed to seed that one evaluation mostly
         finds the luckiest, some of them on SEs whose episodes end before anything is learned.
 
         Every second one is perturbed as NES will perturb it: of an SE whose neighbours teach
         nothing, NES does not see where to go.
         """
-        agents = [self.agent(_RETEST, number, i) for i in range(RETESTS)]
-        pairs = [(candidate, agent) for candidate in candidates for agent in agents]
+        agents = [self.agent(_RETEST, i) for i in range(RETESTS)]
+        pairs = [(seed, agent) for seed in seeds for agent in agents]
         return [
             EvaluationRequest(
                 i,
-                self.seed(_RETEST, number, i),
+                self.seed(_RETEST, i),
                 agent,
                 sign=i % 2,
-                perturbation_seed=self.seed(_RETEST, number, i, _EPS),
+                perturbation_seed=self.seed(_RETEST, i, _EPS),
                 std_dev=self.hp.std_dev,
-                start_seeds=candidate,
+                start_seed=seed,
             )
-            for i, (candidate, agent) in enumerate(pairs)
+            for i, (seed, agent) in enumerate(pairs)
         ]
 
     def _fitness(self, results: Sequence[EvaluationResult]) -> NDArray[np.float64]:

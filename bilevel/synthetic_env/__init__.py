@@ -1,6 +1,6 @@
 """Synthetic environments (SEs): three networks that stand in for a real task."""
 
-from bilevel.synthetic_env.architecture import Architecture, kernel_form, same_for_all
+from bilevel.synthetic_env.architecture import Architecture, kernel_form
 from bilevel.synthetic_env.storage import StoredSE, load_se, save_se, se_bytes
 
 __all__ = [
@@ -8,7 +8,6 @@ __all__ = [
     "StoredSE",
     "kernel_form",
     "load_se",
-    "same_for_all",
     "save_se",
     "se_bytes",
 ]

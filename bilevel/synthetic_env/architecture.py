@@ -10,7 +10,6 @@ S, A     state size, number of actions
 P        length of psi
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,12 +23,6 @@ from bilevel.tasks import Task
 
 #: The networks of an SE in the order in which psi holds them.
 NETWORKS = ("next_state", "reward", "done")
-
-
-def same_for_all(seed: int) -> tuple[int, ...]:
-    """One seed for every network, as `Architecture.assembled` takes them."""
-    return (seed,) * len(NETWORKS)
-
 
 #: The slope for negative inputs. NES perturbs weights and biases alone, so a
 #: PReLU keeps the slope it starts with.
@@ -102,11 +95,6 @@ class Architecture:
         """A fresh psi (P,): uniform in +-1/sqrt(fan_in), the reward's last layer scaled."""
         psi = np.concatenate([initial_parameters(net, rng) for net in self.networks])
         return self._scale_rewards(psi)
-
-    def assembled(self, seeds: Sequence[int]) -> NDArray[np.float32]:
-        """A psi (P,) whose k-th network is that of `initialize` from the k-th seed."""
-        sources = [self.split(self.initialize(np.random.default_rng(seed))) for seed in seeds]
-        return np.concatenate([sources[k][k] for k in range(len(NETWORKS))])
 
     def perturbation(self, seed: int, std_dev: float) -> NDArray[np.float32]:
         """eps ~ N(0, std_dev^2 I), shape (P,), the reward's last layer scaled; the same for

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from bilevel.evaluation import EvaluationRequest, evaluate
-from bilevel.synthetic_env import Architecture, same_for_all
+from bilevel.synthetic_env import Architecture
 from cluster.bohb.brackets import bracket_table, generations_to_run
 from cluster.bohb.command import StudyCommand
 from cluster.progress import duration
@@ -54,7 +54,7 @@ def dry_run(command: StudyCommand) -> None:
         hp = to_hyperparameters(study.base, dict(sample))
         architecture = Architecture.of(study.task, hp.se)
         agent = hp.agents[i % len(hp.agents)]
-        request = EvaluationRequest(0, i, agent, start_seeds=same_for_all(i))
+        request = EvaluationRequest(0, i, agent, start_seed=i)
         if i == 0:
             evaluate(study.task, architecture, None, request)  # compiles, untimed
         seconds.append(evaluate(study.task, architecture, None, request).seconds)

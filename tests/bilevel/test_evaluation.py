@@ -5,7 +5,7 @@ import pytest
 
 from bilevel.evaluation import EvaluationRequest, evaluate, request_psi, train_and_test
 from bilevel.hyperparameters import Hyperparameters
-from bilevel.synthetic_env import Architecture, same_for_all
+from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task, get_task
 from tests.conftest import ddqn
 
@@ -77,7 +77,7 @@ def test_an_se_whose_episodes_never_end_is_bounded_by_the_step_limit(
 def test_task_that_gymnasium_runs(small_hp: Hyperparameters) -> None:
     task = get_task("MountainCar-v0")
     architecture = Architecture.of(task, small_hp.se)
-    request = EvaluationRequest(0, 3, small_hp.agents[0], start_seeds=same_for_all(1))
+    request = EvaluationRequest(0, 3, small_hp.agents[0], start_seed=1)
     one, two = (evaluate(task, architecture, None, request) for _ in range(2))
     assert replace(one, seconds=0.0) == replace(two, seconds=0.0)
     assert -200.0 <= one.score <= 0.0

@@ -29,7 +29,9 @@ def test_a_run_is_recorded_as_it_would_go_unrecorded(recorded: NES, tmp_path: Pa
     with processes() as workers:
         rows = record(recorded, 2, workers, tmp_path)
     nes = recorded
-    state = nes.start(lambda asked: [evaluate(nes.task, nes.architecture, None, r) for r in asked])
+    state = nes.start(
+        lambda psi, asked: [evaluate(nes.task, nes.architecture, psi, r) for r in asked]
+    )
     for row in rows["generations"]:
         results = [evaluate(nes.task, nes.architecture, state.psi, r) for r in nes.ask(state)]
         state = nes.tell(state, results, 0.0, 0.0)

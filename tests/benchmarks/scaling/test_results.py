@@ -13,14 +13,14 @@ from benchmarks.scaling.recorded import TASKS, load, recorded_run, varied_genera
 from benchmarks.scaling.simulate import of_generations
 from bilevel.evaluation import EvaluationRequest, evaluate
 from bilevel.hyperparameters import DDQNHyperparameters
-from bilevel.synthetic_env import Architecture, same_for_all
+from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task
 
 
 class TestMeasuring:
     def test_changes_no_evaluation(self, cartpole: Task, small_agent: DDQNHyperparameters) -> None:
         shape = Architecture(cartpole.state_size, cartpole.n_actions, 1, 8, "tanh")
-        request = EvaluationRequest(3, 7, small_agent, start_seeds=same_for_all(1))
+        request = EvaluationRequest(3, 7, small_agent, start_seed=1)
         result = timed(cartpole, shape, None, request)
         plain = evaluate(cartpole, shape, None, request)
         assert replace(result, seconds=0.0) == replace(plain, seconds=0.0)
