@@ -9,9 +9,7 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-import scipy.linalg.cython_blas  # noqa: F401  (the BLAS of compiled code, loaded to be limited)
 from numpy.typing import NDArray
-from threadpoolctl import ThreadpoolController
 
 from bilevel.agents import Agent, get_agent
 from bilevel.agents.agent import agent_seeds
@@ -20,14 +18,11 @@ from bilevel.agents.training import TrainingEnvironment, returns_converged, task
 from bilevel.agents.training import train as train_in_python
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.kernels import training
+from bilevel.kernels.blas import one_blas_thread
 from bilevel.kernels.environment import Environment, environment
 from bilevel.kernels.stopping import NOT_FINITE
 from bilevel.synthetic_env import Architecture, kernel_form
 from bilevel.tasks import Task
-
-#: One thread: the products are small, the cores belong to other evaluations, and
-#: sums in a fixed order keep results the same everywhere.
-_BLAS = ThreadpoolController()
 
 
 @dataclass(frozen=True)
@@ -124,7 +119,7 @@ def train_and_test(
     )
     run = _Run(task, se, hp, agent_seed, physics_seed, test_seed)
     has_kernel = get_agent(hp.agent).build_kernel is not None
-    with _BLAS.limit(limits=1, user_api="blas"):
+    with one_blas_thread():
         if compiled and has_kernel and (se is not None or task.compiled):
             return run.compiled()
         return run.interpreted()

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.kernels import ddqn
 from bilevel.kernels.activations import PRELU_INITIAL_SLOPE
+from bilevel.kernels.blas import one_blas_thread
 from bilevel.kernels.mlp import network
 from bilevel.kernels.offline import fit, learn_offline, regression
 from bilevel.synthetic_env.architecture import Architecture
@@ -60,11 +61,12 @@ def fitted_psi(task: Task, architecture: Architecture, seed: int) -> NDArray[np.
         int(word) for word in np.random.SeedSequence(seed).generate_state(4, np.uint64)
     )
     data = Transitions.random(task, STEPS, collecting)
-    values = _action_values(task, data, learning, testing)
-    advantages = values - values.mean(axis=1, keepdims=True)
-    taken = advantages[np.arange(len(values)), data.actions]
-    rewards = 1 + np.tanh(2 * taken / (advantages.std() + _SMALL))
-    return _regressed(architecture, data, architecture.reward_scale * rewards, fitting)
+    with one_blas_thread():
+        values = _action_values(task, data, learning, testing)
+        advantages = values - values.mean(axis=1, keepdims=True)
+        taken = advantages[np.arange(len(values)), data.actions]
+        rewards = 1 + np.tanh(2 * taken / (advantages.std() + _SMALL))
+        return _regressed(architecture, data, architecture.reward_scale * rewards, fitting)
 
 
 @dataclass(frozen=True)
