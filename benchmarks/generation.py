@@ -106,7 +106,7 @@ def generation(
 def measure(task_id: str, generations: Sequence[int], home: Home) -> dict[str, Any]:
     """One task's figures. Raises AssertionError if the number of actors changed a result."""
     hp = load_preset("tuned", task_id, "antithetic")
-    hp = replace(hp, nes=replace(hp.nes, start_candidates=START_CANDIDATES, start_crossovers=0))
+    hp = replace(hp, nes=replace(hp.nes, start_candidates=START_CANDIDATES))
     run = NESRun(get_task(task_id), hp, 0, home.folder / task_id)
     tracker = Tracker(home.database_uri, task_id, home.artifacts)
     states, along = [], []

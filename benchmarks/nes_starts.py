@@ -1,4 +1,4 @@
-"""The start of NES: random search alone, and with crossover, at about as many evaluations.
+"""The start of NES: SEs fitted to the task, and random ones.
 
     python -m benchmarks.nes_starts CartPole-v0 --seeds 3
 
@@ -6,15 +6,16 @@ Each start is scored with fresh agents that nothing was chosen by.
 """
 
 import argparse
-from collections.abc import Sequence
+import time
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from benchmarks.machine import write_result
 from benchmarks.scaling.evaluations import Processes, processes
-from bilevel.evaluation import EvaluationRequest, EvaluationResult
+from bilevel.evaluation import EvaluationRequest
 from bilevel.hyperparameters import NESHyperparameters, load_preset
 from bilevel.nes import NES
 from bilevel.tasks import get_task
@@ -25,22 +26,20 @@ AGENTS = 32
 
 
 def searches(hp: NESHyperparameters) -> dict[str, NESHyperparameters]:
-    """The defaults, and random search alone with twice the candidates, which takes as many
-    evaluations and a few more."""
-    alone = replace(hp, start_candidates=2 * hp.start_candidates, start_crossovers=0)
-    return {"with crossover": hp, "random search alone": alone}
+    """The defaults, one fitted SE that nothing is chosen from, and the best of many random
+    ones."""
+    return {
+        f"best of {hp.start_candidates} fitted": hp,
+        "one fitted": replace(hp, start_candidates=1),
+        "best of 512 random": replace(hp, start="random", start_candidates=512),
+    }
 
 
 def measured(nes: NES, workers: Processes) -> dict[str, Any]:
     """One search, and the score of what it found."""
-    evaluations = 0
-
-    def evaluate(requests: Sequence[EvaluationRequest]) -> list[EvaluationResult]:
-        nonlocal evaluations
-        evaluations += len(requests)
-        return workers.run(nes.task, nes.architecture, None, requests)
-
-    psi = nes.start(evaluate).psi
+    started = time.perf_counter()
+    psi = nes.start(partial(workers.run, nes.task, nes.architecture)).psi
+    seconds = time.perf_counter() - started
     fresh = [
         EvaluationRequest(i, int(seed), draw_agent(nes.hp.agents, nes.hp.vary_agent, int(seed)))
         for i, seed in enumerate(np.random.SeedSequence([nes.seed, AGENTS]).generate_state(AGENTS))
@@ -48,7 +47,7 @@ def measured(nes: NES, workers: Processes) -> dict[str, Any]:
     results = workers.run(nes.task, nes.architecture, psi, fresh)
     return {
         "seed": nes.seed,
-        "evaluations": evaluations,
+        "seconds": round(seconds, 1),
         "score_mean": round(float(np.mean([result.score for result in results])), 1),
         "train_steps_mean": round(float(np.mean([result.train_steps for result in results]))),
     }

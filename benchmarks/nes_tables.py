@@ -99,8 +99,8 @@ def transfer() -> str:
 
 
 def starts() -> str:
-    """What the search for a start finds, with and without crossover."""
-    head = ["task", "search", "evaluations", "score of the start, seed by seed", "mean"]
+    """What each search for a start finds."""
+    head = ["task", "start", "seconds", "score of the start, seed by seed", "mean", "train steps"]
     rows: list[list[str]] = []
     where: list[str] = []
     for task in TASKS:
@@ -110,9 +110,14 @@ def starts() -> str:
             continue
         for name, found in result["starts"].items():
             scores = [one["score_mean"] for one in found]
-            evaluations = statistics.median(one["evaluations"] for one in found)
-            cells = [task, name, f"{evaluations:.0f}", ", ".join(f"{s:.0f}" for s in scores)]
-            rows.append([*cells, f"{statistics.mean(scores):.0f}"])
+            steps = statistics.mean(one["train_steps_mean"] for one in found)
+            rows.append(
+                [
+                    *[task, name, _spread([one["seconds"] for one in found], ".0f")],
+                    ", ".join(f"{score:.0f}" for score in scores),
+                    *[f"{statistics.mean(scores):.0f}", f"{steps:.0f}"],
+                ]
+            )
         where.append(f"{_machine(result)}; `{result['command']}`")
     if not rows:
         raise NotMeasured("starts")

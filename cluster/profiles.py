@@ -32,7 +32,7 @@ PROFILES = {
     # All three layers, small: to see that it works.
     "smoke": Profile("core", 2, 1, 3, 15, 1, 2, None, 4),
     # A good configuration on a laptop, in half an hour.
-    "local": Profile("core", 8, 1, 9, 1000, 16, 60, 30 * 60.0, 10),
+    "local": Profile("core", 8, 1, 9, 1000, 2, 60, 30 * 60.0, 10),
     # The paper's scale (Table "Fixed hyperparameters").
     "paper": Profile("full", 16, 7, 200, 1000, 1, 12, None, 10),
 }

@@ -16,7 +16,7 @@ from benchmarks.machine import write_result
 from benchmarks.scaling.evaluations import Processes, columns, processes
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import load_preset
-from bilevel.nes import NES
+from bilevel.nes import NES, Psi
 from bilevel.tasks import get_task
 
 
@@ -31,8 +31,10 @@ def record(nes: NES, generations: int, workers: Processes, home: Path) -> dict[s
     task, shape = nes.task, nes.architecture
     batches: list[Sequence[EvaluationResult]] = []
 
-    def evaluate(requests: Sequence[EvaluationRequest]) -> Sequence[EvaluationResult]:
-        batches.append(workers.run(task, shape, None, requests))
+    def evaluate(
+        psi: Psi | None, requests: Sequence[EvaluationRequest]
+    ) -> Sequence[EvaluationResult]:
+        batches.append(workers.run(task, shape, psi, requests))
         return batches[-1]
 
     state = nes.start(evaluate)

@@ -2,6 +2,7 @@
 
 from bilevel.nes.algorithm import NES, AgentSampler
 from bilevel.nes.generation import fitness
+from bilevel.nes.start import Psi
 from bilevel.nes.state import GenerationRecord, NESState
 
-__all__ = ["NES", "AgentSampler", "GenerationRecord", "NESState", "fitness"]
+__all__ = ["NES", "AgentSampler", "GenerationRecord", "NESState", "Psi", "fitness"]

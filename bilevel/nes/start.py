@@ -56,18 +56,21 @@ class StartSearch:
         return self.architecture.initialize(np.random.default_rng(best))
 
     def _best_fitted(self, evaluate: Evaluations | None) -> Psi:
-        count = self.hp.start_candidates
-        seeds = [self.seed(_FITTED, i) for i in range(count)]
-        fitted = [fitted_psi(self.task, self.architecture, seed) for seed in seeds]
-        if count == 1:
-            return fitted[0]
+        if self.hp.start_candidates == 1:
+            return self._fitted(0)
         assert evaluate is not None
         requests = [
             EvaluationRequest(i, self.seed(_RETEST, i), self.agent(_RETEST, i))
             for i in range(RETESTS)
         ]
-        means = [self._fitness(evaluate(psi, requests)).mean() for psi in fitted]
+        fitted, means = [], []
+        for number in range(self.hp.start_candidates):
+            fitted.append(self._fitted(number))
+            means.append(self._fitness(evaluate(fitted[-1], requests)).mean())
         return fitted[int(np.argmax(means))]
+
+    def _fitted(self, number: int) -> Psi:
+        return fitted_psi(self.task, self.architecture, self.seed(_FITTED, number))
 
     def _best_random(self, evaluate: Evaluations) -> int:
         """The seed of the best initialisation."""

@@ -18,7 +18,7 @@ say what is worth doing: potential-based shaping, Ng et al. (1999).
 """
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,8 +83,9 @@ class Transitions:
     def random(cls, task: Task, steps: int, seed: int) -> Self:
         """Of random actions, each repeated 1 to REPEATS times."""
         rng = np.random.default_rng(seed)
-        env, rows = task.make(), []
+        env = task.make()
         first = env.action_space.start  # type: ignore[attr-defined]
+        rows: list[tuple[Any, ...]] = []
         state, left, action = None, 0, 0
         while len(rows) < steps:
             if state is None:

@@ -9,7 +9,8 @@ import pytest
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters
-from bilevel.nes import NES
+from bilevel.nes import NES, Psi
+from bilevel.synthetic_env import fitted
 from bilevel.tasks import Task
 from search_spaces import draw_agent
 
@@ -21,9 +22,13 @@ class Answers:
 
     def __init__(self, score: Score, steps: Score = lambda request: 100.0) -> None:
         self.score, self.steps = score, steps
+        self.psis: list[Psi | None] = []
         self.batches: list[list[EvaluationRequest]] = []
 
-    def __call__(self, requests: Sequence[EvaluationRequest]) -> list[EvaluationResult]:
+    def __call__(
+        self, psi: Psi | None, requests: Sequence[EvaluationRequest]
+    ) -> list[EvaluationResult]:
+        self.psis.append(psi)
         self.batches.append(list(requests))
         return [
             EvaluationResult((self.score(r),), int(self.steps(r)), 10, True, r.index, 0.01)
@@ -34,11 +39,6 @@ class Answers:
 def luck(request: EvaluationRequest) -> float:
     """Anything but a property of the SE."""
     return float(request.seed % 97)
-
-
-def quality(request: EvaluationRequest) -> float:
-    """4 for each good network, of which one in sixteen is."""
-    return float(4 ** sum(seed // 16**k % 16 == 0 for k, seed in enumerate(request.start_seeds)))
 
 
 def search(
@@ -55,18 +55,15 @@ def test_a_single_candidate_needs_no_evaluation(cartpole: Task, small_hp: Hyperp
     np.testing.assert_array_equal(nes.start().psi, nes.start().psi)
 
 
-@pytest.mark.parametrize(("candidates", "crossovers"), [(64, 0), (128, 2), (2, 1)])
+@pytest.mark.parametrize("candidates", [2, 64, 100])
 def test_evaluations_are_as_many_as_announced(
-    cartpole: Task, small_hp: Hyperparameters, candidates: int, crossovers: int
+    cartpole: Task, small_hp: Hyperparameters, candidates: int
 ) -> None:
     answers = Answers(luck)
-    hp = replace(small_hp.nes, start_candidates=candidates, start_crossovers=crossovers)
+    hp = replace(small_hp.nes, start_candidates=candidates)
     search(cartpole, replace(small_hp, nes=hp), answers)
     requests = [request for batch in answers.batches for request in batch]
-    assert len(requests) <= hp.start_evaluations
-    if candidates > 2:  # of two initialisations there are few crossovers
-        assert len(requests) == hp.start_evaluations
-    assert len(answers.batches) == 3 * (1 + crossovers)
+    assert len(requests) == hp.start_evaluations
     assert len({request.seed for request in requests}) == len(requests)
 
 
@@ -77,16 +74,17 @@ def test_retests_decide(cartpole: Task, small_hp: Hyperparameters) -> None:
     def score(request: EvaluationRequest) -> float:
         first = answers.batches[0]
         if len(answers.batches) < 3:
-            return {first[lucky].start_seeds: 90.0, first[good].start_seeds: 80.0}.get(
-                request.start_seeds, 9.0
+            return {first[lucky].start_seed: 90.0, first[good].start_seed: 80.0}.get(
+                request.start_seed, 9.0
             )
-        return 20.0 if request.start_seeds == first[lucky].start_seeds else 70.0
+        return 20.0 if request.start_seed == first[lucky].start_seed else 70.0
 
     answers = Answers(score)
     psi = search(cartpole, small_hp, answers, start_candidates=64)
     screened, _, retested = answers.batches
-    assert {r.start_seeds for r in retested} == {screened[i].start_seeds for i in (lucky, good)}
-    expected = NES(cartpole, small_hp, 0).architecture.assembled(screened[good].start_seeds)
+    assert {r.start_seed for r in retested} == {screened[i].start_seed for i in (lucky, good)}
+    seed = screened[good].start_seed
+    expected = NES(cartpole, small_hp, 0).architecture.initialize(np.random.default_rng(seed))
     np.testing.assert_array_equal(psi, expected)
 
 
@@ -94,7 +92,7 @@ def test_who_was_lucky_once_is_not_retested(cartpole: Task, small_hp: Hyperparam
     """8 of 64 candidates are screened again, and the mean of both counts."""
 
     def score(request: EvaluationRequest) -> float:
-        place = [r.start_seeds for r in answers.batches[0]].index(request.start_seeds)
+        place = [r.start_seed for r in answers.batches[0]].index(request.start_seed)
         if len(answers.batches) == 1:
             return 100.0 if place < 6 else 70.0 if place < 8 else 9.0
         return 70.0 if place in (6, 7) else 9.0
@@ -102,8 +100,8 @@ def test_who_was_lucky_once_is_not_retested(cartpole: Task, small_hp: Hyperparam
     answers = Answers(score)
     search(cartpole, small_hp, answers, start_candidates=64)
     screened, again, retested = answers.batches
-    assert {r.start_seeds for r in again} == {r.start_seeds for r in screened[:8]}
-    assert {r.start_seeds for r in retested} == {r.start_seeds for r in screened[6:8]}
+    assert {r.start_seed for r in again} == {r.start_seed for r in screened[:8]}
+    assert {r.start_seed for r in retested} == {r.start_seed for r in screened[6:8]}
     assert len({r.seed for r in screened + again}) == 64 + 8
 
 
@@ -111,13 +109,13 @@ def test_the_start_is_the_fittest(cartpole: Task, small_hp: Hyperparameters) -> 
     slow = {3: 20_000.0, 8: 1000.0, 9: 2000.0}
 
     def steps(request: EvaluationRequest) -> float:
-        first = [r.start_seeds for r in answers.batches[0]]
-        return slow.get(first.index(request.start_seeds), 9000.0)
+        first = [r.start_seed for r in answers.batches[0]]
+        return slow.get(first.index(request.start_seed), 9000.0)
 
     answers = Answers(lambda r: 50.0, steps)
     search(cartpole, small_hp, answers, start_candidates=64, step_price=0.1)
     screened, _, retested = answers.batches
-    assert {r.start_seeds for r in retested} == {screened[i].start_seeds for i in (8, 9)}
+    assert {r.start_seed for r in retested} == {screened[i].start_seed for i in (8, 9)}
 
 
 def test_screening_is_short_and_retests_are_fair(
@@ -148,74 +146,53 @@ def test_the_start_shares_no_seed_with_the_generations(
     cartpole: Task, small_hp: Hyperparameters
 ) -> None:
     answers = Answers(luck)
-    hp = replace(small_hp.nes, start_candidates=64, start_crossovers=1, population_size=32)
+    hp = replace(small_hp.nes, start_candidates=64, population_size=32)
     nes = NES(cartpole, replace(small_hp, nes=hp), 0)
     state = nes.start(answers)
     of_start = {
         seed
         for batch in answers.batches
         for r in batch
-        for seed in (r.seed, r.perturbation_seed, *r.start_seeds)
+        for seed in (r.seed, r.perturbation_seed, r.start_seed)
     }
     of_generation = {s for r in nes.ask(state) for s in (r.seed, r.perturbation_seed)}
     assert not of_start & of_generation
 
 
-class TestCrossover:
-    def test_networks_of_parents_are_recombined(
+class TestFitted:
+    @pytest.fixture
+    def fits(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        """Fits of a moment, which tell nothing but that they differ."""
+        monkeypatch.setattr(fitted, "STEPS", 64)
+        monkeypatch.setattr(fitted, "_SNAPSHOTS", 1)
+        monkeypatch.setattr(fitted, "_SNAPSHOT_STEPS", 1)
+        monkeypatch.setattr(fitted, "_FIT_STEPS", 1)
+
+    @pytest.mark.usefixtures("fits")
+    def test_a_single_one_needs_no_evaluation(
+        self, cartpole: Task, small_hp: Hyperparameters
+    ) -> None:
+        hp = replace(small_hp, nes=replace(small_hp.nes, start="fitted"))
+        assert hp.nes.start_evaluations == 0
+        first, other = (NES(cartpole, hp, seed).start().psi for seed in (0, 1))
+        np.testing.assert_array_equal(first, NES(cartpole, hp, 0).start().psi)
+        assert not np.array_equal(first, other)
+
+    @pytest.mark.usefixtures("fits")
+    def test_the_fittest_is_the_start(self, cartpole: Task, small_hp: Hyperparameters) -> None:
+        """Each is tried by the same agents with the same seeds."""
+        answers = Answers(lambda request: 50.0 if len(answers.batches) == 2 else 9.0)
+        psi = search(cartpole, small_hp, answers, start="fitted", start_candidates=3)
+        assert len(answers.batches) == 3
+        assert answers.batches[0] == answers.batches[1] == answers.batches[2]
+        assert {r.sign for r in answers.batches[0]} == {0}
+        np.testing.assert_array_equal(psi, answers.psis[1])
+
+    @pytest.mark.usefixtures("fits")
+    def test_evaluations_are_as_many_as_announced(
         self, cartpole: Task, small_hp: Hyperparameters
     ) -> None:
         answers = Answers(luck)
-        search(cartpole, small_hp, answers, start_candidates=128, start_crossovers=1)
-        first, _, parents, crossed, *_ = answers.batches
-        known = {request.start_seeds[0] for request in parents}
-        assert len(known) == 4
-        assert all(len(set(request.start_seeds)) == 1 for request in first)
-        assert all(set(request.start_seeds) <= known for request in crossed)
-        assert len({request.start_seeds for request in crossed}) == len(crossed) == 16
-
-    def test_nothing_is_screened_twice(self, cartpole: Task, small_hp: Hyperparameters) -> None:
-        answers = Answers(luck)
-        search(cartpole, small_hp, answers, start_candidates=96, start_crossovers=3)
-        screened = [r.start_seeds for batch in answers.batches[::3] for r in batch]
-        assert len(set(screened)) == len(screened)
-
-    def test_fit_parents_give_more_of_their_networks(
-        self, cartpole: Task, small_hp: Hyperparameters
-    ) -> None:
-        def score(request: EvaluationRequest) -> float:
-            if len(answers.batches) > 3:  # the crossovers themselves
-                return 0.0
-            place = [r.start_seeds for r in answers.batches[0]].index(request.start_seeds)
-            return {3: 60.0, 5: 20.0}.get(place, 1.0)
-
-        answers = Answers(score)
-        search(cartpole, small_hp, answers, start_candidates=512, start_crossovers=1)
-        first, crossed = answers.batches[0], answers.batches[3]
-        taken = [seed for request in crossed for seed in request.start_seeds]
-        fit, fair, poor = (taken.count(first[i].start_seeds[0]) for i in (3, 5, 0))
-        assert fit > 3 * fair > 0
-        assert poor <= fair
-
-    def test_it_finds_what_random_search_does_not(
-        self, cartpole: Task, small_hp: Hyperparameters
-    ) -> None:
-        """Where each network is good or bad by itself, as many random candidates end below."""
-        crossed: list[float] = []
-        alone: list[float] = []
-        for seed in range(5):
-            for found, candidates, crossovers in ((crossed, 128, 4), (alone, 256, 0)):
-                answers = Answers(quality)
-                size = {"start_candidates": candidates, "start_crossovers": crossovers}
-                search(cartpole, small_hp, answers, seed, **size)
-                found.append(max(quality(r) for batch in answers.batches for r in batch))
-        assert np.mean(crossed) > 1.3 * np.mean(alone)
-
-    def test_assembled_networks_are_those_of_their_seeds(
-        self, cartpole: Task, small_hp: Hyperparameters
-    ) -> None:
-        shape = NES(cartpole, small_hp, 0).architecture
-        mixed = shape.split(shape.assembled((1, 2, 3)))
-        for network, seed in enumerate((1, 2, 3)):
-            pure = shape.initialize(np.random.default_rng(seed))
-            np.testing.assert_array_equal(mixed[network], shape.split(pure)[network])
+        hp = replace(small_hp.nes, start="fitted", start_candidates=3)
+        search(cartpole, replace(small_hp, nes=hp), answers)
+        assert sum(map(len, answers.batches)) == hp.start_evaluations == 24
