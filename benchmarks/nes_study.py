@@ -36,7 +36,7 @@ AGENTS = ("ddqn", "dueling-ddqn", "td3")
 VARIANTS: dict[str, list[str]] = {
     "defaults": [],
     "no step price": ["--set", "nes.step_price=0"],
-    "step price 2 %": ["--set", "nes.step_price=0.02"],
+    "step price 4 %": ["--set", "nes.step_price=0.04"],
     "step price 8 %": ["--set", "nes.step_price=0.08"],
     "mixed agents": ["--agent", ",".join(AGENTS)],
     "fixed agents": ["--vary-hp", "no"],
