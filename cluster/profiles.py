@@ -22,6 +22,7 @@ class Profile:
     smallest_budget: int  # generations of the lowest rung
     largest_budget: int  # generations of the highest rung
     max_episodes: int  # an agent trains on an SE
+    start: str  # of NES, and the candidates it is chosen from
     start_candidates: int
     brackets: int
     time_budget: float | None
@@ -30,11 +31,11 @@ class Profile:
 
 PROFILES = {
     # All three layers, small: to see that it works.
-    "smoke": Profile("core", 2, 1, 3, 15, 1, 2, None, 4),
+    "smoke": Profile("core", 2, 1, 3, 15, "random", 1, 2, None, 4),
     # A good configuration on a laptop, in half an hour.
-    "local": Profile("core", 8, 1, 9, 1000, 2, 60, 30 * 60.0, 10),
+    "local": Profile("core", 8, 1, 9, 1000, "fitted", 2, 60, 30 * 60.0, 10),
     # The paper's scale (Table "Fixed hyperparameters").
-    "paper": Profile("full", 16, 7, 200, 1000, 1, 12, None, 10),
+    "paper": Profile("full", 16, 7, 200, 1000, "random", 1, 12, None, 10),
 }
 
 
@@ -56,6 +57,7 @@ def base_hyperparameters(
             base.nes,
             population_size=profile.population,
             generations=profile.largest_budget,
+            start=profile.start,
             start_candidates=profile.start_candidates,
         ),
         agents=tuple(replace(hp, max_episodes=profile.max_episodes) for hp in base.agents),

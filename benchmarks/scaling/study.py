@@ -22,8 +22,8 @@ from cluster.profiles import Profile, base_hyperparameters
 
 LADDER = (1, 9)
 #: Evaluations of one short episode each: what is left is the driver's.
-TRIVIAL = Profile("core", 1, *LADDER, 1, 1, brackets=6, time_budget=None, final_agents=1)
-REAL = Profile("core", 4, *LADDER, 1000, 1, brackets=3, time_budget=None, final_agents=1)
+TRIVIAL = Profile("core", 1, *LADDER, 1, "random", 1, brackets=6, time_budget=None, final_agents=1)
+REAL = Profile("core", 4, *LADDER, 1000, "random", 1, brackets=3, time_budget=None, final_agents=1)
 
 
 def run(home: Path, name: str, profile: Profile, trials: int) -> dict[str, Any]:
