@@ -98,32 +98,6 @@ def transfer() -> str:
     return table(head, rows)
 
 
-def starts() -> str:
-    """What each search for a start finds."""
-    head = ["task", "start", "seconds", "score of the start, seed by seed", "mean", "train steps"]
-    rows: list[list[str]] = []
-    where: list[str] = []
-    for task in TASKS:
-        try:
-            result = read_result(f"starts_{task}")
-        except NotMeasured:
-            continue
-        for name, found in result["starts"].items():
-            scores = [one["score_mean"] for one in found]
-            steps = statistics.mean(one["train_steps_mean"] for one in found)
-            rows.append(
-                [
-                    *[task, name, _spread([one["seconds"] for one in found], ".0f")],
-                    ", ".join(f"{score:.0f}" for score in scores),
-                    *[f"{statistics.mean(scores):.0f}", f"{steps:.0f}"],
-                ]
-            )
-        where.append(f"{_machine(result)}; `{result['command']}`")
-    if not rows:
-        raise NotMeasured("starts")
-    return table(head, rows) + f"\n\n({', '.join(where)})"
-
-
 def _machine(result: dict[str, Any]) -> str:
     return f"{result['machine']['cores']} cores of {result['machine']['processor']}"
 
@@ -142,6 +116,5 @@ def defaults() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     **{f"nes-{task}": partial(seeds, task) for task in TASKS},
-    "nes-starts": starts,
     "nes-transfer": transfer,
 }
