@@ -21,7 +21,7 @@ pytestmark = pytest.mark.timeout(280)
 
 SMALL = (
     *("nes", "CartPole-v0", "--population", "2", "--start-candidates", "2", "--name", "run"),
-    *("--set", "nes.momentum=0.7", "--set", "ddqn.max_episodes=13"),
+    *("--set", "nes.start=random", "--set", "nes.momentum=0.7", "--set", "ddqn.max_episodes=13"),
 )
 
 
