@@ -26,13 +26,7 @@ from bilevel.evaluation import EvaluationRequest, evaluate
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_preset
 from bilevel.kernels import training
 from bilevel.kernels.environment import environment
-from bilevel.synthetic_env import (
-    Architecture,
-    StoredSE,
-    kernel_form,
-    load_se,
-    save_se,
-)
+from bilevel.synthetic_env import Architecture, StoredSE, kernel_form, load_se, save_se
 from bilevel.tasks import get_task
 
 REPEATS = 3
@@ -112,12 +106,7 @@ class _Actor:
         task = get_task(task_id)
         shape = Architecture.of(task, hp.se)
         for seed in range(seeds):
-            evaluate(
-                task,
-                shape,
-                None,
-                EvaluationRequest(0, seed, hp.agents[0], start_seed=seed),
-            )
+            evaluate(task, shape, None, EvaluationRequest(0, seed, hp.agents[0], start_seed=seed))
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 

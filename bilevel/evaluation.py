@@ -30,8 +30,8 @@ class EvaluationRequest:
     """What one evaluation needs besides task, architecture and psi.
 
     The agent trains on the SE psi + sign * eps, eps drawn from `perturbation_seed`;
-    sign 0 is psi itself. `start_seed` replaces psi by a fresh
-    initialisation; on the `real` task there is no SE at all.
+    sign 0 is psi itself. `start_seed` replaces psi by a fresh initialisation; on the
+    `real` task there is no SE at all.
     """
 
     index: int  # position in the generation

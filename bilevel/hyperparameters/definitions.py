@@ -37,12 +37,11 @@ SCORE_TRANSFORMS = (
 #: member: from all of the paper's ranges, or only small networks and batches.
 VARIATIONS = ("no", "small", "all")
 
-
 #: What NES starts from: random initialisations, as the paper, or SEs fitted to the task.
 STARTS = ("random", "fitted")
 
 
-class StartSearch(NamedTuple):
+class StartSizes(NamedTuple):
     """How many candidates the search for a start screens, how many of them twice, and how
     many of these it retests."""
 
@@ -90,21 +89,21 @@ class NESHyperparameters(Validated):
             )
 
     @property
-    def start_search(self) -> StartSearch:
-        """The search for the start; a single candidate is tried by nobody, of fitted ones,
+    def start_sizes(self) -> StartSizes:
+        """Of the search for the start; a single candidate is tried by nobody, of fitted ones,
         which are few and good, all are retested at once."""
         n = self.start_candidates
         if n == 1:
-            return StartSearch(0, 0, 0)
+            return StartSizes(0, 0, 0)
         if self.start == "fitted":
-            return StartSearch(0, 0, n)
+            return StartSizes(0, 0, n)
         retested = math.ceil(n / 32)
-        return StartSearch(n, min(4 * retested, n), retested)
+        return StartSizes(n, min(4 * retested, n), retested)
 
     @property
     def start_evaluations(self) -> int:
         """Evaluations that choose the start."""
-        return self.start_search.evaluations
+        return self.start_sizes.evaluations
 
     @property
     def evaluations(self) -> int:

@@ -74,7 +74,7 @@ class StartSearch:
 
     def _best_random(self, evaluate: Evaluations) -> int:
         """The seed of the best initialisation."""
-        size = self.hp.start_search
+        size = self.hp.start_sizes
         seeds = [self.seed(_INITIAL, i) for i in range(size.screened)]
         once = self._fitness(evaluate(None, self._screening(seeds, 0)))
         best = np.argsort(-once, kind="stable")[: size.rescreened]

@@ -13,8 +13,8 @@ To an agent the raw done output is the probability that nothing follows: where i
 less than LEAST_DONE, an agent looks two steps ahead instead of a hundred, and learns what
 they are worth in few steps, as all agents do.
 
-Q-learning on recorded transitions: Ernst et al. (2005), Riedmiller (2005). Rewards that
-say what is worth doing: potential-based shaping, Ng et al. (1999).
+Q-learning on recorded transitions: Ernst et al. (2005), Riedmiller (2005). Advantages as
+rewards: potential-based shaping by the values (Ng et al., 1999) gives them on average.
 """
 
 from dataclasses import dataclass
@@ -25,9 +25,8 @@ from numpy.typing import NDArray
 
 from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.kernels import ddqn
-from bilevel.kernels.activations import PRELU_INITIAL_SLOPE
+from bilevel.kernels.activations import CODES, PRELU_INITIAL_SLOPE
 from bilevel.kernels.blas import one_blas_thread
-from bilevel.kernels.mlp import network
 from bilevel.kernels.offline import fit, learn_offline, regression
 from bilevel.synthetic_env.architecture import Architecture
 from bilevel.tasks import Task
@@ -47,9 +46,6 @@ _FIT_STEPS, _FIT_RATE, _FIT_BATCH = 20_000, 1e-2, 256
 
 #: Keeps what is divided by away from zero.
 _SMALL = 1e-6
-
-# What a derived seed is for.
-_COLLECTING, _LEARNING, _TESTING, _FITTING = range(4)
 
 
 def fitted_psi(task: Task, architecture: Architecture, seed: int) -> NDArray[np.float32]:
@@ -187,16 +183,9 @@ def _regressed(
         (np.maximum(data.ends, LEAST_DONE)[:, None], balance[:, None]),
     )
     psi = architecture.initialize(np.random.default_rng(seed))
-    for number, (part, (targets, weights)) in enumerate(
-        zip(architecture.split(psi), targets_and_weights, strict=True)
-    ):
-        net = network(
-            inputs.shape[1],
-            architecture.hidden_size,
-            architecture.hidden_layers,
-            targets.shape[1],
-            architecture.activation,
-        )
+    parts = zip(architecture.networks, architecture.split(psi), targets_and_weights, strict=True)
+    for number, (net, part, (targets, weights)) in enumerate(parts):
+        net = net._replace(activation=CODES[architecture.activation])
         params = np.append(part, np.float32(PRELU_INITIAL_SLOPE))[: net.parameter_count]
         fit(
             regression(net, params, _FIT_BATCH),

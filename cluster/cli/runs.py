@@ -23,7 +23,7 @@ from cluster.cli.options import (
 @click.option("--generations", type=click.IntRange(min=1), help="At most; default 200.")
 @click.option("--workers", type=click.IntRange(min=1), help="Actors; default all cores.")
 @vary_option
-@click.option("--start-candidates", type=click.IntRange(min=1), help="For the start.")
+@click.option("--start-candidates", type=click.IntRange(min=1), help="SEs to choose from.")
 @click.option(
     "--set",
     "settings",

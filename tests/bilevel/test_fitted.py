@@ -41,6 +41,33 @@ def test_transitions_are_the_tasks(task_id: str) -> None:
     assert not np.array_equal(data.states, Transitions.random(task, 1000, 6).states)
 
 
+def test_a_step_limit_is_no_end() -> None:
+    data = Transitions.random(get_task("CartPole-v0", step_limit=5), 100, 0)
+    assert not data.ends.any()
+    follows = np.all(data.next_states[:-1] == data.states[1:], axis=1)
+    np.testing.assert_array_equal(np.flatnonzero(~follows), np.arange(4, 99, 5))
+
+
+def test_the_best_snapshot_is_kept(
+    cartpole: Task, architecture: Architecture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second of three, its scores being given; or the first that solves the task."""
+    monkeypatch.setattr(fitted, "STEPS", 300)
+    monkeypatch.setattr(fitted, "_SNAPSHOT_STEPS", 5)
+    monkeypatch.setattr(fitted, "_FIT_STEPS", 5)
+
+    def fit(*scores: float) -> np.ndarray:
+        left = iter(scores)
+        monkeypatch.setattr(fitted, "_SNAPSHOTS", len(scores))
+        monkeypatch.setattr(Task, "test_returns", lambda *_: np.array([next(left)]))
+        return fitted_psi(cartpole, architecture, 1)
+
+    second = fit(10.0, 90.0)
+    np.testing.assert_array_equal(fit(10.0, 90.0, 20.0), second)
+    np.testing.assert_array_equal(fit(10.0, 196.0, 200.0), second)
+    assert not np.array_equal(fit(90.0, 10.0), second)
+
+
 def test_an_se_predicts_the_task(
     cartpole: Task, architecture: Architecture, psi: np.ndarray
 ) -> None:
