@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationRequest
 from bilevel.hyperparameters import Hyperparameters
-from bilevel.nes import fitness
+from bilevel.nes import fitness, worth_of
 from bilevel.synthetic_env import StoredSE, save_se
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool
@@ -24,7 +24,7 @@ _RETEST, _FINAL = 0x5245_5445, 0x4649_4E41
 Seed = tuple[int, ...]
 
 #: Fresh agents that decide between the contenders for the best SE.
-RETESTS = 16
+RETESTS = 32
 
 #: Of a run's folder and of its artifacts.
 BEST_FILE, LAST_FILE = "best_se.safetensors", "last_se.safetensors"
@@ -69,13 +69,20 @@ class Contender:
 def choose_best(
     task: Task, contenders: Sequence[Contender], seed: Seed, pool: EvaluationPool
 ) -> Contender:
-    """Train `RETESTS` fresh agents on each SE; the fittest on average, among equals the
+    """Train `RETESTS` fresh agents on each SE; the best by `worth_of`, among equals the
     one that took fewer steps. Contenders come best first, so one alone needs no test."""
     if len(contenders) == 1:
         return contenders[0]
     found = [_fresh_agents(task, c, RETESTS, (*seed, _RETEST), pool) for c in contenders]
     ranks = [
-        (fitness(task, c.hp.nes, f.scores, f.train_steps).mean(), -f.train_steps.mean())
+        (
+            *worth_of(
+                f.scores.mean(),
+                fitness(task, c.hp.nes, f.scores, f.train_steps).mean(),
+                task.solved_reward,
+            ),
+            -f.train_steps.mean(),
+        )
         for c, f in zip(contenders, found, strict=True)
     ]
     return contenders[ranks.index(max(ranks))]

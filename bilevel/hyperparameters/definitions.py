@@ -17,8 +17,8 @@ from bilevel.hyperparameters.agents import (
 )
 from bilevel.hyperparameters.validation import Validated, choice, ranged
 
-#: Evaluations of a candidate for the start that is retested.
-RETESTS = 8
+#: Evaluations of a random candidate for the start that is retested, and of a fitted one.
+RETESTS, FIT_TESTS = 8, 32
 
 #: The update rules and score transforms by name; `bilevel.nes` implements them.
 UPDATES = ("paired", "antithetic", "paper", "authors")
@@ -42,8 +42,8 @@ STARTS = ("random", "fitted")
 
 
 class StartSizes(NamedTuple):
-    """How many candidates the search for a start screens, how many of them twice, and how
-    many of these it retests."""
+    """How many random candidates the search for a start screens, how many of them twice, and
+    how many of these it retests."""
 
     screened: int
     rescreened: int
@@ -72,8 +72,8 @@ class NESHyperparameters(Validated):
     # and alpha are adapted to it every generation. 0: they stay.
     retention: float = ranged(0.0, 1.0, 0.0)
     momentum: float = ranged(0.0, 0.999, 0.0)  # share of the last step that is made again
-    # Standard errors by which psi may be less fit than the fittest psi so far before NES
-    # goes back to that one. 0: it never does.
+    # Standard errors by which psi may score less than the best psi so far (or, if that solves
+    # the task, than the solved reward) before NES goes back to that one. 0: it never does.
     fallback: float = ranged(0.0, 100.0, 0.0)
     # Of agents that the run trains: one that trains for longer is no result to wait for.
     max_episodes: int = ranged(1, 1_000_000, 1_000_000)
@@ -90,19 +90,19 @@ class NESHyperparameters(Validated):
 
     @property
     def start_sizes(self) -> StartSizes:
-        """Of the search for the start; a single candidate is tried by nobody, of fitted ones,
-        which are few and good, all are retested at once."""
+        """Of the search among random candidates."""
         n = self.start_candidates
-        if n == 1:
-            return StartSizes(0, 0, 0)
-        if self.start == "fitted":
-            return StartSizes(0, 0, n)
         retested = math.ceil(n / 32)
         return StartSizes(n, min(4 * retested, n), retested)
 
     @property
     def start_evaluations(self) -> int:
-        """Evaluations that choose the start."""
+        """Evaluations that choose the start; a single candidate is tried by nobody, of fitted
+        ones, which are few and good, all are tried at once."""
+        if self.start_candidates == 1:
+            return 0
+        if self.start == "fitted":
+            return self.start_candidates * FIT_TESTS
         return self.start_sizes.evaluations
 
     @property

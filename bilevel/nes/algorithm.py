@@ -10,7 +10,7 @@
                 F     <- EvaluateAgent(agent, real task)
         s   <- adapted to the share of the score that psi +- s eps keep    # tell
         v   <- momentum v + s UpdateSE({eps_i}, {F_i})
-        psi <- psi + v, or back to the fittest psi so far, with v = 0, if psi fell far below
+        psi <- psi + v, or back to the best psi so far, with v = 0, if psi fell far below
 
 Every random number is derived from (run seed, generation, member), so a request is
 the same whoever asks for it, and nothing random needs to be stored.
@@ -133,11 +133,12 @@ class NES:
             finished=finished,
         )
         current = state.as_finalist(tried.finalist(state.psi, state.generation))
-        finalists = state.with_finalist(current)
-        psi, fittest = state.psi + velocity, finalists[0]
-        if nes.fallback and fittest.surpasses(current, nes.fallback):
-            psi, velocity = fittest.psi, np.zeros_like(velocity)
-        solved = record.score_mean >= self.task.solved_reward
+        solved_reward = self.task.solved_reward
+        finalists = state.with_finalist(current, solved_reward)
+        psi, best = state.psi + velocity, finalists[0]
+        if nes.fallback and best.surpasses(current, nes.fallback, solved_reward):
+            psi, velocity = best.psi, np.zeros_like(velocity)
+        solved = record.score_mean >= solved_reward
         return NESState(
             psi=psi,
             velocity=velocity,

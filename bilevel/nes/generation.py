@@ -11,38 +11,10 @@ from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import NESHyperparameters
+from bilevel.nes.fitness import judged
 from bilevel.nes.state import Finalist, GenerationRecord
 from bilevel.nes.updates import MemberScores
 from bilevel.tasks import Task
-
-
-def fitness(
-    task: Task,
-    hp: NESHyperparameters,
-    scores: NDArray[np.float64],
-    train_steps: NDArray[np.int64],
-) -> NDArray[np.float64]:
-    """What NES maximises, of the shape of both: the scores, less a share of what each is
-    above the task's worst for every 1000 of the train steps.
-
-    A share, not an amount: agents that fail soon shall not be fitter than those that need
-    long to learn something.
-    """
-    left = np.maximum(1 - hp.step_price * train_steps / 1000, 0.0)
-    fit: NDArray[np.float64] = task.worst_score + (scores - task.worst_score) * left
-    return fit
-
-
-def judged(
-    task: Task, hp: NESHyperparameters, results: Sequence[EvaluationResult]
-) -> tuple[list[EvaluationResult], NDArray[np.float64], NDArray[np.float64]]:
-    """Results, given in any order, in that of their requests; their scores (n,), of which
-    those that are not finite are the task's worst; their fitness (n,)."""
-    ordered = sorted(results, key=lambda result: result.index)
-    scores = np.array([r.score for r in ordered])
-    scores = np.where(np.isfinite(scores), scores, task.worst_score)
-    steps = np.array([r.train_steps for r in ordered], np.int64)
-    return ordered, scores, fitness(task, hp, scores, steps)
 
 
 @dataclass(frozen=True)
@@ -78,15 +50,15 @@ class Generation:
 
     def finalist(self, psi: NDArray[np.float32], generation: int) -> Finalist:
         """psi with what it scored."""
-        centre = self.fitness[0]
+        centre = self.scores[0]
         known = centre.size > 1  # a single value tells nothing of its error
         return Finalist(
             psi=psi,
             generation=generation,
-            score_mean=float(self.scores[0].mean()),
-            fitness_mean=float(centre.mean()),
+            score_mean=float(centre.mean()),
+            fitness_mean=float(self.fitness[0].mean()),
             perturbed_score_mean=float(self.scores[1:].mean()),
-            fitness_error=float(centre.std(ddof=1) / centre.size**0.5) if known else math.inf,
+            score_error=float(centre.std(ddof=1) / centre.size**0.5) if known else math.inf,
         )
 
     def record(

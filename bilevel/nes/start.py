@@ -5,7 +5,7 @@ random    the best of so many random initialisations, as in the paper if it is o
           best by both RETESTS more times by the same agents for all, half of these times
           perturbed
 fitted    the best of so many SEs fitted to the real task (`bilevel.synthetic_env.fitted`),
-          each tried RETESTS times by the same agents
+          each tried by the same FIT_TESTS agents
 
 Most random SEs teach nothing. Most fitted ones teach something, and every agent the same:
 NES then begins where scores tell SEs, not agents, apart.
@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import AgentHyperparameters, NESHyperparameters
-from bilevel.hyperparameters.definitions import RETESTS
-from bilevel.nes.generation import judged
+from bilevel.hyperparameters.definitions import FIT_TESTS, RETESTS
+from bilevel.nes.fitness import judged, worth_of
 from bilevel.synthetic_env import Architecture
 from bilevel.synthetic_env.fitted import fitted_psi
 from bilevel.tasks import Task
@@ -61,13 +61,14 @@ class StartSearch:
         assert evaluate is not None
         requests = [
             EvaluationRequest(i, self.seed(_RETEST, i), self.agent(_RETEST, i))
-            for i in range(RETESTS)
+            for i in range(FIT_TESTS)
         ]
-        fitted, means = [], []
+        fitted, worths = [], []
         for number in range(self.hp.start_candidates):
             fitted.append(self._fitted(number))
-            means.append(self._fitness(evaluate(fitted[-1], requests)).mean())
-        return fitted[int(np.argmax(means))]
+            _, scores, fit = judged(self.task, self.hp, evaluate(fitted[-1], requests))
+            worths.append(worth_of(scores.mean(), fit.mean(), self.task.solved_reward))
+        return fitted[worths.index(max(worths))]
 
     def _fitted(self, number: int) -> Psi:
         return fitted_psi(self.task, self.architecture, self.seed(_FITTED, number))

@@ -14,6 +14,7 @@ from safetensors import SafetensorError
 
 from bilevel.durable import checksum, write_aside
 from bilevel.errors import InvalidInput
+from bilevel.nes.fitness import worth_of
 
 
 @dataclass(frozen=True)
@@ -58,13 +59,13 @@ class Finalist:
     score_mean: float
     fitness_mean: float
     perturbed_score_mean: float
-    fitness_error: float  # standard error of fitness_mean
+    score_error: float  # standard error of score_mean
     generations: int = 1
 
-    @property
-    def rank(self) -> tuple[float, float]:
-        """Higher is better; among equally fit the one whose neighbours score higher."""
-        return self.fitness_mean, self.perturbed_score_mean
+    def rank(self, solved_reward: float) -> tuple[float, float, float]:
+        """Higher is better; among equals the one whose neighbours score higher."""
+        worth = worth_of(self.score_mean, self.fitness_mean, solved_reward)
+        return *worth, self.perturbed_score_mean
 
     def with_generation(self, other: "Finalist") -> "Finalist":
         """The same SE, with what it scored in one more generation."""
@@ -75,14 +76,15 @@ class Finalist:
             fitness_mean=(n * self.fitness_mean + other.fitness_mean) / (n + 1),
             perturbed_score_mean=(n * self.perturbed_score_mean + other.perturbed_score_mean)
             / (n + 1),
-            fitness_error=math.hypot(n * self.fitness_error, other.fitness_error) / (n + 1),
+            score_error=math.hypot(n * self.score_error, other.score_error) / (n + 1),
             generations=n + 1,
         )
 
-    def surpasses(self, other: "Finalist", errors: float) -> bool:
-        """Whether it is fitter by more than so many standard errors of the difference."""
-        difference = self.fitness_mean - other.fitness_mean
-        return difference > errors * math.hypot(self.fitness_error, other.fitness_error)
+    def surpasses(self, other: "Finalist", errors: float, solved_reward: float) -> bool:
+        """Whether its score is higher by more than so many standard errors of the
+        difference, what is beyond the solved reward apart."""
+        ours, theirs = min(self.score_mean, solved_reward), min(other.score_mean, solved_reward)
+        return ours - theirs > errors * math.hypot(self.score_error, other.score_error)
 
 
 @dataclass(frozen=True)
@@ -120,10 +122,10 @@ class NESState:
                 return finalist.with_generation(tried)
         return tried
 
-    def with_finalist(self, finalist: Finalist) -> tuple[Finalist, ...]:
+    def with_finalist(self, finalist: Finalist, solved_reward: float) -> tuple[Finalist, ...]:
         """The finalists when this one has entered."""
         others = [f for f in self.finalists if f.generation != finalist.generation]
-        ranked = sorted([*others, finalist], key=lambda f: f.rank, reverse=True)
+        ranked = sorted([*others, finalist], key=lambda f: f.rank(solved_reward), reverse=True)
         return tuple(ranked[:FINALISTS])
 
     def save(self, path: Path) -> None:

@@ -9,7 +9,9 @@ from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import load_preset
 from bilevel.kernels.synthetic_env import step
 from bilevel.synthetic_env import Architecture, fitted, kernel_form
-from bilevel.synthetic_env.fitted import LEAST_DONE, REPEATS, Transitions, fitted_psi
+from bilevel.synthetic_env.fitted import LEAST_DONE, action_values, fitted_psi
+from bilevel.synthetic_env.fitted.action_values import ActionValues
+from bilevel.synthetic_env.fitted.transitions import REPEATS, Transitions
 from bilevel.tasks import Task, get_task
 from search_spaces import draw_agent
 
@@ -28,7 +30,7 @@ def psi(architecture: Architecture) -> np.ndarray:
 @pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
 def test_transitions_are_the_tasks(task_id: str) -> None:
     task = get_task(task_id)
-    data = Transitions.random(task, 1000, 5)
+    data = Transitions.recorded(task, 1000, 5)
     assert data.states.shape == data.next_states.shape == (1000, task.state_size)
     assert set(data.actions) == set(range(task.n_actions))
     goes_on = np.all(data.next_states[:-1] == data.states[1:], axis=1)
@@ -36,43 +38,88 @@ def test_transitions_are_the_tasks(task_id: str) -> None:
     assert not goes_on[data.ends[:-1] == 1].any()
     changes = np.flatnonzero(np.diff(data.actions))
     assert 1.5 < 1000 / changes.size < 2 * REPEATS  # as actions may follow themselves
-    again = Transitions.random(task, 1000, 5)
+    again = Transitions.recorded(task, 1000, 5)
     np.testing.assert_array_equal(data.states, again.states)
-    assert not np.array_equal(data.states, Transitions.random(task, 1000, 6).states)
+    assert not np.array_equal(data.states, Transitions.recorded(task, 1000, 6).states)
 
 
 def test_a_step_limit_is_no_end() -> None:
-    data = Transitions.random(get_task("CartPole-v0", step_limit=5), 100, 0)
+    data = Transitions.recorded(get_task("CartPole-v0", step_limit=5), 100, 0)
     assert not data.ends.any()
     follows = np.all(data.next_states[:-1] == data.states[1:], axis=1)
     np.testing.assert_array_equal(np.flatnonzero(~follows), np.arange(4, 99, 5))
 
 
-def test_the_best_snapshot_is_kept(
-    cartpole: Task, architecture: Architecture, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_policy_acts_but_for_its_exploration(cartpole: Task) -> None:
+    data = Transitions.recorded(cartpole, 2000, 1, lambda state: int(state[2] > 0), 0.0)
+    np.testing.assert_array_equal(data.actions, data.states[:, 2] > 0)
+    mixed = Transitions.recorded(cartpole, 2000, 1, lambda state: int(state[2] > 0), 0.3)
+    # A random action is 2.5 steps long on average, and every second one is the policy's.
+    random = 0.3 * 2.5 / (0.7 + 0.3 * 2.5)
+    differs = (mixed.actions != (mixed.states[:, 2] > 0)).mean()
+    assert abs(differs - random / 2) < 0.05
+    both = data + mixed
+    assert len(both.actions) == 4000
+    np.testing.assert_array_equal(both.rewards[2000:], mixed.rewards)
+
+
+def test_the_best_snapshot_is_kept(cartpole: Task, monkeypatch: pytest.MonkeyPatch) -> None:
     """The second of three, its scores being given; or the first that solves the task."""
-    monkeypatch.setattr(fitted, "STEPS", 300)
-    monkeypatch.setattr(fitted, "_SNAPSHOT_STEPS", 5)
-    monkeypatch.setattr(fitted, "_FIT_STEPS", 5)
+    monkeypatch.setattr(action_values, "SNAPSHOT_STEPS", 5)
+    data = Transitions.recorded(cartpole, 300, 1)
 
-    def fit(*scores: float) -> np.ndarray:
+    def learned(*scores: float) -> np.ndarray:
         left = iter(scores)
-        monkeypatch.setattr(fitted, "_SNAPSHOTS", len(scores))
+        monkeypatch.setattr(action_values, "SNAPSHOTS", len(scores))
         monkeypatch.setattr(Task, "test_returns", lambda *_: np.array([next(left)]))
-        return fitted_psi(cartpole, architecture, 1)
+        values = ActionValues.learned(cartpole, data, 1)
+        assert values.score == max(s for s in scores[:2])
+        return values.agent.theta
 
-    second = fit(10.0, 90.0)
-    np.testing.assert_array_equal(fit(10.0, 90.0, 20.0), second)
-    np.testing.assert_array_equal(fit(10.0, 196.0, 200.0), second)
-    assert not np.array_equal(fit(90.0, 10.0), second)
+    second = learned(10.0, 90.0)
+    np.testing.assert_array_equal(learned(10.0, 90.0, 20.0), second)
+    np.testing.assert_array_equal(learned(10.0, 196.0, 200.0), second)
+    assert not np.array_equal(learned(90.0, 10.0), second)
+
+
+def test_action_values_solve_the_task(cartpole: Task) -> None:
+    """Of states that are not brought to unit scale."""
+    data = Transitions.recorded(cartpole, 10_000, 0)
+    values = ActionValues.learned(cartpole, data, 0)
+    assert values.score >= cartpole.solved_reward
+    assert cartpole.test_returns(values.greedy, 10, 77).mean() > 150
+    advantages = values.advantages(data.states)
+    assert advantages.shape == (10_000, 2)
+    assert advantages.std() == pytest.approx(1, abs=1e-3)
+    np.testing.assert_allclose(advantages.sum(axis=1), 0, atol=1e-5)
+    greedy = [values.greedy(state) for state in data.states[:200]]
+    np.testing.assert_array_equal(advantages[:200].argmax(axis=1), greedy)
+
+
+def test_the_teachers_that_solve_the_task_are_asked(
+    cartpole: Task, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The best one where none does."""
+    data = Transitions.recorded(cartpole, 300, 1)
+    monkeypatch.setattr(action_values, "SNAPSHOTS", 1)
+    monkeypatch.setattr(action_values, "SNAPSHOT_STEPS", 5)
+
+    def rewards(*scores: float) -> np.ndarray:
+        left = iter(scores)
+        monkeypatch.setattr(Task, "test_returns", lambda *_: np.array([next(left)]))
+        return fitted.advantages(cartpole, data, list(range(len(scores))))
+
+    alone = rewards(20.0)
+    np.testing.assert_array_equal(rewards(20.0, 10.0, 19.0), alone)
+    assert not np.array_equal(rewards(200.0, 10.0, 196.0), alone)
+    np.testing.assert_array_equal(rewards(200.0, 10.0, 20.0), rewards(200.0))
 
 
 def test_an_se_predicts_the_task(
     cartpole: Task, architecture: Architecture, psi: np.ndarray
 ) -> None:
     """On transitions that it was not fitted to."""
-    data = Transitions.random(cartpole, 500, 99)
+    data = Transitions.recorded(cartpole, 500, 99)
     se, work = kernel_form(architecture, psi), np.zeros((2, 96), np.float32)
     predicted = np.zeros_like(data.next_states)
     rewards, dones = np.array(
@@ -109,9 +156,9 @@ def test_agents_learn_the_task_on_it(
 def test_it_is_determined_by_its_seed(cartpole: Task, monkeypatch: pytest.MonkeyPatch) -> None:
     small = Architecture(4, 2, 2, 8, "prelu")
     monkeypatch.setattr(fitted, "STEPS", 300)
-    monkeypatch.setattr(fitted, "_SNAPSHOTS", 2)
-    monkeypatch.setattr(fitted, "_SNAPSHOT_STEPS", 20)
-    monkeypatch.setattr(fitted, "_FIT_STEPS", 50)
+    monkeypatch.setattr(action_values, "SNAPSHOTS", 2)
+    monkeypatch.setattr(action_values, "SNAPSHOT_STEPS", 20)
+    monkeypatch.setattr(fitted, "FIT_STEPS", 50)
     first, again, other = (fitted_psi(cartpole, small, seed) for seed in (1, 1, 2))
     assert first.shape == (small.parameter_count,)
     np.testing.assert_array_equal(first, again)
@@ -126,8 +173,8 @@ def test_it_is_determined_by_its_seed(cartpole: Task, monkeypatch: pytest.Monkey
 def test_a_task_without_ends_and_without_rewards(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing to learn from: any SE will do, if its numbers are finite."""
     monkeypatch.setattr(fitted, "STEPS", 100)
-    monkeypatch.setattr(fitted, "_SNAPSHOTS", 1)
+    monkeypatch.setattr(action_values, "SNAPSHOTS", 1)
     task = get_task("MountainCar-v0")
-    data = Transitions.random(task, 100, 0)
+    data = Transitions.recorded(task, 100, 0)
     assert not data.ends.any()
     assert np.isfinite(fitted_psi(task, Architecture(2, 3, 1, 8, "relu"), 0)).all()

@@ -51,12 +51,14 @@ def contenders(task: Task, hp: Hyperparameters, count: int, price: float) -> lis
     ("outcomes", "price", "expected"),
     [
         (((90.0, 1000), (100.0, 9000)), 0.0, 1),
-        (((90.0, 1000), (100.0, 9000)), 0.02, 0),  # 88.2 and 82.0
+        (((90.0, 1000), (100.0, 9000)), 0.02, 1),
+        (((195.0, 1000), (200.0, 9000)), 0.02, 0),  # 191.1 and 164
+        (((194.0, 1000), (200.0, 9000)), 0.02, 1),  # the first does not solve the task
         (((100.0, 9000), (100.0, 1000)), 0.0, 1),
         (((np.nan, 10), (20.0, 1000)), 0.0, 1),
     ],
 )
-def test_the_fittest_is_chosen(
+def test_the_best_is_chosen(
     cartpole: Task,
     small_hp: Hyperparameters,
     outcomes: tuple[tuple[float, int], ...],

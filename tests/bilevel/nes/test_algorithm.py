@@ -284,16 +284,18 @@ class TestStepPrice:
         assert (record.score_mean, record.fitness_mean) == (100.0, 70.0)
         assert after.best_score == 100.0
 
-    def test_the_best_is_the_fittest(self, nes: NES) -> None:
+    @pytest.mark.parametrize("scores", [(100.0, 110.0), (196.0, 199.0)])
+    def test_it_counts_among_those_that_solve(self, nes: NES, scores: tuple[float, float]) -> None:
         state = nes.start()
-        for score, steps in ((100.0, 2000), (110.0, 4000)):
+        for score, steps in zip(scores, (2000, 4000), strict=True):
             results = [
                 replace(answer(r, score + (r.index > 2) * r.index), train_steps=steps)
                 for r in nes.ask(state)
             ]
             state = nes.tell(state, results, 1.0, 0.0)
-        assert [f.generation for f in state.finalists] == [0, 1]
-        assert state.best_score == 110.0
+        first, _ = state.finalists
+        assert state.best_score == scores[1]
+        assert first.generation == (0 if scores[0] >= nes.task.solved_reward else 1)
 
     def test_it_is_a_share_of_what_is_above_the_worst(self, nes: NES, acrobot: Task) -> None:
         scores, steps = (
@@ -308,7 +310,7 @@ class TestStepPrice:
 
 
 class TestFallback:
-    """NES goes back to the fittest psi where the new one is worse beyond doubt."""
+    """NES goes back to the best psi where the new one is worse beyond doubt."""
 
     @pytest.fixture
     def nes(self, cartpole: Task, small_hp: Hyperparameters) -> NES:
@@ -340,6 +342,13 @@ class TestFallback:
         np.testing.assert_allclose(second.psi, first.psi + second.velocity, atol=1e-6)
         assert second.velocity.any()
 
+    def test_solved_is_solved(self, nes: NES) -> None:
+        """Nobody goes back from a psi that solves the task, or from one that nearly does."""
+        first = self.told(nes, nes.start(), (200.0, 200.0, 200.0))
+        assert self.told(nes, first, (195.0, 195.2, 195.1)).velocity.any()
+        assert self.told(nes, first, (194.0, 194.0, 197.0)).velocity.any()
+        assert not self.told(nes, first, (194.0, 194.1, 194.2)).velocity.any()
+
     def test_it_may_be_switched_off(self, nes: NES) -> None:
         hp = replace(nes.hp, nes=replace(nes.hp.nes, fallback=0.0))
         nes = replace(nes, hp=hp)
@@ -356,12 +365,12 @@ class TestFallback:
     def test_errors_are_those_of_the_mean_of_all(self, rng: np.random.Generator) -> None:
         values = rng.normal(100, 30, (3, 5000))
         rows = [
-            Finalist(np.zeros(1, np.float32), i, 0, v.mean(), 0, v.std(ddof=1) / np.sqrt(v.size))
+            Finalist(np.zeros(1, np.float32), i, v.mean(), 0, 0, v.std(ddof=1) / np.sqrt(v.size))
             for i, v in enumerate(values)
         ]
         pooled = rows[0].with_generation(rows[1]).with_generation(rows[2])
-        assert pooled.fitness_mean == pytest.approx(values.mean())
-        assert pooled.fitness_error == pytest.approx(values.std() / np.sqrt(values.size), rel=0.02)
+        assert pooled.score_mean == pytest.approx(values.mean())
+        assert pooled.score_error == pytest.approx(values.std() / np.sqrt(values.size), rel=0.02)
         assert pooled.generations == 3
 
 

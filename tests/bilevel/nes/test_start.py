@@ -9,8 +9,10 @@ import pytest
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters
+from bilevel.hyperparameters.definitions import FIT_TESTS
 from bilevel.nes import NES, Psi
 from bilevel.synthetic_env import fitted
+from bilevel.synthetic_env.fitted import action_values
 from bilevel.tasks import Task
 from search_spaces import draw_agent
 
@@ -164,9 +166,9 @@ class TestFitted:
     def fits(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Fits of a moment, which tell nothing but that they differ."""
         monkeypatch.setattr(fitted, "STEPS", 64)
-        monkeypatch.setattr(fitted, "_SNAPSHOTS", 1)
-        monkeypatch.setattr(fitted, "_SNAPSHOT_STEPS", 1)
-        monkeypatch.setattr(fitted, "_FIT_STEPS", 1)
+        monkeypatch.setattr(action_values, "SNAPSHOTS", 1)
+        monkeypatch.setattr(action_values, "SNAPSHOT_STEPS", 1)
+        monkeypatch.setattr(fitted, "FIT_STEPS", 1)
 
     @pytest.mark.usefixtures("fits")
     def test_a_single_one_needs_no_evaluation(
@@ -179,7 +181,7 @@ class TestFitted:
         assert not np.array_equal(first, other)
 
     @pytest.mark.usefixtures("fits")
-    def test_the_fittest_is_the_start(self, cartpole: Task, small_hp: Hyperparameters) -> None:
+    def test_the_best_is_the_start(self, cartpole: Task, small_hp: Hyperparameters) -> None:
         """Each is tried by the same agents with the same seeds."""
         answers = Answers(lambda request: 50.0 if len(answers.batches) == 2 else 9.0)
         psi = search(cartpole, small_hp, answers, start="fitted", start_candidates=3)
@@ -188,6 +190,30 @@ class TestFitted:
         assert {r.sign for r in answers.batches[0]} == {0}
         np.testing.assert_array_equal(psi, answers.psis[1])
 
+    @pytest.mark.parametrize(
+        ("outcomes", "best"),
+        [
+            (((190.0, 1000.0), (196.0, 9000.0)), 1),  # the first is fitter, but does not solve
+            (((200.0, 5000.0), (196.0, 3000.0)), 1),  # 180 and 184.24
+            (((150.0, 1000.0), (160.0, 9000.0)), 1),
+        ],
+    )
+    @pytest.mark.usefixtures("fits")
+    def test_steps_count_among_those_that_solve(
+        self,
+        cartpole: Task,
+        small_hp: Hyperparameters,
+        outcomes: tuple[tuple[float, float], ...],
+        best: int,
+    ) -> None:
+        answers = Answers(
+            lambda request: outcomes[len(answers.batches) - 1][0],
+            lambda request: outcomes[len(answers.batches) - 1][1],
+        )
+        nes = {"start": "fitted", "start_candidates": 2, "step_price": 0.02}
+        psi = search(cartpole, small_hp, answers, **nes)
+        np.testing.assert_array_equal(psi, answers.psis[best])
+
     @pytest.mark.usefixtures("fits")
     def test_evaluations_are_as_many_as_announced(
         self, cartpole: Task, small_hp: Hyperparameters
@@ -195,4 +221,4 @@ class TestFitted:
         answers = Answers(luck)
         hp = replace(small_hp.nes, start="fitted", start_candidates=3)
         search(cartpole, replace(small_hp, nes=hp), answers)
-        assert sum(map(len, answers.batches)) == hp.start_evaluations == 24
+        assert sum(map(len, answers.batches)) == hp.start_evaluations == 3 * FIT_TESTS

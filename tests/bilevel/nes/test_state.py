@@ -51,7 +51,7 @@ def test_round_trip(nes: NES, tmp_path: Path) -> None:
     state.save(tmp_path / "state")
     loaded = NESState.load(tmp_path / "state")
     assert loaded.records == state.records
-    assert [f.rank for f in loaded.finalists] == [f.rank for f in state.finalists]
+    assert [f.rank(1.0) for f in loaded.finalists] == [f.rank(1.0) for f in state.finalists]
     np.testing.assert_array_equal(loaded.finalists[0].psi, state.finalists[0].psi)
     assert (loaded.generation, loaded.best_score) == (1, 1.0)
     np.testing.assert_array_equal(loaded.psi, state.psi)

@@ -1,0 +1,106 @@
+"""An SE that is fitted to the real task, as a start for NES.
+
+    D <- steps of random actions on the real task
+    Q <- double Q-learning on D alone; of its snapshots, the one that does best on the task
+    D <- D and as many steps of Q's actions, some of them random
+    A <- mean over TEACHERS other Q, learned on D, of their advantages Q(s, a) - mean_a' Q(s, a')
+    next-state network <- regression on the next states of D
+    reward network     <- regression on 1 + tanh(2 A / std A)
+    done network       <- regression on the ends of D; LEAST_DONE where there is none
+
+Rewards that are advantages tell an agent after one step which action is the better one;
+the task's own rewards tell it after many. They are bounded, so that what matters little in
+the end is learned as well, and positive: the stopping rule compares returns by their ratio.
+To an agent the raw done output is the probability that nothing follows: where it is never
+less than LEAST_DONE, an agent looks two steps ahead instead of a hundred, and learns what
+they are worth in few steps, as all agents do.
+
+The steps of Q's actions show the SE where good agents will be; without them it often ends
+their episodes early. Several Q agree on what matters, and are wrong in different ways.
+
+Q-learning on recorded transitions: Ernst et al. (2005), Riedmiller (2005). Advantages as
+rewards: potential-based shaping by the values (Ng et al., 1999) gives them on average.
+Steps of the learned policy: Ross et al. (2011).
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.kernels.activations import CODES, PRELU_INITIAL_SLOPE
+from bilevel.kernels.blas import one_blas_thread
+from bilevel.kernels.offline import fit, regression
+from bilevel.synthetic_env.architecture import Architecture
+from bilevel.synthetic_env.fitted.action_values import SMALL, ActionValues
+from bilevel.synthetic_env.fitted.transitions import Transitions
+from bilevel.tasks import Task
+
+#: Steps on the real task, the first half of them random, and the share of random actions
+#: among the others.
+STEPS, EXPLORATION = 20_000, 0.3
+
+#: Q-networks whose advantages are averaged: those that solve the task, or else the best.
+TEACHERS = 3
+
+#: The raw done output where no episode ends; above 0.5 one would.
+LEAST_DONE = 0.45
+
+#: Of the regressions.
+FIT_STEPS, FIT_RATE, FIT_BATCH = 20_000, 1e-2, 256
+
+
+def fitted_psi(task: Task, architecture: Architecture, seed: int) -> NDArray[np.float32]:
+    """psi (P,) of an SE fitted to `task`; by `seed` alone.
+
+    Its rewards lie between 0 and 2, times `architecture.reward_scale`.
+    """
+    words = np.random.SeedSequence(seed).generate_state(4 + TEACHERS, np.uint64)
+    recording, first, following, fitting, *teaching = (int(word) for word in words)
+    with one_blas_thread():
+        data = Transitions.recorded(task, STEPS // 2, recording)
+        policy = ActionValues.learned(task, data, first).greedy
+        data += Transitions.recorded(task, STEPS // 2, following, policy, EXPLORATION)
+        rewards = 1 + np.tanh(2 * advantages(task, data, teaching))
+        return _regressed(architecture, data, architecture.reward_scale * rewards, fitting)
+
+
+def advantages(task: Task, data: Transitions, seeds: list[int]) -> NDArray[np.float32]:
+    """Of the recorded actions (N,), those of all actions being of unit scale."""
+    teachers = [ActionValues.learned(task, data, seed) for seed in seeds]
+    enough = min(task.solved_reward, max(teacher.score for teacher in teachers))
+    good = [teacher for teacher in teachers if teacher.score >= enough]
+    mean: NDArray[np.float32] = np.mean([t.advantages(data.states) for t in good], axis=0)
+    return mean[np.arange(len(mean)), data.actions] / (mean.std() + np.float32(SMALL))
+
+
+def _regressed(
+    architecture: Architecture, data: Transitions, rewards: NDArray[np.float32], seed: int
+) -> NDArray[np.float32]:
+    """psi (P,), each network fitted to its column of the data."""
+    actions = np.eye(architecture.n_actions, dtype=np.float32)[data.actions]
+    inputs = np.column_stack([actions, data.states])
+    spread = data.next_states.std(axis=0) + SMALL
+    # The few ends count as much as all other steps together: an SE shall not miss them.
+    share = np.clip(data.ends.mean(), 1 / data.ends.size, 0.5)
+    balance = np.where(data.ends > 0, 0.5 / share, 0.5 / (1 - share))
+    targets_and_weights = (
+        (data.next_states, np.broadcast_to(spread**-2, data.next_states.shape)),
+        (rewards[:, None], np.ones((len(rewards), 1))),
+        (np.maximum(data.ends, LEAST_DONE)[:, None], balance[:, None]),
+    )
+    psi = architecture.initialize(np.random.default_rng(seed))
+    parts = zip(architecture.networks, architecture.split(psi), targets_and_weights, strict=True)
+    for number, (net, part, (targets, weights)) in enumerate(parts):
+        net = net._replace(activation=CODES[architecture.activation])
+        params = np.append(part, np.float32(PRELU_INITIAL_SLOPE))[: net.parameter_count]
+        fit(
+            regression(net, params, FIT_BATCH),
+            inputs,
+            np.ascontiguousarray(targets, np.float32),
+            np.ascontiguousarray(weights, np.float32),
+            FIT_BATCH,
+            FIT_STEPS,
+            FIT_RATE,
+            np.array([(seed + number) % 2**64], np.uint64),
+        )
+        part[...] = params[: part.size]
+    return psi

@@ -1,0 +1,68 @@
+"""Recorded steps on a real task."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.tasks import Task
+
+#: How often a random action is repeated at most: of actions that change every step, tasks
+#: with momentum (Acrobot) see little.
+REPEATS = 4
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """N recorded steps."""
+
+    states: NDArray[np.float32]  # (N, S)
+    actions: NDArray[np.int64]  # (N,)
+    next_states: NDArray[np.float32]  # (N, S)
+    rewards: NDArray[np.float32]  # (N,)
+    ends: NDArray[np.float32]  # (N,) 1 where the task ended, not at its step limit
+
+    @classmethod
+    def recorded(
+        cls,
+        task: Task,
+        steps: int,
+        seed: int,
+        policy: Callable[[NDArray[np.float32]], int] | None = None,
+        exploration: float = 1.0,
+    ) -> Self:
+        """So many steps of a policy, which at each gives way, with probability
+        `exploration`, to a random action repeated 1 to REPEATS times."""
+        rng = np.random.default_rng(seed)
+        env = task.make()
+        first = env.action_space.start  # type: ignore[attr-defined]
+        rows: list[tuple[Any, ...]] = []
+        state, left, action = None, 0, 0
+        while len(rows) < steps:
+            if state is None:
+                state, left = env.reset(seed=int(rng.integers(2**31)))[0], 0
+            if left:
+                left -= 1
+            elif policy is None or rng.random() < exploration:
+                action, left = int(rng.integers(task.n_actions)), int(rng.integers(REPEATS))
+            else:
+                action = policy(state)
+            following, reward, terminated, truncated, _ = env.step(first + action)
+            rows.append((state, action, following, float(reward), terminated))
+            state = None if terminated or truncated else following
+        env.close()
+        states, actions, next_states, rewards, ends = zip(*rows, strict=True)
+        return cls(
+            np.array(states, np.float32),
+            np.array(actions, np.int64),
+            np.array(next_states, np.float32),
+            np.array(rewards, np.float32),
+            np.array(ends, np.float32),
+        )
+
+    def __add__(self, other: Self) -> Self:
+        """These and those."""
+        columns = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
+        return type(self)(*map(np.concatenate, columns))
