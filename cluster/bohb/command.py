@@ -221,7 +221,7 @@ class _UnderWay:
             if state is not None:
                 ses = run.finalists(state)
                 found += [
-                    (f.rank, Contender(se, run.hp))
+                    (f.rank(run.task.solved_reward), Contender(se, run.hp))
                     for f, se in zip(state.finalists, ses, strict=True)
                 ]
         found.sort(key=lambda pair: pair[0], reverse=True)

@@ -69,11 +69,12 @@ def advantages(task: Task, data: Transitions, seeds: list[int]) -> NDArray[np.fl
     enough = min(task.solved_reward, max(teacher.score for teacher in teachers))
     good = [teacher for teacher in teachers if teacher.score >= enough]
     mean: NDArray[np.float32] = np.mean([t.advantages(data.states) for t in good], axis=0)
-    return mean[np.arange(len(mean)), data.actions] / (mean.std() + np.float32(SMALL))
+    mean /= mean.std() + np.float32(SMALL)
+    return mean[np.arange(len(mean)), data.actions]
 
 
 def _regressed(
-    architecture: Architecture, data: Transitions, rewards: NDArray[np.float32], seed: int
+    architecture: Architecture, data: Transitions, rewards: NDArray[np.floating], seed: int
 ) -> NDArray[np.float32]:
     """psi (P,), each network fitted to its column of the data."""
     actions = np.eye(architecture.n_actions, dtype=np.float32)[data.actions]

@@ -89,4 +89,5 @@ class ActionValues:
         q = np.empty((self.agent.q.shape[0], len(states)), np.float32)
         ddqn.action_values(self.agent, self.agent.theta, x, h, np.empty_like(h), q)
         above: NDArray[np.float32] = (q - q.mean(axis=0)).T
-        return above / (above.std() + np.float32(SMALL))
+        above /= above.std() + np.float32(SMALL)
+        return above

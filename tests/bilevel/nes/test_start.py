@@ -210,8 +210,9 @@ class TestFitted:
             lambda request: outcomes[len(answers.batches) - 1][0],
             lambda request: outcomes[len(answers.batches) - 1][1],
         )
-        nes = {"start": "fitted", "start_candidates": 2, "step_price": 0.02}
-        psi = search(cartpole, small_hp, answers, **nes)
+        psi = search(
+            cartpole, small_hp, answers, start="fitted", start_candidates=2, step_price=0.02
+        )
         np.testing.assert_array_equal(psi, answers.psis[best])
 
     @pytest.mark.usefixtures("fits")
