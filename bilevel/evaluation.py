@@ -7,6 +7,7 @@ run, which is what lets a pool of actors run them in any order, and again.
 
 import time
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -130,6 +131,32 @@ _SMALLEST = Architecture(1, 1, 1, 1, "tanh")
 _NO_SE = (_SMALLEST, np.zeros(_SMALLEST.parameter_count, np.float32))
 
 
+def real_returns(task: Task, agent: Any, episodes: int, seed: int) -> NDArray[np.float64]:
+    """Returns (episodes,) of greedy episodes of a compiled agent on the real task."""
+    if task.compiled:
+        returns: NDArray[np.float64] = training.test_returns(
+            agent, _environment(task, None, episodes, seed), episodes
+        )
+        return returns
+    return task.test_returns(
+        lambda state: int(training.greedy_action(agent, state)), episodes, seed % 2**31
+    )
+
+
+def _environment(task: Task, se: SE | None, episodes: int, seed: int) -> Environment:
+    """An SE, or the compiled real task, with the initial states of so many episodes."""
+    architecture, psi = se or _NO_SE
+    return environment(
+        kernel_form(architecture, psi),
+        se is not None,
+        task.dynamics,
+        task.state_size,
+        task.step_limit if se is None else architecture.step_limit(task),
+        task.solved_reward,
+        task.initial_physics(np.random.default_rng(seed), episodes),
+    )
+
+
 @dataclass(frozen=True)
 class _Run:
     """One training and its tests."""
@@ -141,28 +168,8 @@ class _Run:
     physics_seed: int
     test_seed: int
 
-    def _environment(self, physics: NDArray[np.float64], synthetic: bool) -> Environment:
-        task = self.task
-        return environment(
-            kernel_form(*(self.se or _NO_SE)),
-            synthetic,
-            task.dynamics,
-            task.state_size,
-            task.step_limit,
-            task.solved_reward,
-            physics,
-        )
-
     def _training_environment(self) -> Environment:
-        rng = np.random.default_rng(self.physics_seed)
-        physics = self.task.initial_physics(rng, self.hp.max_episodes)
-        return self._environment(physics, self.se is not None)
-
-    def _test_environment(self) -> Environment:
-        """The compiled real task."""
-        rng = np.random.default_rng(self.test_seed)
-        physics = self.task.initial_physics(rng, self.hp.test_episodes)
-        return self._environment(physics, False)
+        return _environment(self.task, self.se, self.hp.max_episodes, self.physics_seed)
 
     def compiled(self) -> Outcome:
         """By the agent's kernel."""
@@ -179,14 +186,7 @@ class _Run:
         parameters = registered.kernel_parameters(agent)
         if reason == NOT_FINITE or not all(np.isfinite(p).all() for p in parameters):
             return self._diverged(steps, episodes)
-        if task.compiled:
-            returns = training.test_returns(agent, self._test_environment(), hp.test_episodes)
-        else:
-            returns = task.test_returns(
-                lambda state: int(training.greedy_action(agent, state)),
-                hp.test_episodes,
-                self.test_seed % 2**31,
-            )
+        returns = real_returns(task, agent, hp.test_episodes, self.test_seed)
         return Outcome(tuple(returns.tolist()), steps, episodes, True)
 
     def interpreted(self) -> Outcome:
@@ -220,7 +220,8 @@ class _Run:
         if not self.task.compiled:
             returns = self.task.test_returns(agent.greedy, n, self.test_seed % 2**31)
             return tuple(returns.tolist())
-        env, totals = KernelEnvironment(self._test_environment()), [0.0] * n
+        environment = _environment(self.task, None, n, self.test_seed)
+        env, totals = KernelEnvironment(environment), [0.0] * n
         for episode in range(n):
             state = env.reset(episode)
             for _ in range(env.step_limit):

@@ -33,6 +33,7 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
         se = load_se(Path(path))
         self._task = se.task()
+        self._step_limit = se.architecture.step_limit(self._task)
         self._kernel = kernel_form(se.architecture, se.psi)
         self._work = np.zeros((2, 3 * se.architecture.hidden_size), np.float32)
         self._state = np.zeros(se.architecture.state_size, np.float32)
@@ -63,7 +64,7 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         reward, done = step(self._kernel, self._state, int(action), next_state, self._work)
         self._state = next_state
         self._steps += 1
-        truncated = self._steps >= self._task.step_limit
+        truncated = self._steps >= self._step_limit
         return next_state.copy(), float(reward), bool(done > 0.5), truncated, {"done": float(done)}
 
 

@@ -113,13 +113,15 @@ class NESHyperparameters(Validated):
 
 @dataclass(frozen=True, kw_only=True)
 class SEHyperparameters(Validated):
-    """The three networks of a synthetic environment."""
+    """The three networks of a synthetic environment, and its step limit."""
 
     hidden_layers: int = ranged(1, 2)
     hidden_size: int = ranged(1, 4096)
     activation: str = choice(ACTIVATIONS)
     # Factor of the reward network's last layer, in what it starts with and in perturbations.
     reward_scale: float = ranged(1e-6, 1e6, 1.0)
+    # Share of the task's step limit after which an episode on the SE ends. 1: the paper's.
+    step_limit_share: float = ranged(1e-6, 1.0, 1.0)
 
 
 @dataclass(frozen=True, kw_only=True)

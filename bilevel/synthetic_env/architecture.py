@@ -1,4 +1,4 @@
-"""The shape of an SE, and its parameters psi as one flat vector.
+"""What an SE is beside its parameters, and these as one flat vector psi.
 
 Three MLPs of one shape (next state, reward, done) read the same input,
 concat(one_hot(action), state). psi is their weights and biases one after the
@@ -31,10 +31,11 @@ _SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": LRELU_SLOPE, "prelu": PRELU_INITIA
 
 @dataclass(frozen=True)
 class Architecture:
-    """Sizes of an SE's networks.
+    """Sizes of an SE's networks, and how long its episodes may be.
 
     `reward_scale` multiplies the reward network's last layer in a fresh psi and in
-    perturbations; a given psi it does not change.
+    perturbations; a given psi it does not change. `step_limit_share` is that of the real
+    task's step limit.
     """
 
     state_size: int
@@ -43,6 +44,7 @@ class Architecture:
     hidden_size: int
     activation: str
     reward_scale: float = 1.0
+    step_limit_share: float = 1.0
 
     @classmethod
     def of(cls, task: Task, hp: SEHyperparameters) -> "Architecture":
@@ -54,7 +56,12 @@ class Architecture:
             hp.hidden_size,
             hp.activation,
             hp.reward_scale,
+            hp.step_limit_share,
         )
+
+    def step_limit(self, task: Task) -> int:
+        """Steps after which an episode on the SE ends if it has not before."""
+        return max(1, round(self.step_limit_share * task.step_limit))
 
     @property
     def slope(self) -> float:

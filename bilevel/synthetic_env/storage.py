@@ -38,7 +38,7 @@ class StoredSE:
     """An SE with the task it stands in for.
 
     `task` holds the facts an agent's training needs: id, step limit, solved
-    reward. `info` is free: hyperparameters, scores, versions.
+    reward, all of the real task. `info` is free: hyperparameters, scores, versions.
     """
 
     architecture: Architecture
@@ -119,6 +119,7 @@ def load_se(path: Path) -> StoredSE:
             hidden_size=sizes["hidden_size"],
             activation=sizes["activation"],
             reward_scale=sizes.get("reward_scale", 1.0),
+            step_limit_share=sizes.get("step_limit_share", 1.0),
         )
         for name in ("state_size", "n_actions"):
             if type(sizes[name]) is not int or not 1 <= sizes[name] <= 65536:

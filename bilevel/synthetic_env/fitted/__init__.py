@@ -5,12 +5,13 @@
     D <- D and as many steps of Q's actions, some of them random
     A <- mean over TEACHERS other Q, learned on D, of their advantages Q(s, a) - mean_a' Q(s, a')
     next-state network <- regression on the next states of D
-    reward network     <- regression on 1 + tanh(2 A / std A)
+    reward network     <- regression on 0.5 + tanh(2 A / std A)
     done network       <- regression on the ends of D; LEAST_DONE where there is none
 
 Rewards that are advantages tell an agent after one step which action is the better one;
 the task's own rewards tell it after many. They are bounded, so that what matters little in
-the end is learned as well, and positive: the stopping rule compares returns by their ratio.
+the end is learned as well. The stopping rule compares returns by their ratio: with BASE added,
+those of good agents are far from 0 and hardly differ, those of bad ones are near 0 and do.
 To an agent the raw done output is the probability that nothing follows: where it is never
 less than LEAST_DONE, an agent looks two steps ahead instead of a hundred, and learns what
 they are worth in few steps, as all agents do.
@@ -41,6 +42,9 @@ STEPS, EXPLORATION = 20_000, 0.3
 #: Q-networks whose advantages are averaged: those that solve the task, or else the best.
 TEACHERS = 3
 
+#: The reward of an action that is neither better nor worse than the others.
+BASE = 0.5
+
 #: The raw done output where no episode ends; above 0.5 one would.
 LEAST_DONE = 0.45
 
@@ -51,7 +55,7 @@ FIT_STEPS, FIT_RATE, FIT_BATCH = 20_000, 1e-2, 256
 def fitted_psi(task: Task, architecture: Architecture, seed: int) -> NDArray[np.float32]:
     """psi (P,) of an SE fitted to `task`; by `seed` alone.
 
-    Its rewards lie between 0 and 2, times `architecture.reward_scale`.
+    Its rewards lie between BASE - 1 and BASE + 1, times `architecture.reward_scale`.
     """
     words = np.random.SeedSequence(seed).generate_state(4 + TEACHERS, np.uint64)
     recording, first, following, fitting, *teaching = (int(word) for word in words)
@@ -59,7 +63,7 @@ def fitted_psi(task: Task, architecture: Architecture, seed: int) -> NDArray[np.
         data = Transitions.recorded(task, STEPS // 2, recording)
         policy = ActionValues.learned(task, data, first).greedy
         data += Transitions.recorded(task, STEPS // 2, following, policy, EXPLORATION)
-        rewards = 1 + np.tanh(2 * advantages(task, data, teaching))
+        rewards = BASE + np.tanh(2 * advantages(task, data, teaching))
         return _regressed(architecture, data, architecture.reward_scale * rewards, fitting)
 
 

@@ -6,6 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from bilevel.evaluation import real_returns
 from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.kernels import ddqn
 from bilevel.kernels.offline import learn_offline
@@ -44,8 +45,6 @@ class ActionValues:
     """Q(s, a), and what its greedy policy scored on the real task."""
 
     agent: ddqn.DDQNKernel
-    mean: NDArray[np.float32]  # (S,) of the recorded states
-    scale: NDArray[np.float32]  # (S,)
     score: float
 
     @classmethod
@@ -56,7 +55,7 @@ class ActionValues:
         later, so its snapshots are tested on the real task.
         """
         learning, testing = (int(w) for w in np.random.SeedSequence(seed).generate_state(2))
-        mean, scale = data.states.mean(axis=0), data.states.std(axis=0) + np.float32(SMALL)
+        mean, scale = data.states.mean(axis=0), data.states.std(axis=0) + SMALL
         states, next_states = ((s - mean) / scale for s in (data.states, data.next_states))
         rewards = data.rewards * (1 - _LEARNER.discount)  # values are then of their size
         columns = [states, next_states, rewards, data.ends, data.actions]
@@ -64,30 +63,40 @@ class ActionValues:
         hp, rng = replace(_LEARNER, replay_capacity=len(memory)), np.random.default_rng(learning)
         agent = ddqn.new_agent(hp, task.state_size, task.n_actions, rng)
         draws = np.array([learning], np.uint64)
-        values = cls(agent, mean, scale, -np.inf)
-        theta = agent.theta.copy()
+        best = cls(agent._replace(theta=_of_raw_states(agent, mean, scale)), -np.inf)
         for _ in range(SNAPSHOTS):
             learn_offline(agent, memory, SNAPSHOT_STEPS, draws)
             if not np.isfinite(agent.theta).all():
                 break
-            score = float(task.test_returns(values.greedy, TESTS, testing % 2**31).mean())
-            if score > values.score:
-                values, theta = replace(values, score=score), agent.theta.copy()
+            snapshot = agent._replace(theta=_of_raw_states(agent, mean, scale))
+            score = float(real_returns(task, snapshot, TESTS, testing).mean())
+            if score > best.score:
+                best = cls(snapshot, score)
             if score >= task.solved_reward:
                 break
-        agent.theta[...] = theta
-        return values
+        return best
 
     def greedy(self, state: NDArray[np.float32]) -> int:
         """The action of the highest value in a state (S,)."""
-        return int(ddqn.greedy_action(self.agent, (state - self.mean) / self.scale))
+        return int(ddqn.greedy_action(self.agent, state))
 
     def advantages(self, states: NDArray[np.float32]) -> NDArray[np.float32]:
         """Q(s, a) - mean_a' Q(s, a') (N, A) in states (N, S), brought to unit scale."""
-        x = np.ascontiguousarray(((states - self.mean) / self.scale).T)
+        x = np.ascontiguousarray(states.T)
         h = np.empty((_LEARNER.hidden_layers, _LEARNER.hidden_size, len(states)), np.float32)
         q = np.empty((self.agent.q.shape[0], len(states)), np.float32)
         ddqn.action_values(self.agent, self.agent.theta, x, h, np.empty_like(h), q)
         above: NDArray[np.float32] = (q - q.mean(axis=0)).T
         above /= above.std() + np.float32(SMALL)
         return above
+
+
+def _of_raw_states(
+    agent: ddqn.DDQNKernel, mean: NDArray[np.float32], scale: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """theta of the same network before it, (s - mean) / scale being part of its first layer."""
+    theta, (inputs, units) = agent.theta.copy(), agent.net.shapes[0]
+    weights = theta[: units * inputs].reshape(units, inputs)
+    weights /= scale
+    theta[units * inputs : units * (inputs + 1)] -= weights @ mean
+    return theta
