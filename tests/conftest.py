@@ -59,7 +59,7 @@ def small_hp(small_agent: DDQNHyperparameters) -> Hyperparameters:
             fallback=0.0,
             step_price=0.0,
         ),
-        se=replace(hp.se, hidden_size=8),
+        se=replace(hp.se, hidden_size=8, step_limit_share=1.0),
         agents=(small_agent,),
         vary_agent="no",
     )

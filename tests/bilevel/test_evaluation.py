@@ -72,6 +72,22 @@ def test_an_se_whose_episodes_never_end_is_bounded_by_the_step_limit(
     result = evaluate(cartpole, architecture, psi, EvaluationRequest(0, 0, agent))
     assert result.train_episodes == agent.max_episodes
     assert result.train_steps == agent.max_episodes * cartpole.step_limit
+    short = replace(architecture, step_limit_share=0.203)
+    assert short.step_limit(cartpole) == 41
+    for compiled in (True, False):
+        outcome = train_and_test(cartpole, (short, psi), agent, 0, compiled)
+        assert outcome.train_steps == agent.max_episodes * 41
+
+
+def test_the_real_task_keeps_its_step_limit(cartpole: Task, small_hp: Hyperparameters) -> None:
+    """A policy that balances the pole, on an SE whose episodes are short."""
+    architecture = replace(Architecture.of(cartpole, small_hp.se), step_limit_share=0.01)
+    psi = architecture.initialize(np.random.default_rng(0))
+    short = [
+        train_and_test(cartpole, (architecture, psi), ddqn(small_hp), seed).test_returns
+        for seed in range(3)
+    ]
+    assert max(map(max, short)) > architecture.step_limit(cartpole) == 2
 
 
 def test_task_that_gymnasium_runs(small_hp: Hyperparameters) -> None:

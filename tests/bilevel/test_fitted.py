@@ -7,6 +7,7 @@ import pytest
 
 from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import load_preset
+from bilevel.kernels.blas import one_blas_thread
 from bilevel.kernels.synthetic_env import step
 from bilevel.synthetic_env import Architecture, fitted, kernel_form
 from bilevel.synthetic_env.fitted import LEAST_DONE, action_values, fitted_psi
@@ -24,7 +25,7 @@ def architecture() -> Architecture:
 @pytest.fixture(scope="module")
 def psi(architecture: Architecture) -> np.ndarray:
     """Of a seed whose Q-learning solves the task."""
-    return fitted_psi(get_task("CartPole-v0"), architecture, 3)
+    return fitted_psi(get_task("CartPole-v0"), architecture, 4)
 
 
 @pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
@@ -84,8 +85,9 @@ def test_the_best_snapshot_is_kept(cartpole: Task, monkeypatch: pytest.MonkeyPat
 
 def test_action_values_solve_the_task(cartpole: Task) -> None:
     """Of states that are not brought to unit scale."""
-    data = Transitions.recorded(cartpole, 10_000, 0)
-    values = ActionValues.learned(cartpole, data, 0)
+    data = Transitions.recorded(cartpole, 10_000, 4)
+    with one_blas_thread():
+        values = ActionValues.learned(cartpole, data, 4)
     assert values.score >= cartpole.solved_reward
     assert cartpole.test_returns(values.greedy, 10, 77).mean() > 150
     advantages = values.advantages(data.states)
@@ -150,7 +152,7 @@ def test_agents_learn_the_task_on_it(
         )
         for seed in range(4)
     ]
-    assert np.mean(scores) > 150
+    assert np.mean(scores) > 180
 
 
 def test_it_is_determined_by_its_seed(cartpole: Task, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -143,6 +143,7 @@ class TestFile:
             {"architecture": {"activation": "__import__"}},
             {"architecture": {"hidden_size": 13}},
             {"architecture": {"reward_scale": 0.0}},
+            {"architecture": {"step_limit_share": 1.5}},
             {"step_limit": "many"},
             {"step_limit": 0},
             {"solved_reward": float("nan")},
@@ -158,10 +159,11 @@ class TestFile:
         with pytest.raises(InvalidInput, match="damaged or not an SE file"):
             load_se(se_file)
 
-    def test_a_file_from_before_reward_scales_is_read(self, se_file: Path) -> None:
+    @pytest.mark.parametrize("name", ["reward_scale", "step_limit_share"])
+    def test_a_file_from_before_it_had_that_is_read(self, name: str, se_file: Path) -> None:
         with safetensors.safe_open(se_file, framework="numpy") as file:
             header = json.loads(file.metadata()["se"])
-        del header["architecture"]["reward_scale"], header["sha256"]
+        del header["architecture"][name], header["sha256"]
         tensors = safetensors.numpy.load_file(se_file)
         expected = load_se(se_file)
         safetensors.numpy.save_file(tensors, se_file, {"se": json.dumps(header)})
@@ -243,3 +245,15 @@ class TestGymEnv:
             if terminated:
                 break
         assert done is not None
+
+    def test_its_episodes_may_be_shorter_than_the_tasks(
+        self, cartpole: Task, tmp_path: Path
+    ) -> None:
+        se = make_se(cartpole)
+        short = replace(se.architecture, step_limit_share=0.02)
+        psi = np.zeros(short.parameter_count, np.float32)  # nothing ever ends
+        save_se(replace(se, architecture=short, psi=psi), tmp_path / "short.safetensors")
+        env = gymnasium.make("bilevel/SyntheticEnv-v0", path=tmp_path / "short.safetensors")
+        env.reset(seed=1)
+        ends = [env.step(np.int64(0))[2:4] for _ in range(4)]
+        assert ends == [(False, False)] * 3 + [(False, True)]
