@@ -62,13 +62,13 @@ def _full_agent(agent: str) -> list[Dimension]:
 
 def _core() -> list[Dimension]:
     """With `_core_agent`, six that a search of an hour can tell apart: the model needs
-    2 * (6 + 1) results at one budget. NES ranges are those of the paired update; sigma is
-    none of them, since retention adapts it."""
+    2 * (6 + 1) results at one budget. NES ranges are those of the paired update from fitted
+    starts; sigma is none of them, since retention adapts it."""
     return [
-        CS.Float("nes.step_size", (0.01, 0.2), log=True),
+        CS.Float("nes.step_size", (0.002, 0.05), log=True),
         CS.Float("nes.retention", (0.5, 0.9)),
         CS.Integer("se.hidden_size", (16, 128), log=True),
-        CS.Float("se.reward_scale", (0.01, 1.0), log=True),
+        CS.Float("se.step_limit_share", (0.1, 1.0), log=True),
     ]
 
 

@@ -111,9 +111,10 @@ class NESState:
 
     @property
     def objective(self) -> float:
-        """Mean over the generations of the score of each: the area under the
-        learning curve, so that fast and good both count."""
-        return float(np.mean([record.score_mean for record in self.records]))
+        """Mean over the generations of the fitness of each: the area under the learning curve,
+        so that soon and good both count, and with a step price what agents learn from in few
+        steps."""
+        return float(np.mean([record.fitness_mean for record in self.records]))
 
     def as_finalist(self, tried: Finalist) -> Finalist:
         """What was just tried, together with what it scored before if it is a finalist."""

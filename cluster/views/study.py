@@ -147,7 +147,7 @@ class StudyViews:
             f"{study.base.nes.population_size}, budgets {list(study.budgets)} generations (eta 3), "
             f"seed {study.seed}. Each child run is one configuration; a promoted one goes on in "
             "the same run. `objective` is the mean over the run's generations of each generation's "
-            "score (the area under the learning curve), so that fast and good both count; BOHB "
+            "fitness (score, less what train steps cost), so that soon and good both count; BOHB "
             "maximises it. `final_*` are of fresh agents trained on the best SE of all "
             "configurations."
         )

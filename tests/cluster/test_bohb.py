@@ -60,8 +60,8 @@ def loss_of(job: Job) -> float:
     from math import log
 
     values = job.configuration
-    step, rewards = values["nes.step_size"], values["se.reward_scale"]
-    return log(step / 0.06) ** 2 + log(rewards / 0.1) ** 2 - 0.01 * job.budget
+    step, share = values["nes.step_size"], values["se.step_limit_share"]
+    return log(step / 0.01) ** 2 + log(share / 0.3) ** 2 - 0.01 * job.budget
 
 
 def new_search(folder: Path, brackets: int = 6, seed: int = 0) -> BracketSearch:

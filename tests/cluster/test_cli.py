@@ -107,3 +107,12 @@ def test_dry_run_says_what_would_be_run_and_writes_nothing(tmp_path: Path) -> No
     assert "11 generations, 66 evaluations" in result.stdout
     assert "the cluster can place it" in result.stdout
     assert list(tmp_path.iterdir()) == []
+
+
+def test_dry_run_counts_the_fits_of_starts(tmp_path: Path) -> None:
+    arguments = ("--profile", "local", "--brackets", "3", "--dry-run")
+    result = run_bilevel("bohb", "CartPole-v0", *arguments, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    # 9 + 3 + 3 configurations of two candidates, and 32 agents on each of these
+    assert "63 generations, 30 fits of about" in result.stdout
+    assert f"{63 * 24 + 30 * 32} evaluations" in result.stdout

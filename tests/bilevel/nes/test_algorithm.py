@@ -282,6 +282,7 @@ class TestStepPrice:
         assert (after.psi - state.psi) @ plus > 0
         record = after.records[-1]
         assert (record.score_mean, record.fitness_mean) == (100.0, 70.0)
+        assert after.objective == 70.0
         assert after.best_score == 100.0
 
     @pytest.mark.parametrize("scores", [(100.0, 110.0), (196.0, 199.0)])
