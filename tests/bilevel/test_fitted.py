@@ -1,6 +1,8 @@
 """SEs fitted to the real task."""
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import pytest
 from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import load_preset
 from bilevel.kernels.blas import one_blas_thread
+from bilevel.kernels.ddqn import greedy_action, new_agent
 from bilevel.kernels.synthetic_env import step
 from bilevel.synthetic_env import Architecture, fitted, kernel_form
 from bilevel.synthetic_env.fitted import LEAST_DONE, action_values, fitted_psi
@@ -15,6 +18,7 @@ from bilevel.synthetic_env.fitted.action_values import ActionValues
 from bilevel.synthetic_env.fitted.transitions import REPEATS, Transitions
 from bilevel.tasks import Task, get_task
 from search_spaces import draw_agent
+from tests.conftest import ddqn
 
 
 @pytest.fixture(scope="module")
@@ -96,6 +100,47 @@ def test_action_values_solve_the_task(cartpole: Task) -> None:
     np.testing.assert_allclose(advantages.sum(axis=1), 0, atol=1e-5)
     greedy = [values.greedy(state) for state in data.states[:200]]
     np.testing.assert_array_equal(advantages[:200].argmax(axis=1), greedy)
+
+
+def test_the_network_takes_raw_states(rng: np.random.Generator) -> None:
+    """Far from the origin, in units of their own."""
+    hp = replace(ddqn(load_preset("default", "CartPole-v0")), hidden_size=8, hidden_layers=2)
+    agent = new_agent(hp, 4, 2, rng)
+    mean, scale = rng.normal(0, 5, 4).astype(np.float32), np.array([0.1, 1, 3, 9], np.float32)
+    states = (mean + scale * rng.normal(size=(50, 4))).astype(np.float32)
+    raw = agent._replace(theta=action_values.of_raw_states(agent, mean, scale))
+    for state in states:
+        greedy_action(agent, (state - mean) / scale)
+        expected = agent.single_y.copy()
+        greedy_action(raw, state)
+        np.testing.assert_allclose(raw.single_y, expected, atol=1e-4)
+
+
+def test_the_policy_is_recorded_too(
+    cartpole: Task, architecture: Architecture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half of the steps are those of what the other half has taught."""
+    monkeypatch.setattr(action_values, "SNAPSHOTS", 1)
+    monkeypatch.setattr(fitted, "FIT_STEPS", 1)
+    monkeypatch.setattr(fitted, "STEPS", 200)
+    recorded, fitted_to = [], []
+
+    def record(*arguments: Any) -> Transitions:
+        recorded.append(arguments)
+        return Transitions.recorded(*arguments)
+
+    def regressed(_: Architecture, data: Transitions, *others: Any) -> np.ndarray:
+        fitted_to.append(data)
+        return np.zeros(1, np.float32)
+
+    monkeypatch.setattr(fitted, "Transitions", SimpleNamespace(recorded=record))
+    monkeypatch.setattr(fitted, "_regressed", regressed)
+    fitted_psi(cartpole, architecture, 0)
+    (_, steps, first, *nothing), (_, more, second, policy, exploration) = recorded
+    assert (steps, more, nothing, exploration) == (100, 100, [], fitted.EXPLORATION)
+    assert first != second
+    assert policy(np.zeros(4, np.float32)) in (0, 1)
+    assert len(fitted_to[0].actions) == 200
 
 
 def test_the_teachers_that_solve_the_task_are_asked(

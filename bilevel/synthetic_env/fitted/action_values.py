@@ -63,12 +63,12 @@ class ActionValues:
         hp, rng = replace(_LEARNER, replay_capacity=len(memory)), np.random.default_rng(learning)
         agent = ddqn.new_agent(hp, task.state_size, task.n_actions, rng)
         draws = np.array([learning], np.uint64)
-        best = cls(agent._replace(theta=_of_raw_states(agent, mean, scale)), -np.inf)
+        best = cls(agent._replace(theta=of_raw_states(agent, mean, scale)), -np.inf)
         for _ in range(SNAPSHOTS):
             learn_offline(agent, memory, SNAPSHOT_STEPS, draws)
             if not np.isfinite(agent.theta).all():
                 break
-            snapshot = agent._replace(theta=_of_raw_states(agent, mean, scale))
+            snapshot = agent._replace(theta=of_raw_states(agent, mean, scale))
             score = float(real_returns(task, snapshot, TESTS, testing).mean())
             if score > best.score:
                 best = cls(snapshot, score)
@@ -91,7 +91,7 @@ class ActionValues:
         return above
 
 
-def _of_raw_states(
+def of_raw_states(
     agent: ddqn.DDQNKernel, mean: NDArray[np.float32], scale: NDArray[np.float32]
 ) -> NDArray[np.float32]:
     """theta of the same network before it, (s - mean) / scale being part of its first layer."""
