@@ -73,7 +73,7 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
     assert sum(name.startswith("model-") for name in names) == 1
     for child in children:
         budget = int(child.data.metrics["budget"])
-        history = mlflow_client.get_metric_history(child.info.run_id, "score_mean")
+        history = mlflow_client.get_metric_history(child.info.run_id, "fitness_mean")
         assert [metric.step for metric in history] == list(range(budget))
         mean = sum(metric.value for metric in history) / budget
         assert child.data.metrics["objective"] == pytest.approx(mean)
