@@ -110,7 +110,7 @@ def test_killed_in_the_middle_it_goes_on(
     time.sleep(0.3)
     os.killpg(process.pid, number)  # to everyone, as a terminal does
     rest, _ = process.communicate(timeout=60)
-    assert process.returncode == (130 if number is signal.SIGINT else -number)
+    assert process.returncode == (130 if number is signal.SIGINT else -number), rest
     if number is signal.SIGINT:
         assert "the same command goes on from the last finished generation" in rest
     assert run_bilevel(*SMALL, "--generations", "4", "--home", parts).returncode == 0
