@@ -73,19 +73,14 @@ def choose_best(
     one that took fewer steps. Contenders come best first, so one alone needs no test."""
     if len(contenders) == 1:
         return contenders[0]
-    found = [_fresh_agents(task, c, RETESTS, (*seed, _RETEST), pool) for c in contenders]
-    ranks = [
-        (
-            *worth_of(
-                f.scores.mean(),
-                fitness(task, c.hp.nes, f.scores, f.train_steps).mean(),
-                task.solved_reward,
-            ),
-            -f.train_steps.mean(),
-        )
-        for c, f in zip(contenders, found, strict=True)
-    ]
-    return contenders[ranks.index(max(ranks))]
+
+    def rank(contender: Contender) -> tuple[float, float, float]:
+        found = _fresh_agents(task, contender, RETESTS, (*seed, _RETEST), pool)
+        fit = fitness(task, contender.hp.nes, found.scores, found.train_steps)
+        worth = worth_of(found.scores.mean(), fit.mean(), task.solved_reward)
+        return *worth, -found.train_steps.mean()
+
+    return max(contenders, key=rank)
 
 
 def score_anew(

@@ -143,6 +143,18 @@ def test_the_policy_is_recorded_too(
     assert len(fitted_to[0].actions) == 200
 
 
+def test_a_rare_end_is_not_missed(architecture: Architecture) -> None:
+    """One step in twenty ends the episode, and nothing tells which."""
+    states = np.full((400, 4), 0.1, np.float32)
+    actions, rewards = np.zeros(400, np.int64), np.ones(400, np.float32)
+    ends = (np.arange(400) % 20 == 0).astype(np.float32)
+    data = Transitions(states, actions, states, rewards, ends)
+    psi = fitted._regressed(architecture, data, rewards, 0)
+    se, work = kernel_form(architecture, psi), np.zeros((2, 96), np.float32)
+    _, done = step(se, states[0], 0, np.zeros(4, np.float32), work)
+    assert done == pytest.approx((1 + LEAST_DONE) / 2, abs=0.05)
+
+
 def test_the_teachers_that_solve_the_task_are_asked(
     cartpole: Task, monkeypatch: pytest.MonkeyPatch
 ) -> None:
