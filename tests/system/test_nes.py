@@ -2,7 +2,6 @@
 
 import os
 import signal
-import time
 from dataclasses import asdict
 from pathlib import Path
 
@@ -107,7 +106,6 @@ def test_killed_in_the_middle_it_goes_on(
 ) -> None:
     parts = tmp_path
     process = run_until("generation   1", *SMALL, "--generations", "4", "--home", parts)
-    time.sleep(0.3)
     os.killpg(process.pid, number)  # to everyone, as a terminal does
     rest, _ = process.communicate(timeout=60)
     assert process.returncode == (130 if number is signal.SIGINT else -number), rest
