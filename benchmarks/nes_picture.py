@@ -6,12 +6,12 @@ python -m benchmarks.nes_picture
 from pathlib import Path
 from typing import Any
 
-import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from benchmarks.machine import read_result
+from benchmarks.nes_study import AGENTS
 from benchmarks.nes_tables import TASKS
 from benchmarks.pictures import digest, save
 from bilevel.tasks import get_task
@@ -24,6 +24,11 @@ _COLOURS = ("#2a6fbb", "#3d9970", "#d9822b", "#8a8f98", "#b04a8b", "#7f6bb0", "#
 def _variants(task: str) -> dict[str, list[dict[str, Any]]]:
     found = read_result(f"nes_{task}")["variants"]
     return {name: variant["runs"] for name, variant in found.items()}
+
+
+def _limits(task: str) -> dict[str, list[dict[str, Any]]]:
+    points: dict[str, list[dict[str, Any]]] = read_result(f"step_limits_{task}")["points"]
+    return points
 
 
 def _curves(axes: Axes, task: str) -> None:
@@ -43,46 +48,49 @@ def _curves(axes: Axes, task: str) -> None:
     axes.set_title(f"{task}: {len(runs)} seed(s), and their median")
 
 
-def _solved(axes: Axes, task: str) -> None:
-    """Share of the seeds that have solved the task by a generation, of every variant."""
-    for (name, runs), colour in zip(_variants(task).items(), _COLOURS, strict=False):
-        firsts = [run["first_solved_generation"] for run in runs]
-        longest = max(run["generations"] for run in runs)
-        share = [np.mean([f is not None and f <= g for f in firsts]) for g in range(longest + 1)]
-        axes.step(
-            range(longest + 1), share, color=colour, where="post", label=f"{name} ({len(runs)})"
+def _step_limits(axes: Axes, task: str) -> None:
+    """Train steps and test return at every step limit, a line an agent; means over SEs."""
+    for (agent, points), colour in zip(_limits(task).items(), _COLOURS, strict=False):
+        steps, scores = (
+            [np.mean([se[field] for se in point["ses"]]) for point in points]
+            for field in ("train_steps_mean", "score_mean")
         )
-    axes.set_ylim(0, 1.03)
-    axes.yaxis.set_major_formatter(mpl.ticker.PercentFormatter(1.0))
-    axes.set_xlabel("generation")
-    axes.set_ylabel("seeds that have solved the task")
-    axes.set_title(f"{task}: variants (seeds)")
+        axes.plot(steps, scores, "o-", color=colour, ms=4, lw=1.2, label=agent)
+        for point, x, y in zip(points, steps, scores, strict=True):
+            share = f"{point['share']:.0%}"
+            axes.annotate(
+                share, (x, y), xytext=(3, -9), textcoords="offset points", fontsize=7, color=colour
+            )
+    axes.axhline(get_task(task).solved_reward, color="black", lw=0.8, ls=":")
+    axes.set_xscale("log")
+    axes.set_xlabel("train steps (mean)")
+    axes.set_ylabel("test return (mean)")
+    axes.set_title(f"{task}: step limit of the SE, as a share of the task's")
     axes.legend(frameon=False, fontsize=8, loc="lower right")
 
 
-def _trade_off(axes: Axes, task: str) -> None:
-    """Score against train steps of varied agents on the best SE of each run."""
-    for (name, runs), colour in zip(_variants(task).items(), _COLOURS, strict=False):
-        measured = [run["varied"]["ddqn"] for run in runs if "ddqn" in run["varied"]]
-        if measured:
-            steps = [agents["train_steps_mean"] for agents in measured]
-            scores = [agents["score_mean"] for agents in measured]
-            axes.scatter(steps, scores, color=colour, s=22, alpha=0.8, label=name)
+def _agents(axes: Axes, task: str) -> None:
+    """Test return against train steps of varied agents, a point a run's best SE."""
+    runs = _variants(task)["defaults"]
+    for agent, colour in zip(AGENTS, _COLOURS, strict=False):
+        found = [run["varied"][agent] for run in runs if agent in run["varied"]]
+        steps = [one["train_steps_mean"] for one in found]
+        scores = [one["score_mean"] for one in found]
+        if found:
+            label = f"{agent} ({len(found)} SEs)"
+            axes.scatter(steps, scores, color=colour, s=22, alpha=0.7, label=label)
     axes.axhline(get_task(task).solved_reward, color="black", lw=0.8, ls=":")
     axes.set_xlabel("train steps (mean of 20 agents)")
-    axes.set_ylabel("test return (mean)")
-    axes.set_title(f"{task}: varied DDQN on the best SEs")
-    if axes.collections:
-        axes.legend(frameon=False, fontsize=8)
-    else:
-        axes.text(0.5, 0.5, "not measured yet", ha="center", transform=axes.transAxes)
+    axes.set_ylabel("test return (mean of 20 agents)")
+    axes.set_title(f"{task}: varied agents on the best SEs")
+    axes.legend(frameon=False, fontsize=8)
 
 
 def picture() -> Figure:
     """A row a task."""
     figure = Figure(figsize=(15, 4.4 * len(TASKS)), layout="constrained")
     for row, task in zip(figure.subplots(len(TASKS), 3), TASKS, strict=True):
-        for draw, axes in zip((_curves, _solved, _trade_off), row, strict=True):
+        for draw, axes in zip((_curves, _step_limits, _agents), row, strict=True):
             draw(axes, task)
             axes.spines[["top", "right"]].set_visible(False)
     return figure
@@ -90,7 +98,7 @@ def picture() -> Figure:
 
 def results_digest() -> str:
     """Of what the picture shows."""
-    return digest([_variants(task) for task in TASKS])
+    return digest([[_variants(task)["defaults"], _limits(task)] for task in TASKS])
 
 
 def main() -> None:

@@ -144,7 +144,27 @@ def _bilevel(*arguments: str) -> None:
     print(arguments[0], arguments[arguments.index("--name") + 1], *done.stdout.splitlines()[-5:-4])
 
 
-def write(study: Study, variants: Sequence[str], seeds: Sequence[int], transfers: int) -> Path:
+def commands(
+    study: Study, variant: str, seeds: Sequence[int], rows: Sequence[dict[str, Any]]
+) -> list[str]:
+    """That measured these rows: the runs with the first transfers, then others."""
+    kinds: dict[int, list[str]] = {}
+    for agent in AGENTS:
+        for number in {row["varied"][agent]["agents"] for row in rows if agent in row["varied"]}:
+            kinds.setdefault(number, []).append(agent)
+    call = (
+        f"python -m benchmarks.nes_study {study.task} --variants '{variant}' "
+        f"--seeds {' '.join(map(str, seeds))} --generations {study.generations}"
+    )
+    if not kinds:
+        return [f"{call} --transfers 0 --home FOLDER"]
+    return [
+        f"{call} --transfers {number} --agents {' '.join(agents)} --home FOLDER"
+        for number, agents in kinds.items()
+    ]
+
+
+def write(study: Study, variants: Sequence[str], seeds: Sequence[int]) -> Path:
     """The results of these runs beside those of earlier calls."""
     name = f"nes_{study.task}"
     try:
@@ -155,9 +175,7 @@ def write(study: Study, variants: Sequence[str], seeds: Sequence[int], transfers
         rows = [row for seed in seeds if (row := study.row(variant, seed)) is not None]
         if rows:
             found[variant] = {
-                "command": f"python -m benchmarks.nes_study {study.task} --variants '{variant}' "
-                f"--seeds {' '.join(map(str, seeds))} --generations {study.generations} "
-                f"--transfers {transfers} --home FOLDER",
+                "commands": commands(study, variant, seeds, rows),
                 "options": VARIANTS[variant],
                 "hyperparameters": study.hyperparameters(variant, rows[0]["seed"]),
                 "runs": rows,
@@ -188,7 +206,7 @@ def main() -> None:
         ]
     for run in runs:
         run.result()
-    print(f"written to {write(study, options.variants, seeds, options.transfers)}")
+    print(f"written to {write(study, options.variants, seeds)}")
 
 
 if __name__ == "__main__":

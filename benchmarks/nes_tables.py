@@ -69,7 +69,7 @@ def seeds(task: str) -> str:
 
 
 def _commands(result: dict[str, Any]) -> str:
-    commands = [f"`{variant['command']}`" for variant in result["variants"].values()]
+    commands = [f"`{one}`" for found in result["variants"].values() for one in found["commands"]]
     return f"\n\n(one core a run; {_machine(result)};\n" + ",\n".join(commands) + ")"
 
 
@@ -98,6 +98,28 @@ def transfer() -> str:
     return table(head, rows)
 
 
+def step_limits(task: str) -> str:
+    """Small varied agents on the same SEs, their episodes ever longer."""
+    result = read_result(f"step_limits_{task}")
+    ses = 0
+    head = ["step limit"]
+    rows: list[list[str]] = []
+    for agent, points in result["points"].items():
+        head += [agent, "train steps"]
+        for number, point in enumerate(points):
+            if number == len(rows):
+                rows.append([f"{point['share']:.0%}"])
+            ses = len(point["ses"])
+            rows[number] += [
+                _spread([se["score_mean"] for se in point["ses"]], ".1f"),
+                f"{statistics.median(se['train_steps_mean'] for se in point['ses']):.0f}",
+            ]
+    return table(head, rows) + (
+        f"\n\n({ses} SEs, {result['agents']} agents of each kind on each; the median SE, the "
+        f"lowest and the highest; {_machine(result)}; `{result['command']}`)"
+    )
+
+
 def _machine(result: dict[str, Any]) -> str:
     return f"{result['machine']['cores']} cores of {result['machine']['processor']}"
 
@@ -110,11 +132,12 @@ def defaults() -> str:
         result = read_result(f"nes_{task}", "variants")
         variant = result["variants"]["defaults"]
         rows.append(variant_row(task, variant["runs"], get_task(task).solved_reward))
-        commands.append(f"`{variant['command']}`")
+        commands.append(f"`{variant['commands'][0]}`")
     return table(header, rows) + f"\n\n(one core a run; {_machine(result)}; {', '.join(commands)})"
 
 
 TABLES: dict[str, Callable[[], str]] = {
     **{f"nes-{task}": partial(seeds, task) for task in TASKS},
     "nes-transfer": transfer,
+    **{f"step-limits-{task}": partial(step_limits, task) for task in TASKS},
 }

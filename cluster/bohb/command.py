@@ -132,10 +132,10 @@ class _UnderWay:
         command, line = self.command, self.terminal.line
         study = command.study
         line(
-            f"BOHB on {study.task.id}: study {study.name!r}, space {study.space}, population "
-            f"{study.base.nes.population_size}, budgets {'/'.join(map(str, study.budgets))} "
-            f"generations, {command.trials} trial(s) at a time with {command.workers_per_trial} "
-            "worker(s) each"
+            f"{study.method} on {study.task.id}: study {study.name!r}, space {study.space}, "
+            f"population {study.base.nes.population_size}, "
+            f"budgets {'/'.join(map(str, study.budgets))} generations, {command.trials} trial(s) "
+            f"at a time with {command.workers_per_trial} worker(s) each"
         )
         line(f"folder {study.folder}; to look at it: {self.tracker.address}")
         if command.time_budget is not None:

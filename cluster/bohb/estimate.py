@@ -56,7 +56,9 @@ def dry_run(command: StudyCommand) -> None:
     with command.place.entered() as terminal:
         trials = command.trials
         require_capacity(command.workers_per_trial, trials)
-    terminal.line(f"study {study.name!r} on {study.task.id}, budgets in generations")
+    terminal.line(
+        f"{study.method} on {study.task.id}: study {study.name!r}, budgets in generations"
+    )
     terminal.line("bracket   configurations x budget")
     cycle = len(study.budgets)
     for bracket in range(min(command.brackets, cycle)):

@@ -42,6 +42,11 @@ class Study:
         return self.folder.name
 
     @property
+    def method(self) -> str:
+        """What proposes its configurations."""
+        return "BOHB" if self.model else "Hyperband"
+
+    @property
     def agents(self) -> tuple[str, ...]:
         """Names of the agents that evaluations draw from."""
         return tuple(hp.agent for hp in self.base.agents)

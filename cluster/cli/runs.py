@@ -91,6 +91,11 @@ def nes(
 @click.option("--time-budget", type=Duration(), help="End after 90s, 45m, 2h, ...")
 @click.option("--workers-per-trial", type=click.IntRange(min=1), default=1, show_default=True)
 @click.option("--concurrent-trials", type=click.IntRange(min=1), help="Default: all cores' worth.")
+@click.option(
+    "--model/--no-model",
+    default=True,
+    help="Without: all configurations at random (Hyperband), to compare BOHB with.",
+)
 @click.option("--dry-run", is_flag=True, help="Say what would be run, and run nothing.")
 def bohb(
     study: str | None,
@@ -100,6 +105,7 @@ def bohb(
     time_budget: float | None,
     workers_per_trial: int,
     concurrent_trials: int | None,
+    model: bool,
     dry_run: bool,
     **options: Any,
 ) -> None:
@@ -122,7 +128,8 @@ def bohb(
     }
     size = replace(size, **{key: value for key, value in changes.items() if value is not None})
     place = common.the_place()
-    name = study or f"bohb-{profile}-{size.space}{agent_suffix(agents)}-seed{common.seed}"
+    method = "bohb" if model else "hyperband"
+    name = study or f"{method}-{profile}-{size.space}{agent_suffix(agents)}-seed{common.seed}"
     folder = place.home.run_folder(task.id, name)
 
     from cluster.bohb.brackets import budget_ladder
@@ -133,7 +140,13 @@ def bohb(
     budgets = tuple(budget_ladder(size.smallest_budget, size.largest_budget))
     command = StudyCommand(
         Study(
-            folder, task, common.seed, size.space, budgets, base_hyperparameters(size, task, agents)
+            folder,
+            task,
+            common.seed,
+            size.space,
+            budgets,
+            base_hyperparameters(size, task, agents),
+            model,
         ),
         place,
         size.brackets,

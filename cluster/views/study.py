@@ -143,13 +143,13 @@ class StudyViews:
     def _description(self) -> str:
         study = self.study
         return (
-            f"BOHB over NES on **{study.task.id}**: search space `{study.space}`, population "
-            f"{study.base.nes.population_size}, budgets {list(study.budgets)} generations (eta 3), "
-            f"seed {study.seed}. Each child run is one configuration; a promoted one goes on in "
-            "the same run. `objective` is the mean over the run's generations of each generation's "
-            "fitness (score, less what train steps cost), so that soon and good both count; BOHB "
-            "maximises it. `final_*` are of fresh agents trained on the best SE of all "
-            "configurations."
+            f"{study.method} over NES on **{study.task.id}**: search space `{study.space}`, "
+            f"population {study.base.nes.population_size}, budgets {list(study.budgets)} "
+            f"generations (eta 3), seed {study.seed}. Each child run is one configuration; a "
+            "promoted one goes on in the same run. `objective` is the mean over the run's "
+            "generations of each generation's fitness (score, less what train steps cost), so "
+            "that soon and good both count; it is maximised. `final_*` are of fresh agents "
+            "trained on the best SE of all configurations."
         )
 
     # -- a configuration's run ---------------------------------------------------

@@ -1,14 +1,18 @@
+from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from benchmarks.machine import read_result
 from benchmarks.nes_picture import PICTURE, picture, results_digest
-from benchmarks.nes_study import VARIANTS, seconds
+from benchmarks.nes_study import VARIANTS, Study, commands, seconds
 from benchmarks.nes_tables import TASKS, variant_row
+from benchmarks.step_limits import measured
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import Hyperparameters, load_preset
 from bilevel.nes import NES
+from bilevel.synthetic_env import Architecture, StoredSE, save_se
 from bilevel.tasks import Task
 
 
@@ -66,7 +70,31 @@ class TestResults:
         for name, variant in read_result(f"nes_{task}")["variants"].items():
             assert variant["options"] == VARIANTS[name]
             seeds = [row["seed"] for row in variant["runs"]]
-            assert f"--seeds {' '.join(map(str, seeds))} " in variant["command"]
+            for command in variant["commands"]:
+                assert f"--seeds {' '.join(map(str, seeds))} " in command
+
+
+def test_commands_are_those_of_the_rows(tmp_path: Path) -> None:
+    study = Study("CartPole-v0", 15, tmp_path)
+    assert commands(study, "defaults", [0], [run()])[0].endswith("--transfers 0 --home FOLDER")
+    both = {"ddqn": {"agents": 20}, "dueling-ddqn": {"agents": 10}, "td3": {"agents": 10}}
+    first, second = commands(study, "defaults", [0, 1], [run(varied=both), run()])
+    assert "--seeds 0 1 --generations 15 --transfers 20 --agents ddqn --home" in first
+    assert "--transfers 10 --agents dueling-ddqn td3 --home" in second
+
+
+def test_longer_episodes_take_more_steps(cartpole: Task, tmp_path: Path) -> None:
+    """On one SE, with one agent."""
+    architecture = Architecture(4, 2, 1, 8, "relu", step_limit_share=0.5)
+    psi = architecture.initialize(np.random.default_rng(0))
+    *_, done = architecture.split(psi)
+    done *= 0  # no episode ends before its limit
+    file = tmp_path / "se.safetensors"
+    save_se(StoredSE(architecture, psi, cartpole.id, 200, 195.0), file)
+    short, long = (measured(cartpole.id, file, "ddqn", share, 2) for share in (0.05, 0.1))
+    assert short["train_steps_mean"] >= 30 * 10
+    assert long["train_steps_mean"] >= 30 * 20
+    assert 0 <= short["score_mean"] <= 200
 
 
 def test_the_picture_shows_the_committed_results() -> None:

@@ -32,6 +32,13 @@ def psi(architecture: Architecture) -> np.ndarray:
     return fitted_psi(get_task("CartPole-v0"), architecture, 4)
 
 
+@pytest.fixture(scope="module")
+def acrobot_psi() -> np.ndarray:
+    """Likewise."""
+    task = get_task("Acrobot-v1")
+    return fitted_psi(task, Architecture.of(task, load_preset("tuned", task.id).se), 4)
+
+
 @pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
 def test_transitions_are_the_tasks(task_id: str) -> None:
     task = get_task(task_id)
@@ -66,6 +73,19 @@ def test_a_policy_acts_but_for_its_exploration(cartpole: Task) -> None:
     both = data + mixed
     assert len(both.actions) == 4000
     np.testing.assert_array_equal(both.rewards[2000:], mixed.rewards)
+
+
+def test_ends_that_nobody_wants_are_left_out(cartpole: Task) -> None:
+    """A new start follows on them; what is no end stays."""
+    data = Transitions.recorded(cartpole, 200, 1) + Transitions.recorded(cartpole, 200, 2)
+    assert data.going_on_pays
+    endless, ended = data.starting_over(), data.ends > 0
+    assert 5 < ended.sum() < 50
+    assert not endless.ends.any()
+    np.testing.assert_array_equal(endless.next_states[~ended], data.next_states[~ended])
+    assert (np.abs(data.next_states[ended]).max(axis=1) > 0.2).all()
+    assert (np.abs(endless.next_states[ended]) <= 0.05).all()  # CartPole's starts
+    assert not Transitions.recorded(get_task("Acrobot-v1"), 200, 1).going_on_pays
 
 
 def test_the_best_snapshot_is_kept(cartpole: Task, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -119,10 +139,11 @@ def test_the_network_takes_raw_states(rng: np.random.Generator) -> None:
 def test_the_policy_is_recorded_too(
     cartpole: Task, architecture: Architecture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Half of the steps are those of what the other half has taught."""
+    """Of what random steps have taught."""
     monkeypatch.setattr(action_values, "SNAPSHOTS", 1)
     monkeypatch.setattr(fitted, "FIT_STEPS", 1)
-    monkeypatch.setattr(fitted, "STEPS", 200)
+    monkeypatch.setattr(fitted, "RANDOM_STEPS", 100)
+    monkeypatch.setattr(fitted, "POLICY_STEPS", 200)
     recorded, fitted_to = [], []
 
     def record(*arguments: Any) -> Transitions:
@@ -137,10 +158,10 @@ def test_the_policy_is_recorded_too(
     monkeypatch.setattr(fitted, "_regressed", regressed)
     fitted_psi(cartpole, architecture, 0)
     (_, steps, first, *nothing), (_, more, second, policy, exploration) = recorded
-    assert (steps, more, nothing, exploration) == (100, 100, [], fitted.EXPLORATION)
+    assert (steps, more, nothing, exploration) == (100, 200, [], fitted.EXPLORATION)
     assert first != second
     assert policy(np.zeros(4, np.float32)) in (0, 1)
-    assert len(fitted_to[0].actions) == 200
+    assert len(fitted_to[0].actions) == 300
 
 
 def test_a_rare_end_is_not_missed(architecture: Architecture) -> None:
@@ -174,26 +195,42 @@ def test_the_teachers_that_solve_the_task_are_asked(
     np.testing.assert_array_equal(rewards(200.0, 10.0, 20.0), rewards(200.0))
 
 
-def test_an_se_predicts_the_task(
+def predictions(
+    data: Transitions, architecture: Architecture, psi: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Next states (N, S), rewards (N,) and raw dones (N,) of recorded states and actions."""
+    se, work = kernel_form(architecture, psi), np.zeros((2, 400), np.float32)
+    following = np.zeros_like(data.next_states)
+    steps = zip(data.states, data.actions, following, strict=True)
+    rewards, dones = np.array([step(se, *one, work) for one in steps]).T
+    return following, rewards, dones
+
+
+def test_an_se_predicts_the_task_and_starts_over(
     cartpole: Task, architecture: Architecture, psi: np.ndarray
 ) -> None:
     """On transitions that it was not fitted to."""
     data = Transitions.recorded(cartpole, 500, 99)
-    se, work = kernel_form(architecture, psi), np.zeros((2, 96), np.float32)
-    predicted = np.zeros_like(data.next_states)
-    rewards, dones = np.array(
-        [
-            step(se, state, action, following, work)
-            for state, action, following in zip(data.states, data.actions, predicted, strict=True)
-        ]
-    ).T
-    error = np.std(predicted - data.next_states, axis=0) / np.std(data.next_states, axis=0)
-    assert (error < 0.05).all()
+    predicted, rewards, dones = predictions(data, architecture, psi)
+    on = data.ends == 0
+    error = np.median(np.abs(predicted - data.next_states)[on], axis=0)
+    assert (error < 0.1 * data.next_states.std(axis=0)).all()
     assert -1 < rewards.min() < 0 < 1 < rewards.max() < 2
-    going_on = dones[data.ends == 0]
-    assert abs(np.median(going_on) - LEAST_DONE) < 0.03
-    assert (going_on > 0.5).mean() < 0.2
-    assert (dones[data.ends == 1] > 0.5).mean() > 0.9
+    assert np.abs(dones - LEAST_DONE).max() < 0.04
+    tilted, over = np.abs(data.next_states[~on, 2]), np.abs(predicted[~on, 2])
+    assert (over < 0.5 * tilted).mean() > 0.9
+
+
+def test_an_se_ends_where_the_end_is_the_aim(acrobot_psi: np.ndarray) -> None:
+    """Which few random actions reach."""
+    task = get_task("Acrobot-v1")
+    architecture = Architecture.of(task, load_preset("tuned", task.id).se)
+    data = Transitions.recorded(task, 20_000, 99)
+    assert data.ends.sum() > 3
+    _, _, dones = predictions(data, architecture, acrobot_psi)
+    assert abs(np.median(dones[data.ends == 0]) - LEAST_DONE) < 0.03
+    assert (dones[data.ends == 0] > 0.5).mean() < 0.05
+    assert (dones[data.ends == 1] > 0.5).mean() > 0.7
 
 
 def test_agents_learn_the_task_on_it(
@@ -214,7 +251,8 @@ def test_agents_learn_the_task_on_it(
 
 def test_it_is_determined_by_its_seed(cartpole: Task, monkeypatch: pytest.MonkeyPatch) -> None:
     small = Architecture(4, 2, 2, 8, "prelu")
-    monkeypatch.setattr(fitted, "STEPS", 300)
+    monkeypatch.setattr(fitted, "RANDOM_STEPS", 150)
+    monkeypatch.setattr(fitted, "POLICY_STEPS", 150)
     monkeypatch.setattr(action_values, "SNAPSHOTS", 2)
     monkeypatch.setattr(action_values, "SNAPSHOT_STEPS", 20)
     monkeypatch.setattr(fitted, "FIT_STEPS", 50)
@@ -231,7 +269,8 @@ def test_it_is_determined_by_its_seed(cartpole: Task, monkeypatch: pytest.Monkey
 
 def test_a_task_without_ends_and_without_rewards(monkeypatch: pytest.MonkeyPatch) -> None:
     """Nothing to learn from: any SE will do, if its numbers are finite."""
-    monkeypatch.setattr(fitted, "STEPS", 100)
+    monkeypatch.setattr(fitted, "RANDOM_STEPS", 50)
+    monkeypatch.setattr(fitted, "POLICY_STEPS", 50)
     monkeypatch.setattr(action_values, "SNAPSHOTS", 1)
     task = get_task("MountainCar-v0")
     data = Transitions.recorded(task, 100, 0)

@@ -100,9 +100,15 @@ def test_a_damaged_database_is_told(tmp_path: Path) -> None:
     assert not (tmp_path / "CartPole-v0").exists()
 
 
-def test_dry_run_says_what_would_be_run_and_writes_nothing(tmp_path: Path) -> None:
-    result = run_bilevel("bohb", "CartPole-v0", "--profile", "smoke", "--dry-run", cwd=tmp_path)
+@pytest.mark.parametrize(("option", "method"), [("--model", "BOHB"), ("--no-model", "Hyperband")])
+def test_dry_run_says_what_would_be_run_and_writes_nothing(
+    option: str, method: str, tmp_path: Path
+) -> None:
+    arguments = ("CartPole-v0", "--profile", "smoke", "--dry-run", option)
+    result = run_bilevel("bohb", *arguments, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
+    study = f"{method.lower()}-smoke-core-seed0"
+    assert result.stdout.startswith(f"{method} on CartPole-v0: study {study!r}")
     assert "3 x 1 -> 1 x 3" in result.stdout
     assert "11 generations, 66 evaluations" in result.stdout
     assert "the cluster can place it" in result.stdout

@@ -2,8 +2,9 @@
 
     D <- steps of random actions on the real task
     Q <- double Q-learning on D alone; of its snapshots, the one that does best on the task
-    D <- D and as many steps of Q's actions, some of them random
+    D <- D and twice as many steps of Q's actions, some of them random
     A <- mean over TEACHERS other Q, learned on D, of their advantages Q(s, a) - mean_a' Q(s, a')
+    D <- D with new starts of the task in place of its ends, if going on is what pays
     next-state network <- regression on the next states of D
     reward network     <- regression on 0.5 + tanh(2 A / std A)
     done network       <- regression on the ends of D; LEAST_DONE where there is none
@@ -15,6 +16,10 @@ those of good agents are far from 0 and hardly differ, those of bad ones are nea
 To an agent the raw done output is the probability that nothing follows: where it is never
 less than LEAST_DONE, an agent looks two steps ahead instead of a hundred, and learns what
 they are worth in few steps, as all agents do.
+
+Where the task rewards going on, agents that know nothing end its episodes soon, and learn next
+to nothing before the stopping rule calls their returns converged. Their SE does not end: it
+starts over. Where the end is the aim, it is those that know nothing who train for long.
 
 The steps of Q's actions show the SE where good agents will be; without them it often ends
 their episodes early. Several Q agree on what matters, and are wrong in different ways.
@@ -35,9 +40,9 @@ from bilevel.synthetic_env.fitted.action_values import SMALL, ActionValues
 from bilevel.synthetic_env.fitted.transitions import Transitions
 from bilevel.tasks import Task
 
-#: Steps on the real task, the first half of them random, and the share of random actions
-#: among the others.
-STEPS, EXPLORATION = 20_000, 0.3
+#: Random steps on the real task, and those of Q's policy; the probability that a
+#: random action takes the place of one of these.
+RANDOM_STEPS, POLICY_STEPS, EXPLORATION = 10_000, 20_000, 0.3
 
 #: Q-networks whose advantages are averaged: those that solve the task, or else the best.
 TEACHERS = 3
@@ -60,10 +65,12 @@ def fitted_psi(task: Task, architecture: Architecture, seed: int) -> NDArray[np.
     words = np.random.SeedSequence(seed).generate_state(4 + TEACHERS, np.uint64)
     recording, first, following, fitting, *teaching = (int(word) for word in words)
     with one_blas_thread():
-        data = Transitions.recorded(task, STEPS // 2, recording)
+        data = Transitions.recorded(task, RANDOM_STEPS, recording)
         policy = ActionValues.learned(task, data, first).greedy
-        data += Transitions.recorded(task, STEPS // 2, following, policy, EXPLORATION)
+        data += Transitions.recorded(task, POLICY_STEPS, following, policy, EXPLORATION)
         rewards = BASE + np.tanh(2 * advantages(task, data, teaching))
+        if data.going_on_pays:
+            data = data.starting_over()
         return _regressed(architecture, data, architecture.reward_scale * rewards, fitting)
 
 

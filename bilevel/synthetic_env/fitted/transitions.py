@@ -1,7 +1,7 @@
 """Recorded steps on a real task."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
 import numpy as np
@@ -31,10 +31,13 @@ class Transitions:
         steps: int,
         seed: int,
         policy: Callable[[NDArray[np.float32]], int] | None = None,
-        exploration: float = 1.0,
+        exploration: float = 0.0,
     ) -> Self:
-        """So many steps of a policy, which at each gives way, with probability
-        `exploration`, to a random action repeated 1 to REPEATS times."""
+        """So many steps of a policy, the first of them a start of the task; without a policy,
+        of random actions, each repeated 1 to REPEATS times.
+
+        The policy gives way to such a random action with probability `exploration`.
+        """
         rng = np.random.default_rng(seed)
         env = task.make()
         first = env.action_space.start  # type: ignore[attr-defined]
@@ -66,3 +69,15 @@ class Transitions:
         """These and those."""
         columns = ((getattr(self, f.name), getattr(other, f.name)) for f in fields(self))
         return type(self)(*map(np.concatenate, columns))
+
+    @property
+    def going_on_pays(self) -> bool:
+        """Whether an end, after which there are no rewards, is worse than no end."""
+        return bool(self.rewards.mean() > 0)
+
+    def starting_over(self) -> Self:
+        """As if the task, where it ended, had gone on from a new start."""
+        starts = np.roll(self.states, -1, axis=0)  # behind an end; all recordings begin with one
+        ended = self.ends[:, None] > 0
+        next_states = np.where(ended, starts, self.next_states)
+        return replace(self, next_states=next_states, ends=np.zeros_like(self.ends))

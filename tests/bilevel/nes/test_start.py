@@ -165,7 +165,8 @@ class TestFitted:
     @pytest.fixture
     def fits(self, monkeypatch: pytest.MonkeyPatch) -> None:
         """Fits of a moment, which tell nothing but that they differ."""
-        monkeypatch.setattr(fitted, "STEPS", 64)
+        monkeypatch.setattr(fitted, "RANDOM_STEPS", 32)
+        monkeypatch.setattr(fitted, "POLICY_STEPS", 32)
         monkeypatch.setattr(action_values, "SNAPSHOTS", 1)
         monkeypatch.setattr(action_values, "SNAPSHOT_STEPS", 1)
         monkeypatch.setattr(fitted, "FIT_STEPS", 1)
