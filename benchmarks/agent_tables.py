@@ -44,7 +44,7 @@ def transfer() -> str:
     rows = [
         [
             group["agent"],
-            "varied" if group["varied"] else "default",
+            group["hyperparameters"],
             f"{group['agents']:.0f}",
             *_measured(group),
         ]
@@ -53,8 +53,9 @@ def transfer() -> str:
     head = ["agent", "hyperparameters", "agents", "test return", "solved", "train steps"]
     return (
         f"{table(head, rows)}\n\n"
-        f"One SE for CartPole-v0, learned with DDQN at fixed hyperparameters in "
-        f"{result['generations']} generations, seed 0.\n\n{source(result)}"
+        f"One SE for CartPole-v0, learned with DDQN in {result['generations']} generations, "
+        "seed 0.\n\n"
+        f"{source(result)}"
     )
 
 

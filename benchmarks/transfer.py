@@ -1,5 +1,5 @@
 """What an SE that was learned with DDQN teaches other agents: the built-in ones, with varied
-hyperparameters, and the REINFORCE of docs/agents.md.
+hyperparameters, and the REINFORCE of docs/agents.md, at several discounts.
 
     python -m benchmarks.transfer CartPole-v0 --agents 20 --home FOLDER
 
@@ -9,11 +9,12 @@ The SE is that of `bilevel nes TASK --name transfer`, which is run (or continued
 import argparse
 import re
 import sys
-from dataclasses import asdict
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 from benchmarks.machine import write_result
-from bilevel.hyperparameters import best_preset, load_preset
+from bilevel.hyperparameters import AgentHyperparameters, best_preset, load_preset
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
 from cluster.agent_files import load_agent_file
@@ -26,6 +27,9 @@ from cluster.nes_loop import NESRun
 from cluster.place import Place
 
 ROOT = Path(__file__).parent.parent
+
+#: Of REINFORCE.
+DISCOUNTS = (0.5, 0.9, 0.99)
 
 
 def documented_agent() -> str:
@@ -49,32 +53,37 @@ def main() -> None:
     file.write_text(documented_agent())
     load_agent_file(file)
 
-    hp = load_preset(best_preset(task.id), task.id, "antithetic")
+    hp = load_preset(best_preset(task.id), task.id)
     run = NESRun(task, hp, options.seed, home.run_folder(task.id, "transfer"))
     place = Place(home, home.database_uri)
     state = run_nes(NESCommand(run, place))
     se = load_se(run.folder / BEST_FILE)
 
+    builtin = load_preset("default", task.id, agents=("ddqn", "dueling-ddqn", "td3")).agents
+    (reinforce,) = load_preset("default", task.id, agents=("reinforce",)).agents
+    trials: dict[str, tuple[AgentHyperparameters, ...]] = {"varied": builtin}
+    for discount in DISCOUNTS:
+        changed: Any = {"discount": discount}  # a field of the documented agent
+        trials[f"discount {discount}"] = (replace(reinforce, **changed),)
     rows = []
-    for names, vary in ((("ddqn", "dueling-ddqn", "td3"), "all"), (("reinforce",), "no")):
-        kinds = load_preset("default", task.id, agents=names).agents
+    for name, kinds in trials.items():
         command = EvaluateCommand(
             task,
             {"best_se": se},
             kinds,
             options.agents,
-            vary,
+            "all" if kinds is builtin else "no",
             options.seed,
-            f"transfer-{'-'.join(names)}",
+            f"transfer-{name.replace(' ', '-')}",
             place,
         )
         for group in as_json(run_evaluate(command)):
-            rows.append({"varied": vary != "no", **group})
+            rows.append({"hyperparameters": name, **group})
     arguments = [argument for argument in sys.argv[1:] if argument != str(options.home)]
     path = write_result(
         f"transfer_{task.id}",
         f"python -m benchmarks.transfer {' '.join(arguments)} FOLDER",
-        {"generations": state.generation, "learned_with": asdict(hp.agents[0]), "groups": rows},
+        {"generations": state.generation, "groups": rows},
     )
     print(f"written to {path}")
 

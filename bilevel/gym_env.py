@@ -4,8 +4,8 @@
     env = gymnasium.make("bilevel/SyntheticEnv-v0", path="best_se.safetensors")
 
 Observations start from the real task's reset distribution and follow the SE from
-then on; the episode is cut at the real task's step limit. `info["done"]` is the
-raw done output, which terminates above 0.5.
+then on; the episode is cut at the SE's step limit, the real task's or a share of it.
+`info["done"]` is the raw done output, which terminates above 0.5.
 """
 
 from pathlib import Path
