@@ -144,23 +144,23 @@ def _bilevel(*arguments: str) -> None:
     print(arguments[0], arguments[arguments.index("--name") + 1], *done.stdout.splitlines()[-5:-4])
 
 
-def commands(
-    study: Study, variant: str, seeds: Sequence[int], rows: Sequence[dict[str, Any]]
-) -> list[str]:
-    """That measured these rows: the runs with the first transfers, then others."""
-    kinds: dict[int, list[str]] = {}
+def commands(study: Study, variant: str, rows: Sequence[dict[str, Any]]) -> list[str]:
+    """That measure these rows: all runs, and one more for agents that were trained on the best
+    SEs of other runs, or in another number."""
+    calls: dict[tuple[str, int], list[str]] = {}
+    everywhere = " ".join(str(row["seed"]) for row in rows)
     for agent in AGENTS:
-        for number in {row["varied"][agent]["agents"] for row in rows if agent in row["varied"]}:
-            kinds.setdefault(number, []).append(agent)
-    call = (
-        f"python -m benchmarks.nes_study {study.task} --variants '{variant}' "
-        f"--seeds {' '.join(map(str, seeds))} --generations {study.generations}"
-    )
-    if not kinds:
-        return [f"{call} --transfers 0 --home FOLDER"]
+        found = [row for row in rows if agent in row["varied"]]
+        for number in {row["varied"][agent]["agents"] for row in found}:
+            seeds = [row["seed"] for row in found if row["varied"][agent]["agents"] == number]
+            calls.setdefault((" ".join(map(str, seeds)), number), []).append(agent)
+    if not any(seeds == everywhere for seeds, _ in calls):
+        calls = {(everywhere, 0): ["ddqn"], **calls}
     return [
-        f"{call} --transfers {number} --agents {' '.join(agents)} --home FOLDER"
-        for number, agents in kinds.items()
+        f"python -m benchmarks.nes_study {study.task} --variants '{variant}' --seeds {seeds} "
+        f"--generations {study.generations} --transfers {number} --agents {' '.join(agents)} "
+        "--home FOLDER"
+        for (seeds, number), agents in calls.items()
     ]
 
 
@@ -175,7 +175,7 @@ def write(study: Study, variants: Sequence[str], seeds: Sequence[int]) -> Path:
         rows = [row for seed in seeds if (row := study.row(variant, seed)) is not None]
         if rows:
             found[variant] = {
-                "commands": commands(study, variant, seeds, rows),
+                "commands": commands(study, variant, rows),
                 "options": VARIANTS[variant],
                 "hyperparameters": study.hyperparameters(variant, rows[0]["seed"]),
                 "runs": rows,
