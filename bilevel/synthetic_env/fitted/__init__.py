@@ -21,8 +21,8 @@ Where the task rewards going on, agents that know nothing end its episodes soon,
 to nothing before the stopping rule calls their returns converged. Their SE does not end: it
 starts over. Where the end is the aim, it is those that know nothing who train for long.
 
-The steps of Q's actions show the SE where good agents will be; without them it often ends
-their episodes early. Several Q agree on what matters, and are wrong in different ways.
+The steps of Q's actions show the SE where good agents will be. Several Q agree on what matters,
+and are wrong in different ways.
 
 Q-learning on recorded transitions: Ernst et al. (2005), Riedmiller (2005). Advantages as
 rewards: potential-based shaping by the values (Ng et al., 1999) gives them on average.
