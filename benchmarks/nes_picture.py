@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from benchmarks.machine import read_result
+from benchmarks.machine import NotMeasured, read_result
 from benchmarks.nes_study import AGENTS
 from benchmarks.nes_tables import TASKS
 from benchmarks.pictures import digest, save
@@ -27,7 +27,10 @@ def _variants(task: str) -> dict[str, list[dict[str, Any]]]:
 
 
 def _limits(task: str) -> dict[str, list[dict[str, Any]]]:
-    points: dict[str, list[dict[str, Any]]] = read_result(f"step_limits_{task}")["points"]
+    try:
+        points: dict[str, list[dict[str, Any]]] = read_result(f"step_limits_{task}")["points"]
+    except NotMeasured:
+        return {}
     return points
 
 
@@ -66,7 +69,10 @@ def _step_limits(axes: Axes, task: str) -> None:
     axes.set_xlabel("train steps (mean)")
     axes.set_ylabel("test return (mean)")
     axes.set_title(f"{task}: step limit of the SE, as a share of the task's")
-    axes.legend(frameon=False, fontsize=8, loc="lower right")
+    if axes.lines[1:]:
+        axes.legend(frameon=False, fontsize=8, loc="lower right")
+    else:
+        axes.text(0.5, 0.5, "not measured yet", ha="center", transform=axes.transAxes)
 
 
 def _agents(axes: Axes, task: str) -> None:
