@@ -44,13 +44,13 @@ def transfer() -> str:
     rows = [
         [
             group["agent"],
-            group["hyperparameters"],
+            f"{group['discount']:g}",
             f"{group['agents']:.0f}",
             *_measured(group),
         ]
         for group in result["groups"]
     ]
-    head = ["agent", "hyperparameters", "agents", "test return", "solved", "train steps"]
+    head = ["agent", "discount", "agents", "test return", "solved", "train steps"]
     return (
         f"{table(head, rows)}\n\n"
         f"One SE for CartPole-v0, learned with DDQN in {result['generations']} generations, "

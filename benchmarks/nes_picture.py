@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.nes_study import AGENTS
@@ -46,6 +47,7 @@ def _curves(axes: Axes, task: str) -> None:
     solved = get_task(task).solved_reward
     axes.axhline(solved, color="black", lw=0.8, ls=":")
     axes.annotate("solved", (longest, solved), ha="right", va="bottom", fontsize=8)
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     axes.set_xlabel("generation")
     axes.set_ylabel("score of psi")
     axes.set_title(f"{task}: {len(runs)} seed(s), and their median")
@@ -59,13 +61,15 @@ def _step_limits(axes: Axes, task: str) -> None:
             for field in ("train_steps_mean", "score_mean")
         )
         axes.plot(steps, scores, "o-", color=colour, ms=4, lw=1.2, label=agent)
-        for point, x, y in zip(points, steps, scores, strict=True):
-            share = f"{point['share']:.0%}"
-            axes.annotate(
-                share, (x, y), xytext=(3, -9), textcoords="offset points", fontsize=7, color=colour
-            )
+        if agent == AGENTS[-1]:  # the shares are those of all, in the same order
+            for point, x, y in zip(points, steps, scores, strict=True):
+                share, below = f"{point['share']:.0%}", (4, -9)
+                axes.annotate(share, (x, y), below, textcoords="offset points", fontsize=8)
     axes.axhline(get_task(task).solved_reward, color="black", lw=0.8, ls=":")
     axes.set_xscale("log")
+    axes.xaxis.set_major_locator(LogLocator(subs=(1, 2, 5)))
+    axes.xaxis.set_major_formatter("{x:.0f}")
+    axes.xaxis.set_minor_formatter(NullFormatter())
     axes.set_xlabel("train steps (mean)")
     axes.set_ylabel("test return (mean)")
     axes.set_title(f"{task}: step limit of the SE, as a share of the task's")
@@ -86,8 +90,8 @@ def _agents(axes: Axes, task: str) -> None:
             label = f"{agent} ({len(found)} SEs)"
             axes.scatter(steps, scores, color=colour, s=22, alpha=0.7, label=label)
     axes.axhline(get_task(task).solved_reward, color="black", lw=0.8, ls=":")
-    axes.set_xlabel("train steps (mean of 20 agents)")
-    axes.set_ylabel("test return (mean of 20 agents)")
+    axes.set_xlabel("train steps (mean of the agents)")
+    axes.set_ylabel("test return (mean of the agents)")
     axes.set_title(f"{task}: varied agents on the best SEs")
     axes.legend(frameon=False, fontsize=8)
 
