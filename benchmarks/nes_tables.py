@@ -101,22 +101,18 @@ def transfer() -> str:
 def step_limits(task: str) -> str:
     """Small varied agents on the same SEs, their episodes ever longer."""
     result = read_result(f"step_limits_{task}")
-    ses = 0
-    head = ["step limit"]
-    rows: list[list[str]] = []
-    for agent, points in result["points"].items():
+    head, rows = ["step limit"], []
+    for agent in result["points"]:
         head += [agent, "train steps"]
-        for number, point in enumerate(points):
-            if number == len(rows):
-                rows.append([f"{point['share']:.0%}"])
-            ses = len(point["ses"])
-            rows[number] += [
-                _spread([se["score_mean"] for se in point["ses"]], ".1f"),
-                f"{statistics.median(se['train_steps_mean'] for se in point['ses']):.0f}",
-            ]
+    for points in zip(*result["points"].values(), strict=True):
+        row = [f"{points[0]['share']:.0%}"]
+        for point in points:
+            row.append(_spread([se["score_mean"] for se in point["ses"]], ".1f"))
+            row.append(f"{statistics.median(se['train_steps_mean'] for se in point['ses']):.0f}")
+        rows.append(row)
     return table(head, rows) + (
-        f"\n\n({ses} SEs, {result['agents']} agents of each kind on each; the median SE, the "
-        f"lowest and the highest; {_machine(result)}; `{result['command']}`)"
+        f"\n\n({len(points[0]['ses'])} SEs, {result['agents']} agents of each kind on each; the "
+        f"median SE, the lowest and the highest; {_machine(result)}; `{result['command']}`)"
     )
 
 

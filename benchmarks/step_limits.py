@@ -7,6 +7,7 @@ Nothing but the step limit differs from one point to the next: SE and agents are
 """
 
 import argparse
+import os
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 from pathlib import Path
@@ -52,7 +53,7 @@ def main() -> None:
     parser.add_argument("task")
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4])
     parser.add_argument("--agents", type=int, default=16, help="of each kind, on each SE")
-    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="SEs at a time")
     parser.add_argument("--home", type=Path, required=True, help="of benchmarks.nes_study")
     options = parser.parse_args()
     study = Study(options.task, 0, options.home)

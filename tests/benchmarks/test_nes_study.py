@@ -85,7 +85,7 @@ def test_commands_are_those_of_the_rows(tmp_path: Path) -> None:
 
 
 def test_longer_episodes_take_more_steps(cartpole: Task, tmp_path: Path) -> None:
-    """On one SE, with one agent."""
+    """On one SE, by the same agents; ten episodes are random, and convergence takes twenty."""
     architecture = Architecture(4, 2, 1, 8, "relu", step_limit_share=0.5)
     psi = architecture.initialize(np.random.default_rng(0))
     *_, done = architecture.split(psi)
@@ -95,7 +95,7 @@ def test_longer_episodes_take_more_steps(cartpole: Task, tmp_path: Path) -> None
     short, long = (measured(cartpole.id, file, "ddqn", share, 2) for share in (0.05, 0.1))
     assert short["train_steps_mean"] >= 30 * 10
     assert long["train_steps_mean"] >= 30 * 20
-    assert 0 <= short["score_mean"] <= 200
+    assert short["train_steps_mean"] < long["train_steps_mean"]
 
 
 def test_the_picture_shows_the_committed_results() -> None:

@@ -78,14 +78,14 @@ def test_a_policy_acts_but_for_its_exploration(cartpole: Task) -> None:
 def test_ends_that_nobody_wants_are_left_out(cartpole: Task) -> None:
     """A new start follows on them; what is no end stays."""
     data = Transitions.recorded(cartpole, 200, 1) + Transitions.recorded(cartpole, 200, 2)
-    assert data.going_on_pays
-    endless, ended = data.starting_over(), data.ends > 0
+    assert data.reward_survival
+    endless, ended = data.of_continuing_task(), data.ends > 0
     assert 5 < ended.sum() < 50
     assert not endless.ends.any()
     np.testing.assert_array_equal(endless.next_states[~ended], data.next_states[~ended])
     assert (np.abs(data.next_states[ended]).max(axis=1) > 0.2).all()
     assert (np.abs(endless.next_states[ended]) <= 0.05).all()  # CartPole's starts
-    assert not Transitions.recorded(get_task("Acrobot-v1"), 200, 1).going_on_pays
+    assert not Transitions.recorded(get_task("Acrobot-v1"), 200, 1).reward_survival
 
 
 def test_the_best_snapshot_is_kept(cartpole: Task, monkeypatch: pytest.MonkeyPatch) -> None:

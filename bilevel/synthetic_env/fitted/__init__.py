@@ -4,7 +4,7 @@
     Q <- double Q-learning on D alone; of its snapshots, the one that does best on the task
     D <- D and twice as many steps of Q's actions, some of them random
     A <- mean over TEACHERS other Q, learned on D, of their advantages Q(s, a) - mean_a' Q(s, a')
-    D <- D with new starts of the task in place of its ends, if going on is what pays
+    D <- D with new starts of the task in place of its ends, if it rewards survival
     next-state network <- regression on the next states of D
     reward network     <- regression on 0.5 + tanh(2 A / std A)
     done network       <- regression on the ends of D; LEAST_DONE where there is none
@@ -17,8 +17,8 @@ To an agent the raw done output is the probability that nothing follows: where i
 less than LEAST_DONE, an agent looks two steps ahead instead of a hundred, and learns what
 they are worth in few steps, as all agents do.
 
-Where the task rewards going on, agents that know nothing end its episodes soon, and learn next
-to nothing before the stopping rule calls their returns converged. Their SE does not end: it
+Where the task rewards survival, agents that know nothing end its episodes soon, and learn next to
+nothing before the stopping rule calls their returns converged. Their SE is a continuing task: it
 starts over. Where the end is the aim, it is those that know nothing who train for long.
 
 The steps of Q's actions show the SE where good agents will be. Several Q agree on what matters,
@@ -69,8 +69,8 @@ def fitted_psi(task: Task, architecture: Architecture, seed: int) -> NDArray[np.
         policy = ActionValues.learned(task, data, first).greedy
         data += Transitions.recorded(task, POLICY_STEPS, following, policy, EXPLORATION)
         rewards = BASE + np.tanh(2 * advantages(task, data, teaching))
-        if data.going_on_pays:
-            data = data.starting_over()
+        if data.reward_survival:
+            data = data.of_continuing_task()
         return _regressed(architecture, data, architecture.reward_scale * rewards, fitting)
 
 

@@ -71,12 +71,13 @@ class Transitions:
         return type(self)(*map(np.concatenate, columns))
 
     @property
-    def going_on_pays(self) -> bool:
-        """Whether an end, after which there are no rewards, is worse than no end."""
+    def reward_survival(self) -> bool:
+        """Whether an end, after which there are no rewards, is worse than none."""
         return bool(self.rewards.mean() > 0)
 
-    def starting_over(self) -> Self:
-        """As if the task, where it ended, had gone on from a new start."""
+    def of_continuing_task(self) -> Self:
+        """As if the task, where it ended, had gone on from a new start: the continuing form of
+        an episodic task (Sutton and Barto, 2018, section 3.3)."""
         starts = np.roll(self.states, -1, axis=0)  # behind an end; all recordings begin with one
         ended = self.ends[:, None] > 0
         next_states = np.where(ended, starts, self.next_states)
