@@ -12,7 +12,7 @@ from cluster.live_run import live_run
 from cluster.nes_loop import NESRun
 from cluster.place import Place
 from cluster.pool import EvaluationPool
-from cluster.progress import Terminal, duration, generation_line
+from cluster.progress import Terminal, count, duration, generation_line
 from cluster.run_folder import Begun, locked_settings
 from cluster.tracking import Tracker
 from cluster.tracking.registry import model_address
@@ -151,7 +151,7 @@ class _UnderWay:
         run, line = self.run, self.terminal.line
         reason = "all generations done" if best is None else "solved and stayed solved"
         seconds = duration(sum(record.generation_seconds for record in state.records))
-        line(f"{reason}: {state.generation} generations in {seconds}")
+        line(f"{reason}: {count(state.generation, 'generation')} in {seconds}")
         best = best or self._best(state)
         score = score_anew(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
         save_se(run.last_se(state), run.folder / LAST_FILE)

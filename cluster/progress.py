@@ -20,6 +20,11 @@ def duration(seconds: float) -> str:
     return f"{whole // 3600}h{whole % 3600 // 60:02d}m"
 
 
+def count(number: int, noun: str) -> str:
+    """As `1 generation` or `3 generations`."""
+    return f"{number} {noun}" + ("" if number == 1 else "s")
+
+
 def last_line(text: str) -> str:
     """Of a traceback: what went wrong."""
     return next(reversed(text.strip().splitlines()), "")

@@ -16,7 +16,7 @@ from cluster.final import Contender, choose_best, hand_over, score_anew
 from cluster.live_run import live_run
 from cluster.place import Place
 from cluster.pool import EvaluationPool
-from cluster.progress import Terminal, duration
+from cluster.progress import Terminal, count, duration
 from cluster.ray_cluster import fair_share, require_capacity, require_server_for_nodes
 from cluster.run_folder import Begun, Standing, locked_settings
 from cluster.tracking import Mirror, Tracker
@@ -193,6 +193,7 @@ class _UnderWay:
                 line("no configuration finished a generation: see the errors above")
                 return 1
             line(f"retesting the {len(contenders)} best SEs with fresh agents")
+            self.terminal.bar("retesting", 0, 1, "")
             best = choose_best(study.task, contenders, (study.seed,), pool)
             score = score_anew(study.task, best, self.command.final_agents, (study.seed,), pool)
         path = hand_over(best.se, score, study.folder, len(self.journal.results))
@@ -240,7 +241,7 @@ class _UnderWay:
             return
         line(
             f"incumbent {configuration_name(incumbent.id)}: objective "
-            f"{incumbent.objective:.1f} over {incumbent.budget} generations"
+            f"{incumbent.objective:.1f} over {count(incumbent.budget, 'generation')}"
         )
         for name, value in summary.configuration(incumbent.id).items():
             line(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")

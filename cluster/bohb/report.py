@@ -18,7 +18,7 @@ from cluster.bohb.searcher import BohbSearcher, DriverOnly
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.trial import BUDGET_REACHED, FAILURE, NO_STORAGE, OBJECTIVE
-from cluster.progress import Terminal, duration, last_line
+from cluster.progress import Terminal, count, duration, last_line
 from cluster.tracking import Mirror
 from cluster.views import StudyViews
 
@@ -66,6 +66,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._jobs[trial.trial_id] = job
         self._live.add(configuration_name(job.id))
         self._mark(job)
+        self._show(job, f"{configuration_name(job.id)} begins")
 
     def on_trial_result(
         self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **info: Any
@@ -78,7 +79,9 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             self._terminal.line(line)
         self._mark(job)
         self._generations += 1
-        self._show(job, GenerationRecord(**result["record"]))
+        record = GenerationRecord(**result["record"])
+        done = f"{configuration_name(job.id)} {record.generation + 1}/{job.budget}"
+        self._show(job, f"{done}: {record.score_mean:.1f}")
 
     def on_trial_complete(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
         """The job is done, or was stopped, or failed; the journal knows by now."""
@@ -122,17 +125,15 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     def _failed(self, job: Job, reason: str) -> None:
         self._terminal.line(f"{configuration_name(job.id)} failed: {last_line(reason)}")
 
-    def _show(self, job: Job, record: GenerationRecord) -> None:
+    def _show(self, job: Job, now: str) -> None:
         # With the rest of the bar this fits into 80 columns.
-        name, generation = configuration_name(job.id), record.generation + 1
-        now = f"{name} {generation}/{job.budget}: {record.score_mean:.1f}"
         results, seconds = len(self._journal.results), self._seconds_left()
         if self._time_decides():
             done, total = self._elapsed() / 60, (self._elapsed() + seconds) / 60
             self._terminal.bar(self._bracket(job), done, total, "min", f"{results} results, {now}")
             return
         total = sum(rung.configurations for rung in self._rungs)
-        note = f"ETA {duration(seconds)}, {now}"
+        note = f"ETA {duration(seconds)}, {now}" if self._generations else now
         self._terminal.bar(self._bracket(job), results, total, "results", note)
 
     def _result_line(self, job: Job, result: dict[str, Any]) -> None:
@@ -142,7 +143,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         speed = result["record"]["env_steps_per_second"] / 1000
         self._terminal.line(
             f"{configuration_name(job.id)}  {self._bracket(job)} rung "
-            f"{rungs.index(job.budget) + 1}/{len(rungs)}  {job.budget:3d} generations  "
+            f"{rungs.index(job.budget) + 1}/{len(rungs)}  {count(job.budget, 'generation'):>15}  "
             f"objective {result[OBJECTIVE]:7.1f}  best score {result['best_score']:7.1f}  "
             f"{speed:3.0f}k steps/s  {'model ' if job.model_based else 'random'}  {so_far}  "
             f"ETA {duration(self._seconds_left())}"
@@ -163,7 +164,10 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         return min(self._seconds_of_brackets(), self._time_left())
 
     def _seconds_of_brackets(self) -> float:
+        """As this process has run so far; nobody knows before its first generation."""
         left = self._summary.generations_left()
+        if left and not self._generations:
+            return math.inf
         return self._elapsed() / max(self._generations, 1) * left
 
     def _time_left(self) -> float:

@@ -1,7 +1,11 @@
 """`bilevel bohb` as a user runs it: all three layers, real Ray, real MLflow."""
 
 import os
+import pty
+import re
+import shutil
 import signal
+import subprocess
 import time
 from pathlib import Path
 
@@ -9,7 +13,7 @@ import pytest
 
 from bilevel.nes import NESState
 from cluster.bohb import Journal
-from tests.commands import run_bilevel
+from tests.commands import BILEVEL, run_bilevel
 from tests.system.conftest import client, run_until
 
 pytestmark = pytest.mark.timeout(290)
@@ -44,6 +48,28 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     folders = sorted((home / "CartPole-v0" / "smoke" / "configurations").iterdir())
     budgets = [NESState.load(folder / "state.safetensors").generation for folder in folders]
     assert sorted(budgets) == [1, 1, 3, 3, 3]
+
+
+def test_a_terminal_shows_what_has_begun(study_home: tuple[Path, str], tmp_path: Path) -> None:
+    """Before a first generation is over; the study goes on, with brackets more."""
+    home = tmp_path / "home"
+    shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
+    controller, terminal = pty.openpty()
+    process = subprocess.Popen(
+        [BILEVEL, *SMOKE, "--home", str(home)],
+        stdout=terminal,
+        stderr=terminal,
+        start_new_session=True,
+    )
+    os.close(terminal)
+    shown = b""
+    while b" begins" not in shown and process.poll() is None:
+        shown += os.read(controller, 4096)
+    os.killpg(process.pid, signal.SIGKILL)
+    process.wait()
+    os.close(controller)
+    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown.decode(errors="ignore"))
+    assert re.search(r"bracket [34]/4 .* 6/12 results .* 00[23]-0-000 begins", text)
 
 
 def test_mlflow_shows_parent_children_curves_and_artifacts(
@@ -90,8 +116,6 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
 
 
 def test_the_same_command_adds_brackets(study_home: tuple[Path, str], tmp_path: Path) -> None:
-    import shutil
-
     home = tmp_path / "copy"
     shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
     result = run_bilevel(*SMOKE, "--brackets", "1", "--home", home)
