@@ -1,7 +1,7 @@
 """The end of a run: its best SEs retested, the winner scored anew and handed over."""
 
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -67,7 +67,11 @@ class Contender:
 
 
 def choose_best(
-    task: Task, contenders: Sequence[Contender], seed: Seed, pool: EvaluationPool
+    task: Task,
+    contenders: Sequence[Contender],
+    seed: Seed,
+    pool: EvaluationPool,
+    on_test: Callable[[], None] = lambda: None,
 ) -> Contender:
     """Train `RETESTS` fresh agents on each SE; the best by `worth_of`, among equals the
     one that took fewer steps. Contenders come best first, so one alone needs no test."""
@@ -75,7 +79,7 @@ def choose_best(
         return contenders[0]
 
     def rank(contender: Contender) -> tuple[float, float, float]:
-        found = _fresh_agents(task, contender, RETESTS, (*seed, _RETEST), pool)
+        found = _fresh_agents(task, contender, RETESTS, (*seed, _RETEST), pool, on_test)
         fit = fitness(task, contender.hp.nes, found.scores, found.train_steps)
         worth = worth_of(found.scores.mean(), fit.mean(), task.solved_reward)
         return *worth, -found.train_steps.mean()
@@ -91,7 +95,12 @@ def score_anew(
 
 
 def _fresh_agents(
-    task: Task, contender: Contender, agents: int, seed: Seed, pool: EvaluationPool
+    task: Task,
+    contender: Contender,
+    agents: int,
+    seed: Seed,
+    pool: EvaluationPool,
+    on_test: Callable[[], None] = lambda: None,
 ) -> FinalScore:
     se, hp = contender.se, contender.hp
     words = [int(word) for word in np.random.SeedSequence(seed).generate_state(agents, np.uint64)]
@@ -99,9 +108,8 @@ def _fresh_agents(
         EvaluationRequest(i, word, draw_agent(hp.agents, hp.vary_agent, word))
         for i, word in enumerate(words)
     ]
-    results = sorted(
-        pool.run(task, se.architecture, se.psi, requests), key=lambda result: result.index
-    )
+    results = pool.run(task, se.architecture, se.psi, requests, lambda result: on_test())
+    results = sorted(results, key=lambda result: result.index)
     return FinalScore(
         np.array([r.score if np.isfinite(r.score) else task.worst_score for r in results]),
         np.array([result.train_steps for result in results]),

@@ -8,6 +8,7 @@ from bilevel.durable import write_aside
 from bilevel.nes import NESState
 from bilevel.synthetic_env import save_se
 from cluster.final import LAST_FILE, Contender, choose_best, hand_over, score_anew
+from cluster.interrupts import InterruptGuard
 from cluster.live_run import live_run
 from cluster.nes_loop import NESRun
 from cluster.place import Place
@@ -46,11 +47,12 @@ def run_nes(command: NESCommand) -> NESState:
     run = command.run
     with (
         command.place.entered() as terminal,
+        InterruptGuard(terminal) as guard,  # after Ray, which takes SIGTERM for itself
         EvaluationPool.on_cluster(command.workers) as pool,
     ):
         tracker = command.place.tracker(run.task.id)
         with locked_settings(run.folder, run.settings()) as begun:
-            return _UnderWay(command, run, begun, pool, tracker, terminal).go()
+            return _UnderWay(command, run, begun, pool, tracker, terminal, guard).go()
 
 
 @dataclass
@@ -63,6 +65,7 @@ class _UnderWay:
     pool: EvaluationPool
     tracker: Tracker
     terminal: Terminal
+    guard: InterruptGuard
 
     def go(self) -> NESState:
         """From what is on disk to the end."""
@@ -93,9 +96,11 @@ class _UnderWay:
         line(f"folder {run.folder}; to look at it: {self.tracker.address}")
 
     def _open(self) -> NESState:
-        evaluations = max(self.run.hp.nes.start_evaluations, 1)
-        self.terminal.bar("choosing the start", 0, evaluations, "evaluations")
-        state = self.run.open(self.pool, lambda result: self.terminal.step(), self.terminal.line)
+        nes = self.run.hp.nes
+        fits = nes.start_candidates if nes.start == "fitted" else 0
+        steps, unit = fits + nes.start_evaluations, "fits and tests" if fits else "tests"
+        self.terminal.bar("choosing the start", 0, max(steps, 1), unit)
+        state = self.run.open(self.pool, self.terminal.step, self.terminal.line)
         if state.generation > 0:
             self.terminal.line(f"going on after generation {state.generation - 1}")
         return state
@@ -108,6 +113,7 @@ class _UnderWay:
         nes = self.run.hp.nes
         started, first = time.monotonic(), state.generation
         while True:
+            self.guard.check()
             # Asked before each generation, so that a run that was killed asks again.
             due = state.solved_streak > 0 and state.solved_streak % self.command.solved_for == 0
             best = self._confirmed(state) if due else None

@@ -77,10 +77,10 @@ class NESRun:
     def open(
         self,
         pool: EvaluationPool,
-        on_result: Callable[[EvaluationResult], None] = lambda result: None,
+        on_step: Callable[[], None] = lambda: None,
         tell: Callable[[str], None] = lambda line: None,
     ) -> NESState:
-        """The state on disk, or a new start (which may take evaluations).
+        """The state on disk, or a new start, which may take fits and evaluations.
 
         A damaged checkpoint is set aside, which is told, and the run begins anew:
         it comes to the same state again.
@@ -97,8 +97,9 @@ class NESRun:
             nes = self.nes
             state = nes.start(
                 lambda psi, requests: pool.run(
-                    self.task, nes.architecture, psi, requests, on_result
-                )
+                    self.task, nes.architecture, psi, requests, lambda result: on_step()
+                ),
+                lambda seeds: pool.fits(self.task, nes.architecture, seeds, on_step),
             )
             state.save(self.folder / STATE_FILE)
         return state

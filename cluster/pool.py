@@ -1,9 +1,8 @@
-"""A pool of Ray actors that answers evaluation requests.
+"""A pool of Ray actors that evaluates SEs, and fits them.
 
 Requests are handed out as actors become free, the longest first (`request_queue`), and
 only to actors that have arrived: nodes may come and go. An actor that dies is replaced
-and what it held is run again, which changes nothing: an evaluation depends on its
-request alone.
+and what it held is run again, which changes nothing: an answer depends on its request alone.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -15,10 +14,12 @@ from numpy.typing import NDArray
 from ray.exceptions import RayError, RayTaskError
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
+from bilevel.nes import Psi
 from bilevel.synthetic_env import Architecture
+from bilevel.synthetic_env.fitted import fitted_psi
 from bilevel.tasks import Task
 from cluster.ray_cluster import fair_share, require_capacity
-from cluster.request_queue import RequestQueue
+from cluster.request_queue import FitRequest, Request, RequestQueue
 
 #: Deaths of actors on one and the same request after which it is given up: then it
 #: is the request (out of memory, say) and not the machine. Likewise deaths in a row of
@@ -27,7 +28,7 @@ MAX_DEATHS = 5
 
 
 class _Worker:
-    """Evaluates one request after the other."""
+    """Answers one request after the other."""
 
     def arrive(self) -> None:
         """Returns once the actor is up."""
@@ -40,6 +41,9 @@ class _Worker:
         request: EvaluationRequest,
     ) -> EvaluationResult:
         return evaluate(task, architecture, psi, request)
+
+    def fit(self, task: Task, architecture: Architecture, request: FitRequest) -> Psi:
+        return fitted_psi(task, architecture, request.seed)
 
 
 class EvaluationPool:
@@ -96,28 +100,45 @@ class EvaluationPool:
         Raises RuntimeError if actors keep dying on one request.
         """
         results = []
-        for result in self._results(task, architecture, psi, requests):
+        for _, result in self._answers("evaluate", (task, architecture, psi), requests):
             self.kernel_seconds += result.seconds
             results.append(result)
             on_result(result)
         return results
 
-    def _results(
+    def fits(
         self,
         task: Task,
-        architecture: Architecture | None,
-        psi: NDArray[np.float32] | None,
-        requests: Sequence[EvaluationRequest],
-    ) -> Iterator[EvaluationResult]:
-        shared = [ray.put(item) for item in (task, architecture, psi)]
+        architecture: Architecture,
+        seeds: Sequence[int],
+        on_fit: Callable[[], None] = lambda: None,
+    ) -> list[Psi]:
+        """psi (P,) of the SEs fitted to the task by these seeds, in their order.
+
+        Raises RuntimeError if actors keep dying on one of them.
+        """
+        requests = [FitRequest(index, seed) for index, seed in enumerate(seeds)]
+        fitted: dict[int, Psi] = {}
+        for request, psi in self._answers("fit", (task, architecture), requests):
+            fitted[request.index] = np.array(psi)  # Ray's own must not be written to
+            on_fit()
+        return [fitted[index] for index in range(len(requests))]
+
+    def _answers(
+        self, method: str, shared: Sequence[Any], requests: Sequence[Request]
+    ) -> Iterator[tuple[Request, Any]]:
+        """Every request with what an actor's method returns for it; what they share is sent
+        once."""
+        sent = [ray.put(item) for item in shared]
         waiting = RequestQueue(requests, self.size)
-        held: list[list[EvaluationRequest]] = [[] for _ in self._actors]  # oldest first
+        held: list[list[Request]] = [[] for _ in self._actors]  # oldest first
         running: dict[Any, int] = {}  # reference -> actor
         deaths: dict[int, int] = {}
         while waiting or running:
             for slot in sorted(self._arrived, key=lambda k: len(held[k])):  # idle ones first
                 while (request := waiting.take(held[slot])) is not None:
-                    running[self._actors[slot].evaluate.remote(*shared, request)] = slot
+                    ask = getattr(self._actors[slot], method)
+                    running[ask.remote(*sent, request)] = slot
                     held[slot].append(request)
             (done,), _ = ray.wait([*running, *self._arriving], num_returns=1)
             if done in self._arriving:
@@ -125,7 +146,7 @@ class EvaluationPool:
                 continue
             slot = running.pop(done)
             try:
-                result = ray.get(done)
+                answer = ray.get(done)
             except RayTaskError:
                 raise
             except RayError as error:  # of actor, node or object: the request is unharmed
@@ -133,15 +154,14 @@ class EvaluationPool:
                 deaths[fatal] = deaths.get(fatal, 0) + 1
                 if deaths[fatal] >= MAX_DEATHS:
                     raise RuntimeError(
-                        f"{MAX_DEATHS} actors died on evaluation {fatal}: {error}"
+                        f"{MAX_DEATHS} actors died on request {fatal}: {error}"
                     ) from error
                 self._replace(slot)
                 running = {other: k for other, k in running.items() if k != slot}
                 waiting.put_back(held[slot])
                 held[slot] = []
             else:
-                held[slot].pop(0)
-                yield result
+                yield held[slot].pop(0), answer
 
     def _receive(self, reference: Any) -> None:
         """An actor has arrived, or died on the way and is replaced."""

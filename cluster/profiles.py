@@ -1,4 +1,5 @@
-"""How large a search is: named sets of settings, each overridable on the command line."""
+"""How a search goes: its method, and its size in named sets of settings, each of them
+overridable on the command line."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -7,6 +8,10 @@ from bilevel.errors import one_of
 from bilevel.hyperparameters import Hyperparameters, best_preset, load_preset
 from bilevel.tasks import Task
 from search_spaces import SPACES
+
+#: What proposes a study's configurations, by name: hpbandster's model, or chance; `random` runs
+#: all of them at the largest budget.
+METHODS = {"bohb": "BOHB", "hyperband": "Hyperband", "random": "random search"}
 
 
 @dataclass(frozen=True)
@@ -22,7 +27,7 @@ class Profile:
     smallest_budget: int  # generations of the lowest rung
     largest_budget: int  # generations of the highest rung
     max_episodes: int  # an agent trains on an SE
-    start: str  # of NES, and the candidates it is chosen from
+    start: str  # of NES, and the candidates it is chosen from (fitted: one for all)
     start_candidates: int
     brackets: int
     time_budget: float | None
@@ -32,11 +37,19 @@ class Profile:
 PROFILES = {
     # All three layers, small: to see that it works.
     "smoke": Profile("core", 2, 1, 3, 15, "random", 1, 2, None, 4),
-    # A good configuration on a laptop, in half an hour.
-    "local": Profile("core", 8, 1, 9, 1000, "fitted", 2, 60, 30 * 60.0, 10),
+    # A good configuration on a laptop, in half an hour. A single generation tells nothing of
+    # NES's own hyperparameters: its score is that of the start.
+    "local": Profile("core", 8, 3, 9, 1000, "fitted", 4, 60, 30 * 60.0, 10),
     # The paper's scale (Table "Fixed hyperparameters").
     "paper": Profile("full", 16, 7, 200, 1000, "random", 1, 12, None, 10),
 }
+
+
+def get_method(name: str) -> str:
+    """The method of that name. Raises InvalidInput for another name."""
+    if name not in METHODS:
+        raise one_of("method", name, METHODS)
+    return name
 
 
 def get_profile(name: str) -> Profile:

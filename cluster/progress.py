@@ -46,6 +46,7 @@ class Terminal:
             disable=not self.console.is_terminal,
         )
         self._task = self._bar.add_task("starting", total=1, unit="", note="")
+        #: When the command began, as time.monotonic() counts.
         self.started = time.monotonic()
 
     def __enter__(self) -> Self:

@@ -6,6 +6,8 @@ time does, by what actors wait for the driver and, at the end, for the slowest o
 
 from collections import deque
 from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Generic, TypeVar
 
 from bilevel.evaluation import EvaluationRequest
 
@@ -14,7 +16,19 @@ from bilevel.evaluation import EvaluationRequest
 EARLY_MARGIN = 1.5
 
 
-class RequestQueue:
+@dataclass(frozen=True)
+class FitRequest:
+    """An SE is to be fitted to the task, by this seed."""
+
+    index: int  # among those that are asked for together
+    seed: int
+
+
+#: What an actor is asked for.
+Request = TypeVar("Request", EvaluationRequest, FitRequest)
+
+
+class RequestQueue(Generic[Request]):
     """Requests that none of `actors` actors has yet, longest expected first.
 
     What is long must not begin last, when the other actors have nothing left to do
@@ -23,16 +37,16 @@ class RequestQueue:
     psi +- eps.
     """
 
-    def __init__(self, requests: Sequence[EvaluationRequest], actors: int) -> None:
-        ordered = sorted(requests, key=lambda request: (-_cost(request), request.sign == 0))
-        self._waiting = deque(ordered)
+    def __init__(self, requests: Sequence[Request], actors: int) -> None:
+        ordered = sorted(requests, key=lambda request: (-_cost(request), _on_psi(request)))
+        self._waiting: deque[Request] = deque(ordered)
         self._actors = actors
         self._cost = sum(map(_cost, ordered))
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def take(self, held: Sequence[EvaluationRequest]) -> EvaluationRequest | None:
+    def take(self, held: Sequence[Request]) -> Request | None:
         """The next request for an actor that holds these, None if it gets none now.
 
         One that holds nothing gets a request whenever there is one. One that holds one
@@ -50,11 +64,15 @@ class RequestQueue:
         self._cost -= _cost(request)
         return request
 
-    def put_back(self, requests: Sequence[EvaluationRequest]) -> None:
+    def put_back(self, requests: Sequence[Request]) -> None:
         """What an actor held when it died comes first again."""
         self._waiting.extendleft(reversed(requests))
         self._cost += sum(map(_cost, requests))
 
 
-def _cost(request: EvaluationRequest) -> float:
-    return request.agent.step_cost
+def _cost(request: EvaluationRequest | FitRequest) -> float:
+    return request.agent.step_cost if isinstance(request, EvaluationRequest) else 1.0
+
+
+def _on_psi(request: EvaluationRequest | FitRequest) -> bool:
+    return isinstance(request, EvaluationRequest) and request.sign == 0

@@ -63,12 +63,14 @@ def _full_agent(agent: str) -> list[Dimension]:
 def _core() -> list[Dimension]:
     """With `_core_agent`, six that a search of an hour can tell apart: the model needs
     2 * (6 + 1) results at one budget. NES ranges are those of the paired update from fitted
-    starts; sigma is none of them, since retention adapts it."""
+    starts; sigma is none of them, since retention adapts it. In wider ranges, random search did
+    worst with long steps, low retention, the smallest SEs, and the shortest and longest episodes;
+    the longest cost most time, too."""
     return [
-        CS.Float("nes.step_size", (0.002, 0.05), log=True),
-        CS.Float("nes.retention", (0.5, 0.9)),
-        CS.Integer("se.hidden_size", (16, 128), log=True),
-        CS.Float("se.step_limit_share", (0.1, 1.0), log=True),
+        CS.Float("nes.step_size", (0.001, 0.02), log=True),
+        CS.Float("nes.retention", (0.6, 0.95)),
+        CS.Integer("se.hidden_size", (24, 128), log=True),
+        CS.Float("se.step_limit_share", (0.15, 0.7), log=True),
     ]
 
 

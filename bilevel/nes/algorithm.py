@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 from bilevel.nes.generation import Generation
-from bilevel.nes.start import Evaluations, StartSearch
+from bilevel.nes.start import Evaluations, Fits, StartSearch
 from bilevel.nes.state import NESState
 from bilevel.nes.updates import adapted_scale, update_step
 from bilevel.synthetic_env import Architecture
@@ -63,18 +63,22 @@ class NES:
         word = np.random.SeedSequence([self.seed, *path]).generate_state(1, np.uint64)[0]
         return int(word)
 
-    def start(self, evaluate: Evaluations | None = None) -> NESState:
-        """The state before the first generation. `evaluate` answers the requests of the
-        search for it; where there is a single candidate it is not needed."""
-        search = StartSearch(
+    @property
+    def start_search(self) -> StartSearch:
+        """The search for the start."""
+        return StartSearch(
             self.task,
             self.architecture,
             self.hp.nes,
             lambda *path: self._seed(_START, *path),
             lambda *path: self._agent(_START, *path),
         )
-        psi = search.best(evaluate)
-        return NESState(psi, np.zeros_like(psi))
+
+    def start(self, evaluate: Evaluations | None = None, fits: Fits | None = None) -> NESState:
+        """The state before the first generation. `evaluate` answers the requests of the
+        search for it; where there is a single candidate it is not needed. `fits` makes the
+        fitted candidates, if not this process one after the other."""
+        return NESState.of(self.start_search.best(evaluate, fits))
 
     def ask(self, state: NESState) -> list[EvaluationRequest]:
         """The evaluations of the next generation: n_p on psi itself, n_p on

@@ -30,6 +30,9 @@ Psi = NDArray[np.float32]
 #: Answers requests, in any order; on SEs that they initialise, or on a psi (P,).
 Evaluations = Callable[[Psi | None, Sequence[EvaluationRequest]], Sequence[EvaluationResult]]
 
+#: The psi (P,) fitted by each of these seeds, in their order.
+Fits = Callable[[Sequence[int]], Sequence[Psi]]
+
 # What a derived seed is for; part of the seed, so never renumber.
 _INITIAL, _SCREENING, _RETEST, _EPS, _FITTED = range(5)
 
@@ -45,33 +48,39 @@ class StartSearch:
     seed: Callable[..., int]
     agent: Callable[..., AgentHyperparameters]
 
-    def best(self, evaluate: Evaluations | None) -> Psi:
-        """The start (P,); a single candidate is tried by nobody."""
+    @property
+    def fit_seeds(self) -> list[int]:
+        """Of the fitted candidates."""
+        return [self.seed(_FITTED, number) for number in range(self.hp.start_candidates)]
+
+    def best(self, evaluate: Evaluations | None, fits: Fits | None) -> Psi:
+        """The start (P,); a single candidate is tried by nobody, and fitted here, as all are
+        without `fits`."""
         if self.hp.start == "fitted":
-            return self._best_fitted(evaluate)
+            return self._best_fitted(evaluate, fits)
         best = self.seed(_INITIAL, 0)
         if self.hp.start_candidates > 1:
             assert evaluate is not None
             best = self._best_random(evaluate)
         return self.architecture.initialize(np.random.default_rng(best))
 
-    def _best_fitted(self, evaluate: Evaluations | None) -> Psi:
-        if self.hp.start_candidates == 1:
-            return self._fitted(0)
+    def _best_fitted(self, evaluate: Evaluations | None, fits: Fits | None) -> Psi:
+        seeds = self.fit_seeds
+        if len(seeds) == 1:
+            return self._fitted_here(seeds)[0]
         assert evaluate is not None
         requests = [
             EvaluationRequest(i, self.seed(_RETEST, i), self.agent(_RETEST, i))
             for i in range(FIT_TESTS)
         ]
-        fitted, worths = [], []
-        for number in range(self.hp.start_candidates):
-            fitted.append(self._fitted(number))
-            _, scores, fit = judged(self.task, self.hp, evaluate(fitted[-1], requests))
+        fitted, worths = (fits or self._fitted_here)(seeds), []
+        for psi in fitted:
+            _, scores, fit = judged(self.task, self.hp, evaluate(psi, requests))
             worths.append(worth_of(scores.mean(), fit.mean(), self.task.solved_reward))
         return fitted[worths.index(max(worths))]
 
-    def _fitted(self, number: int) -> Psi:
-        return fitted_psi(self.task, self.architecture, self.seed(_FITTED, number))
+    def _fitted_here(self, seeds: Sequence[int]) -> list[Psi]:
+        return [fitted_psi(self.task, self.architecture, seed) for seed in seeds]
 
     def _best_random(self, evaluate: Evaluations) -> int:
         """The seed of the best initialisation."""

@@ -5,7 +5,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import safetensors.numpy
@@ -103,6 +103,11 @@ class NESState:
     solved_streak: int = 0  # generations solved in a row, up to the last one
     finalists: tuple[Finalist, ...] = ()  # best first
     records: tuple[GenerationRecord, ...] = ()
+
+    @classmethod
+    def of(cls, psi: NDArray[np.float32]) -> Self:
+        """Before the first generation."""
+        return cls(psi, np.zeros_like(psi))
 
     @property
     def best_score(self) -> float:

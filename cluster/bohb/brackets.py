@@ -42,6 +42,12 @@ def budget_ladder(smallest: int, largest: int) -> list[int]:
     return ladder[::-1]
 
 
+def budgets_of(method: str, smallest: int, largest: int) -> list[int]:
+    """The ladder of a search method; random search has the largest budget alone. Raises
+    InvalidInput as `budget_ladder` does."""
+    return budget_ladder(largest if method == "random" else smallest, largest)
+
+
 def bracket_rungs(bracket: int, ladder: list[int]) -> list[Rung]:
     """The rungs of bracket number `bracket` (Li et al., 2018; sizes as hpbandster
     computes them): brackets cycle from the most to the least eager to halve."""
@@ -56,6 +62,12 @@ def bracket_rungs(bracket: int, ladder: list[int]) -> list[Rung]:
 def bracket_table(brackets: int, ladder: list[int]) -> list[Rung]:
     """All rungs of the first `brackets` brackets."""
     return [rung for bracket in range(brackets) for rung in bracket_rungs(bracket, ladder)]
+
+
+def configurations_to_begin(rungs: list[Rung]) -> int:
+    """Those of every bracket's lowest rung; its other rungs go on with these."""
+    begun = {rung.bracket: rung.configurations for rung in reversed(rungs)}
+    return sum(begun.values())
 
 
 def generations_to_run(rungs: list[Rung]) -> int:

@@ -1,18 +1,20 @@
 """`bilevel bohb`: run a study, or go on with it."""
 
-import time
+import math
 from dataclasses import dataclass, field
 
+from bilevel.nes import NESState
 from cluster.bohb.brackets import bracket_table
 from cluster.bohb.journal import Journal
 from cluster.bohb.report import StudyReport
 from cluster.bohb.search import BracketSearch
 from cluster.bohb.searcher import BohbSearcher
-from cluster.bohb.stopping import InterruptGuard, StudyStopper
+from cluster.bohb.stopping import StudyStopper
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.tuning import run_trials
-from cluster.final import Contender, choose_best, hand_over, score_anew
+from cluster.final import RETESTS, Contender, choose_best, hand_over, score_anew
+from cluster.interrupts import InterruptGuard
 from cluster.live_run import live_run
 from cluster.place import Place
 from cluster.pool import EvaluationPool
@@ -27,6 +29,9 @@ from search_spaces import search_space
 #: Seconds of a time budget that are kept for the end: stopping the trials, scoring
 #: the best SE anew.
 _RESERVE = 60.0
+
+#: Names the agents that choose the start apart from all others that a study derives.
+_START = 0x5354_4152
 
 #: SEs that are retested at the end of a study.
 _CONTENDERS = 6
@@ -69,11 +74,6 @@ def run_study(command: StudyCommand) -> int:
     """Run (or continue) the study; returns the exit code: 0, 1 if no trial
     succeeded, 130 after Ctrl-C. Raises InvalidInput before anything is written, and
     StorageFailure when there is no room any more."""
-    deadline = time.monotonic() + (
-        max(command.time_budget - _RESERVE, command.time_budget / 2)
-        if command.time_budget is not None
-        else float("inf")
-    )
     study = command.study
     with (
         command.place.entered() as terminal,
@@ -82,7 +82,7 @@ def run_study(command: StudyCommand) -> int:
         require_capacity(command.workers_per_trial, command.trials)
         tracker = command.place.tracker(study.task.id)
         with locked_settings(study.folder, study.settings()) as begun:
-            return _UnderWay(command, begun, tracker, terminal, guard).go(deadline)
+            return _UnderWay(command, begun, tracker, terminal, guard).go()
 
 
 @dataclass
@@ -108,10 +108,10 @@ class _UnderWay:
             self.brackets,
             study.seed,
             self.journal,
-            study.model,
+            model=study.method == "bohb",
         )
 
-    def go(self, deadline: float) -> int:
+    def go(self) -> int:
         """To the end; the exit code."""
         study = self.command.study
         self._introduce()
@@ -119,7 +119,8 @@ class _UnderWay:
         try:
             with live_run(study.folder, self.brackets, views, self.tracker, self.terminal) as run:
                 try:
-                    code = self._to_the_end(deadline, views, run.mirror)
+                    self._choose_start(views, run.mirror)
+                    code = self._to_the_end(views, run.mirror)
                 finally:
                     self.live.clear()
                 run.status = "FINISHED" if code == 0 else "FAILED"
@@ -132,7 +133,7 @@ class _UnderWay:
         command, line = self.command, self.terminal.line
         study = command.study
         line(
-            f"{study.method} on {study.task.id}: study {study.name!r}, space {study.space}, "
+            f"{study.method_name} on {study.task.id}: study {study.name!r}, space {study.space}, "
             f"population {study.base.nes.population_size}, "
             f"budgets {'/'.join(map(str, study.budgets))} generations, {command.trials} trial(s) "
             f"at a time with {command.workers_per_trial} worker(s) each"
@@ -143,18 +144,53 @@ class _UnderWay:
         if self.journal.results:
             line(f"going on: {len(self.journal.results)} results of this study count already")
 
-    def _to_the_end(self, deadline: float, views: StudyViews, mirror: Mirror) -> int:
+    def _choose_start(self, views: StudyViews, mirror: Mirror) -> None:
+        """Of some fitted SEs the one that fresh agents learn most on decides the seed of all
+        runs."""
+        study, terminal = self.command.study, self.terminal
+        if not study.fitted or study.read_start() is not None:
+            return
+        if study.start_file.exists():
+            terminal.line(f"damaged {str(study.start_file)!r}: the start is chosen again")
+        runs = [study.fitted_run(seed, study.base, study.folder) for seed in study.start_seeds]
+        steps = len(runs) * (1 + (RETESTS if len(runs) > 1 else 0))
+        terminal.bar("choosing the start", 0, steps, "fits and tests")
+        with self._pool() as pool:
+            seeds = [run.nes.start_search.fit_seeds[0] for run in runs]
+            psis = pool.fits(study.task, runs[0].nes.architecture, seeds, terminal.step)
+            starts = [
+                Contender(run.last_se(NESState.of(psi)), run.hp)
+                for run, psi in zip(runs, psis, strict=True)
+            ]
+            # Other agents than those that choose the best SE in the end.
+            seed = (study.seed, _START)
+            best = choose_best(study.task, starts, seed, pool, terminal.step)
+        number = next(number for number, start in enumerate(starts) if start is best)
+        study.write_start(number)
+        terminal.line(
+            f"all runs have the seed of fit {number + 1} of {len(runs)}, the one that fresh agents "
+            "learn most on"
+        )
+        mirror.mark(views.keys())  # of runs whose start was lost, there was no view
+
+    def _pool(self) -> EvaluationPool:
+        """As large as those of all trials together, before they begin or when they are over."""
+        return EvaluationPool(self.command.workers_per_trial * self.command.trials)
+
+    def _to_the_end(self, views: StudyViews, mirror: Mirror) -> int:
         command, line = self.command, self.terminal.line
 
         def trials() -> int:
             require_server_for_nodes(command.place.tracking_uri)  # a node may have joined
             return command.trials
 
+        budget = math.inf if command.time_budget is None else command.time_budget
+        deadline = self.terminal.started + max(budget - _RESERVE, budget / 2)
         searcher = BohbSearcher(self.search, trials, deadline, command.workers_per_trial)
         report = StudyReport(
             command.study,
             self.brackets,
-            command.time_budget,
+            budget,
             self.journal,
             searcher,
             views,
@@ -170,8 +206,7 @@ class _UnderWay:
                 StudyStopper(searcher, self.guard),
                 report,
             )
-        if self.guard.interrupted:
-            raise KeyboardInterrupt
+        self.guard.check()
         if searcher.stopped_by is not None:
             raise searcher.stopped_by
         if searcher.time_is_up and not self.search.finished:
@@ -187,14 +222,19 @@ class _UnderWay:
     def _finish(self) -> int:
         """Choose the best SE of all configurations, and score it anew."""
         study, line = self.command.study, self.terminal.line
-        with EvaluationPool(self.command.workers_per_trial * self.command.trials) as pool:
+        with self._pool() as pool:
             contenders = self._contenders(pool)
             if not contenders:
-                line("no configuration finished a generation: see the errors above")
+                line(
+                    "no configuration finished a generation: see the errors above"
+                    if self.journal.results
+                    else "no configuration finished a generation in this time"
+                )
                 return 1
             line(f"retesting the {len(contenders)} best SEs with fresh agents")
-            self.terminal.bar("retesting", 0, 1, "")
-            best = choose_best(study.task, contenders, (study.seed,), pool)
+            tests = RETESTS * len(contenders)
+            self.terminal.bar("retesting", 0, tests, "tests")
+            best = choose_best(study.task, contenders, (study.seed,), pool, self.terminal.step)
             score = score_anew(study.task, best, self.command.final_agents, (study.seed,), pool)
         path = hand_over(best.se, score, study.folder, len(self.journal.results))
         self._say_incumbent()

@@ -1,16 +1,24 @@
 """`bilevel bohb --dry-run`: what a study would run, and what that would cost."""
 
+import math
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationRequest, evaluate
 from bilevel.synthetic_env import Architecture
 from bilevel.synthetic_env.fitted import fitted_psi
-from cluster.bohb.brackets import Rung, bracket_table, generations_to_run
+from cluster.bohb.brackets import (
+    Rung,
+    bracket_table,
+    configurations_to_begin,
+    generations_to_run,
+)
 from cluster.bohb.command import StudyCommand
+from cluster.bohb.study import Study
+from cluster.final import RETESTS
 from cluster.progress import duration
 from cluster.ray_cluster import require_capacity
 from search_spaces import draw_agent, search_space, to_hyperparameters
@@ -26,19 +34,27 @@ class Estimate:
     generations: int
     evaluations: int
     seconds_per_evaluation: float
-    fits: int
-    seconds_per_fit: float
-    trials: int  # at a time; each fits on one core
+    starts: int  # fitted, of which one is chosen before the first trial
+    seconds_per_start: float
+    seconds_per_fit: float  # of each configuration's networks to the same steps
+    configurations: int
+    trials: int  # at a time; each records once what it fits to, and fits on one core
     cores: int
 
     @property
     def seconds(self) -> float:
         """Time on the cluster's cores."""
         evaluating = self.evaluations * self.seconds_per_evaluation / self.cores
-        return evaluating + self.fits * self.seconds_per_fit / self.trials
+        rounds = math.ceil(self.starts / self.cores)
+        starting = (rounds + 1) * self.seconds_per_start if self.starts else 0.0
+        return evaluating + starting + self.configurations * self.seconds_per_fit / self.trials
 
     def __str__(self) -> str:
-        fits = f"{self.fits} fits of about {self.seconds_per_fit:.0f}s, " if self.fits else ""
+        fits = (
+            f"{self.starts} fitted starts of about {self.seconds_per_start:.0f}s, "
+            if self.starts
+            else ""
+        )
         return (
             f"{self.generations} generations, {fits}{self.evaluations} evaluations of about "
             f"{self.seconds_per_evaluation:.2f}s: {duration(self.seconds)} on {self.cores} core(s)"
@@ -57,7 +73,7 @@ def dry_run(command: StudyCommand) -> None:
         trials = command.trials
         require_capacity(command.workers_per_trial, trials)
     terminal.line(
-        f"{study.method} on {study.task.id}: study {study.name!r}, budgets in generations"
+        f"{study.method_name} on {study.task.id}: study {study.name!r}, budgets in generations"
     )
     terminal.line("bracket   configurations x budget")
     cycle = len(study.budgets)
@@ -69,7 +85,7 @@ def dry_run(command: StudyCommand) -> None:
     if command.brackets > cycle:
         terminal.line(f"    ...   and so on in turn, {command.brackets} brackets in all")
 
-    estimate = _estimate(command, generations_to_run(rungs), _starts(rungs), trials)
+    estimate = _estimate(command, rungs, trials)
     terminal.line(str(estimate))
     if command.time_budget is not None:
         terminal.line(f"stopped by the time budget after {duration(command.time_budget)}")
@@ -79,19 +95,15 @@ def dry_run(command: StudyCommand) -> None:
     )
 
 
-def _starts(rungs: Sequence[Rung]) -> int:
-    """Configurations of the table; the others go on with these."""
-    return sum(r.configurations for i, r in enumerate(rungs) if r.bracket != rungs[i - 1].bracket)
-
-
-def _estimate(command: StudyCommand, generations: int, starts: int, trials: int) -> Estimate:
+def _estimate(command: StudyCommand, rungs: list[Rung], trials: int) -> Estimate:
     study = command.study
-    nes, shape = study.base.nes, Architecture.of(study.task, study.base.se)
-    psi, seconds_per_fit = shape.initialize(np.random.default_rng(study.seed)), 0.0
-    if nes.start == "fitted":
-        began = time.perf_counter()
-        psi = fitted_psi(study.task, shape, study.seed)
-        seconds_per_fit = time.perf_counter() - began
+    starts = len(study.start_seeds) if study.fitted else 0
+    shape = Architecture.of(study.task, study.base.se)
+    psi = shape.initialize(np.random.default_rng(study.seed))
+    seconds_per_start = seconds_per_fit = 0.0
+    if starts:
+        psi, seconds_per_start = _timed_fit(study)
+        _, seconds_per_fit = _timed_fit(study)
     samples = search_space(study.space, study.agents, study.seed).sample_configuration(_SAMPLES)
     seconds, evaluations = [], []
     for i, sample in enumerate(samples):
@@ -103,12 +115,23 @@ def _estimate(command: StudyCommand, generations: int, starts: int, trials: int)
             evaluate(study.task, limited, psi, request)  # compiles, untimed
         seconds.append(evaluate(study.task, limited, psi, request).seconds)
         evaluations.append(hp.nes.evaluations)
+    generations = generations_to_run(rungs)
     return Estimate(
         generations,
-        round(generations * sum(evaluations) / len(evaluations)) + starts * nes.start_evaluations,
+        round(generations * sum(evaluations) / len(evaluations))
+        + (starts * RETESTS if starts > 1 else 0),
         sum(seconds) / len(seconds),
-        starts * nes.start_candidates if nes.start == "fitted" else 0,
+        starts,
+        seconds_per_start,
         seconds_per_fit,
+        configurations_to_begin(rungs),
         trials,
         trials * command.workers_per_trial,
     )
+
+
+def _timed_fit(study: Study) -> tuple[NDArray[np.float32], float]:
+    """psi (P,), and seconds; the second time without what fits have in common."""
+    began = time.perf_counter()
+    psi = fitted_psi(study.task, Architecture.of(study.task, study.base.se), study.seed)
+    return psi, time.perf_counter() - began

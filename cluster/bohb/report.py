@@ -34,7 +34,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self,
         study: Study,
         brackets: int,
-        time_budget: float | None,
+        time_budget: float,
         journal: Journal,
         searcher: BohbSearcher,
         views: StudyViews,
@@ -44,7 +44,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     ) -> None:
         self._study = study
         self._brackets = brackets
-        self._time_budget = time_budget
+        self._time_budget = time_budget  # seconds, from where the terminal's clock began
         self._journal = journal
         self._searcher = searcher
         self._views = views
@@ -55,7 +55,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._summary = StudySummary(journal, self._rungs)
         self._jobs: dict[str, Job] = {}  # by trial
         self._last_picture = 0.0
-        self._started = time.monotonic()
+        self._started = time.monotonic()  # the trials
         self._generations = 0  # run by this process
 
     # -- trials (called by Ray Tune) -------------------------------------------
@@ -129,7 +129,8 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         # With the rest of the bar this fits into 80 columns.
         results, seconds = len(self._journal.results), self._seconds_left()
         if self._time_decides():
-            done, total = self._elapsed() / 60, (self._elapsed() + seconds) / 60
+            total = self._time_budget / 60
+            done = total - seconds / 60
             self._terminal.bar(self._bracket(job), done, total, "min", f"{results} results, {now}")
             return
         total = sum(rung.configurations for rung in self._rungs)
@@ -158,7 +159,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
 
     def _time_decides(self) -> bool:
         """Whether the time budget ends the study, rather than its last bracket."""
-        return self._time_budget is not None and self._seconds_of_brackets() > self._time_left()
+        return self._seconds_of_brackets() > self._time_left()
 
     def _seconds_left(self) -> float:
         return min(self._seconds_of_brackets(), self._time_left())
@@ -171,4 +172,4 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         return self._elapsed() / max(self._generations, 1) * left
 
     def _time_left(self) -> float:
-        return math.inf if self._time_budget is None else self._time_budget - self._elapsed()
+        return self._terminal.started + self._time_budget - time.monotonic()

@@ -59,7 +59,7 @@ class BracketSearch:
         self._ladder = ladder
         self._seed = seed
         self._journal = journal
-        # A random fraction of 1 never asks the model: that is Hyperband.
+        # A random fraction of 1 never asks the model.
         with _hpbandsters_warnings_ignored():
             self._generator = BOHB(space, random_fraction=1 / 3 if model else 1.0)
         self._recorded: dict[int, deque[ConfigLine]] = {}

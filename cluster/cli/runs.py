@@ -92,9 +92,11 @@ def nes(
 @click.option("--workers-per-trial", type=click.IntRange(min=1), default=1, show_default=True)
 @click.option("--concurrent-trials", type=click.IntRange(min=1), help="Default: all cores' worth.")
 @click.option(
-    "--model/--no-model",
-    default=True,
-    help="Without: all configurations at random (Hyperband), to compare BOHB with.",
+    "--method",
+    default="bohb",
+    show_default=True,
+    help="bohb; to compare it with, in the same time: hyperband (BOHB without its model), "
+    "random (every configuration runs to the largest budget).",
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be run, and run nothing.")
 def bohb(
@@ -105,18 +107,19 @@ def bohb(
     time_budget: float | None,
     workers_per_trial: int,
     concurrent_trials: int | None,
-    model: bool,
+    method: str,
     dry_run: bool,
     **options: Any,
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
     from bilevel.errors import one_of
-    from cluster.profiles import base_hyperparameters, get_profile
+    from cluster.profiles import base_hyperparameters, get_method, get_profile
     from search_spaces import SPACES
 
     common = RunOptions(**options)
     task = common.the_task()
     agents = common.the_agents()
+    get_method(method)
     size = get_profile(profile)
     if space is not None and space not in SPACES:
         raise one_of("search space", space, SPACES)
@@ -128,16 +131,15 @@ def bohb(
     }
     size = replace(size, **{key: value for key, value in changes.items() if value is not None})
     place = common.the_place()
-    method = "bohb" if model else "hyperband"
     name = study or f"{method}-{profile}-{size.space}{agent_suffix(agents)}-seed{common.seed}"
     folder = place.home.run_folder(task.id, name)
 
-    from cluster.bohb.brackets import budget_ladder
+    from cluster.bohb.brackets import budgets_of
     from cluster.bohb.command import StudyCommand, run_study
     from cluster.bohb.estimate import dry_run as estimate
     from cluster.bohb.study import Study
 
-    budgets = tuple(budget_ladder(size.smallest_budget, size.largest_budget))
+    budgets = tuple(budgets_of(method, size.smallest_budget, size.largest_budget))
     command = StudyCommand(
         Study(
             folder,
@@ -146,7 +148,7 @@ def bohb(
             size.space,
             budgets,
             base_hyperparameters(size, task, agents),
-            model,
+            method,
         ),
         place,
         size.brackets,

@@ -111,7 +111,7 @@ class StudyViews:
                 "seed": study.seed,
                 "space": study.space,
                 "budgets": list(study.budgets),
-                "model": study.model,
+                "method": study.method,
                 "base": study.base.to_dict(),
             },
             tags,
@@ -143,7 +143,7 @@ class StudyViews:
     def _description(self) -> str:
         study = self.study
         return (
-            f"{study.method} over NES on **{study.task.id}**: search space `{study.space}`, "
+            f"{study.method_name} over NES on **{study.task.id}**: search space `{study.space}`, "
             f"population {study.base.nes.population_size}, budgets {list(study.budgets)} "
             f"generations (eta 3), seed {study.seed}. Each child run is one configuration; a "
             "promoted one goes on in the same run. `objective` is the mean over the run's "

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.transfer import documented_agent
+from benchmarks.agents.transfer import documented_agent
 from bilevel import InvalidInput
 from bilevel.agents import agent as registry
 from bilevel.agents import get_agent, registered_agents

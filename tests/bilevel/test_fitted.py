@@ -13,7 +13,7 @@ from bilevel.kernels.blas import one_blas_thread
 from bilevel.kernels.ddqn import greedy_action, new_agent
 from bilevel.kernels.synthetic_env import step
 from bilevel.synthetic_env import Architecture, fitted, kernel_form
-from bilevel.synthetic_env.fitted import LEAST_DONE, action_values, fitted_psi
+from bilevel.synthetic_env.fitted import LEAST_DONE, Lessons, action_values, fitted_psi
 from bilevel.synthetic_env.fitted.action_values import ActionValues
 from bilevel.synthetic_env.fitted.transitions import REPEATS, Transitions
 from bilevel.tasks import Task, get_task
@@ -144,14 +144,15 @@ def test_the_policy_is_recorded_too(
     monkeypatch.setattr(fitted, "FIT_STEPS", 1)
     monkeypatch.setattr(fitted, "RANDOM_STEPS", 100)
     monkeypatch.setattr(fitted, "POLICY_STEPS", 200)
+    monkeypatch.setattr(fitted, "lessons", fitted.lessons.__wrapped__)  # forgotten afterwards
     recorded, fitted_to = [], []
 
     def record(*arguments: Any) -> Transitions:
         recorded.append(arguments)
         return Transitions.recorded(*arguments)
 
-    def regressed(_: Architecture, data: Transitions, *others: Any) -> np.ndarray:
-        fitted_to.append(data)
+    def regressed(_: Architecture, taught: Lessons) -> np.ndarray:
+        fitted_to.append(taught.data)
         return np.zeros(1, np.float32)
 
     monkeypatch.setattr(fitted, "Transitions", SimpleNamespace(recorded=record))
@@ -164,13 +165,33 @@ def test_the_policy_is_recorded_too(
     assert len(fitted_to[0].actions) == 300
 
 
+def test_what_fits_have_in_common_is_learned_once(
+    cartpole: Task, architecture: Architecture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """And does not depend on who asked before."""
+    taught = fitted.lessons(cartpole, 4)
+    small = fitted_psi(cartpole, replace(architecture, hidden_size=8), 4)
+    with monkeypatch.context() as patch:
+        patch.setattr(fitted, "Transitions", None)
+        wide = fitted_psi(cartpole, replace(architecture, hidden_size=16), 4)
+        np.testing.assert_array_equal(
+            fitted_psi(cartpole, replace(architecture, hidden_size=8), 4), small
+        )
+    assert wide.size > small.size
+    fitted.lessons.cache_clear()
+    again = fitted.lessons(cartpole, 4)
+    np.testing.assert_array_equal(again.rewards, taught.rewards)
+    np.testing.assert_array_equal(again.data.next_states, taught.data.next_states)
+    assert not np.array_equal(fitted.lessons(cartpole, 5).rewards, taught.rewards)
+
+
 def test_a_rare_end_is_not_missed(architecture: Architecture) -> None:
     """One step in twenty ends the episode, and nothing tells which."""
     states = np.full((400, 4), 0.1, np.float32)
     actions, rewards = np.zeros(400, np.int64), np.ones(400, np.float32)
     ends = (np.arange(400) % 20 == 0).astype(np.float32)
     data = Transitions(states, actions, states, rewards, ends)
-    psi = fitted._regressed(architecture, data, rewards, 0)
+    psi = fitted._regressed(architecture, Lessons(data, rewards, 0))
     se, work = kernel_form(architecture, psi), np.zeros((2, 96), np.float32)
     _, done = step(se, states[0], 0, np.zeros(4, np.float32), work)
     assert done == pytest.approx((1 + LEAST_DONE) / 2, abs=0.05)

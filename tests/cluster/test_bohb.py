@@ -2,6 +2,7 @@
 
 import json
 import random
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -10,9 +11,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bilevel import InvalidInput
+from bilevel.errors import StorageFailure
+from bilevel.tasks import get_task
 from cluster.bohb import BracketSearch, Job, Journal, bracket_table, budget_ladder
-from cluster.bohb.brackets import bracket_rungs, generations_to_run
+from cluster.bohb.brackets import (
+    bracket_rungs,
+    budgets_of,
+    configurations_to_begin,
+    generations_to_run,
+)
+from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
+from cluster.profiles import base_hyperparameters, get_profile
+from cluster.run_folder import locked_settings
 from search_spaces import search_space
 
 
@@ -50,6 +61,14 @@ class TestBrackets:
                 assert abs(rung.configurations - n) <= 1  # its powers of 3 are rounded
             assert [rung.budget for rung in rungs] == ladder[-s - 1 :]
 
+    def test_random_search_has_the_largest_budget_alone(self) -> None:
+        assert budgets_of("random", 1, 9) == [9]
+        assert budgets_of("hyperband", 1, 9) == budgets_of("bohb", 1, 9) == [1, 3, 9]
+
+    @pytest.mark.parametrize(("brackets", "begun"), [(1, 9), (2, 12), (3, 15), (4, 24)])
+    def test_configurations_are_counted_once(self, brackets: int, begun: int) -> None:
+        assert configurations_to_begin(bracket_table(brackets, [1, 3, 9])) == begun
+
     def test_promoted_configurations_continue(self) -> None:
         table = bracket_table(3, [2, 6, 18])
         assert generations_to_run(table) == (9 * 2 + 3 * 4 + 12) + (3 * 6 + 12) + 3 * 18
@@ -75,6 +94,45 @@ def run_to_end(search: BracketSearch, fail: tuple[int, ...] = ()) -> list[Job]:
         jobs.append(job)
     assert search.finished
     return jobs
+
+
+class TestStudy:
+    @pytest.fixture
+    def study(self, tmp_path: Path) -> Study:
+        task = get_task("CartPole-v0")
+        base = base_hyperparameters(get_profile("local"), task)
+        study = Study(tmp_path / "study", task, 3, "core", (1, 3), base, "hyperband")
+        with locked_settings(study.folder, study.settings()):
+            return study
+
+    def test_is_what_its_folder_says(self, study: Study) -> None:
+        assert Study.read(study.folder) == study
+
+    def test_runs_from_fitted_ses_share_the_seed_that_was_chosen(self, study: Study) -> None:
+        assert len(set(study.start_seeds)) == study.base.nes.start_candidates == 4
+        study.write_start(2)
+        assert Study.read(study.folder).read_start() == 2
+        runs = [study.run((0, 0, n), {"se.hidden_size": 16 + n}) for n in range(3)]
+        assert {run.seed for run in runs} == {study.start_seeds[2]}
+        assert {run.hp.nes.start_candidates for run in runs} == {1}
+        assert [run.hp.se.hidden_size for run in runs] == [16, 17, 18]
+        assert replace(study, seed=4).start_seeds[2] != study.start_seeds[2]
+
+    def test_random_starts_are_each_runs_own(self, study: Study) -> None:
+        base = replace(study.base, nes=replace(study.base.nes, start="random"))
+        study = replace(study, base=base)
+        assert not study.fitted
+        seeds = {study.run((0, 0, number), {}).seed for number in range(3)}
+        assert len(seeds) == 3
+
+    @pytest.mark.parametrize("text", [None, "", "[]", '{"number": 4}', '{"number": true}', "\xff"])
+    def test_without_its_start_there_is_no_run(self, text: str | None, study: Study) -> None:
+        """Missing, or damaged."""
+        if text is not None:
+            study.start_file.write_bytes(text.encode("latin-1"))
+        assert study.read_start() is None
+        with pytest.raises(StorageFailure, match=r"start\.json' is missing or damaged"):
+            study.run((0, 0, 0), {})
 
 
 class TestSearch:

@@ -68,6 +68,10 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         (["bohb", "CartPole-v0", "--study", "a/b"], "name 'a/b' is not allowed"),
         (["bohb", "CartPole-v0", "--profile", "huge"], "unknown profile 'huge': allowed are smoke"),
         (
+            ["bohb", "CartPole-v0", "--method", "luck"],
+            "unknown method 'luck': allowed are bohb, hyperband, random",
+        ),
+        (
             ["bohb", "CartPole-v0", "--space", "x"],
             "unknown search space 'x': allowed are full, core",
         ),
@@ -100,17 +104,24 @@ def test_a_damaged_database_is_told(tmp_path: Path) -> None:
     assert not (tmp_path / "CartPole-v0").exists()
 
 
-@pytest.mark.parametrize(("option", "method"), [("--model", "BOHB"), ("--no-model", "Hyperband")])
+@pytest.mark.parametrize(
+    ("method", "title", "rungs", "cost"),
+    [
+        ("bohb", "BOHB", "3 x 1 -> 1 x 3", "11 generations, 66 evaluations"),
+        ("hyperband", "Hyperband", "3 x 1 -> 1 x 3", "11 generations, 66 evaluations"),
+        ("random", "random search", "1 x 3", "6 generations, 36 evaluations"),
+    ],
+)
 def test_dry_run_says_what_would_be_run_and_writes_nothing(
-    option: str, method: str, tmp_path: Path
+    method: str, title: str, rungs: str, cost: str, tmp_path: Path
 ) -> None:
-    arguments = ("CartPole-v0", "--profile", "smoke", "--dry-run", option)
+    arguments = ("CartPole-v0", "--profile", "smoke", "--dry-run", "--method", method)
     result = run_bilevel("bohb", *arguments, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
-    study = f"{method.lower()}-smoke-core-seed0"
-    assert result.stdout.startswith(f"{method} on CartPole-v0: study {study!r}")
-    assert "3 x 1 -> 1 x 3" in result.stdout
-    assert "11 generations, 66 evaluations" in result.stdout
+    study = f"{method}-smoke-core-seed0"
+    assert result.stdout.startswith(f"{title} on CartPole-v0: study {study!r}")
+    assert f"      0   {rungs}\n" in result.stdout
+    assert cost in result.stdout
     assert "the cluster can place it" in result.stdout
     assert list(tmp_path.iterdir()) == []
 
@@ -119,6 +130,6 @@ def test_dry_run_counts_the_fits_of_starts(tmp_path: Path) -> None:
     arguments = ("--profile", "local", "--brackets", "3", "--dry-run")
     result = run_bilevel("bohb", "CartPole-v0", *arguments, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
-    # 9 + 3 + 3 configurations of two candidates, and 32 agents on each of these
-    assert "63 generations, 30 fits of about" in result.stdout
-    assert f"{63 * 24 + 30 * 32} evaluations" in result.stdout
+    # 32 agents on each of the SEs of which one decides where all configurations start
+    assert "48 generations, 4 fitted starts of about" in result.stdout
+    assert f"{48 * 24 + 4 * 32} evaluations" in result.stdout

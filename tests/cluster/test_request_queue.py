@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bilevel.evaluation import EvaluationRequest
 from bilevel.hyperparameters import DDQNHyperparameters, load_preset
-from cluster.request_queue import RequestQueue
+from cluster.request_queue import FitRequest, RequestQueue
 
 AGENT = cast(DDQNHyperparameters, load_preset("tuned", "CartPole-v0").agents[0])
 STEP = AGENT.step_cost / AGENT.batch_size
@@ -32,7 +32,7 @@ actors = st.integers(1, 9)
 class Course:
     """Actors that end evaluations in an order drawn by hypothesis."""
 
-    def __init__(self, queue: RequestQueue, actors: int) -> None:
+    def __init__(self, queue: RequestQueue[EvaluationRequest], actors: int) -> None:
         self.queue = queue
         self.held: list[list[EvaluationRequest]] = [[] for _ in range(actors)]
         self.order: list[int] = []
@@ -104,3 +104,9 @@ def test_what_a_dead_actor_held_comes_first_again() -> None:
     taken = [request.index for _ in range(5) if (request := queue.take([])) is not None]
     assert taken == [0, 1, 2, 3, 4]
     assert queue.take([]) is None
+
+
+def test_fits_are_handed_out_in_turn() -> None:
+    asked = [FitRequest(number, seed=100 - number) for number in range(5)]
+    queue = RequestQueue(asked, 2)
+    assert [queue.take([]) for _ in asked] == asked

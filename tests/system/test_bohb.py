@@ -13,6 +13,7 @@ import pytest
 
 from bilevel.nes import NESState
 from cluster.bohb import Journal
+from cluster.bohb.study import Study
 from tests.commands import BILEVEL, run_bilevel
 from tests.system.conftest import client, run_until
 
@@ -178,6 +179,19 @@ def test_time_budget_ends_the_search(tmp_path: Path) -> None:
     assert "bracket 1 rung 1/" in result.stdout
     assert "/99" not in result.stdout
     assert "fresh agents trained on the best SE" in result.stdout
+
+
+def test_runs_from_fitted_ses_share_a_seed(tmp_path: Path) -> None:
+    """It is chosen before the first trial."""
+    args = ("--method", "random", "--brackets", "1", "--population", "1", "--study", "fitted")
+    result = run_bilevel("bohb", "CartPole-v0", *args, "--home", tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "random search on CartPole-v0" in result.stdout
+    study = Study.read(tmp_path / "CartPole-v0" / "fitted")
+    chosen = study.read_start()
+    assert chosen is not None
+    assert f"all runs have the seed of fit {chosen + 1} of 4" in result.stdout
+    assert "bracket 1/1 rung 1/1    9 generations  objective" in result.stdout
 
 
 def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.transfer import documented_agent
+from benchmarks.agents.transfer import documented_agent
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.nes import NESState
 from bilevel.synthetic_env import Architecture, StoredSE, save_se

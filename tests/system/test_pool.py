@@ -15,6 +15,8 @@ import ray
 from bilevel.evaluation import EvaluationResult, evaluate
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
+from bilevel.synthetic_env import Architecture
+from bilevel.synthetic_env.fitted import fitted_psi
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool
 from tests.conftest import ddqn
@@ -89,6 +91,24 @@ def test_killed_actors_are_replaced_and_nothing_is_lost(
         killer.join()
     assert killed
     assert without_times(results) == without_times(looped)
+
+
+def test_fits_are_the_same_wherever_they_are_made(cartpole: Task) -> None:
+    """Killed at the end of the first one, the actors are replaced and make what was lost."""
+    architecture, seeds = Architecture(4, 2, 1, 8, "lrelu"), [4, 5, 6]
+    ended: list[int] = []
+
+    def kill_all() -> None:
+        ended.append(len(ended))
+        for pid in worker_pids() if len(ended) == 1 else ():
+            os.kill(pid, signal.SIGKILL)
+
+    with EvaluationPool(2) as pool:
+        fitted = pool.fits(cartpole, architecture, seeds, kill_all)
+    assert all(psi.flags.writeable for psi in fitted)
+    assert ended == [0, 1, 2]
+    for psi, seed in zip(fitted, seeds, strict=True):
+        np.testing.assert_array_equal(psi, fitted_psi(cartpole, architecture, seed))
 
 
 def test_a_request_that_kills_every_actor_is_given_up(nes: NES) -> None:

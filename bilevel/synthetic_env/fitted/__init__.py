@@ -29,6 +29,9 @@ rewards: potential-based shaping by the values (Ng et al., 1999) gives them on a
 Steps of the learned policy: Ross et al. (2011).
 """
 
+from functools import lru_cache
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -57,21 +60,34 @@ LEAST_DONE = 0.45
 FIT_STEPS, FIT_RATE, FIT_BATCH = 20_000, 1e-2, 256
 
 
+class Lessons(NamedTuple):
+    """What an SE is fitted to, whatever its networks."""
+
+    data: Transitions  # N steps
+    rewards: NDArray[np.float32]  # (N,) between BASE - 1 and BASE + 1
+    seed: int  # of the regressions
+
+
 def fitted_psi(task: Task, architecture: Architecture, seed: int) -> NDArray[np.float32]:
     """psi (P,) of an SE fitted to `task`; by `seed` alone.
 
     Its rewards lie between BASE - 1 and BASE + 1, times `architecture.reward_scale`.
     """
+    with one_blas_thread():
+        return _regressed(architecture, lessons(task, seed))
+
+
+@lru_cache(maxsize=1)  # most of a fit's time, and the same for all of a study's fits
+def lessons(task: Task, seed: int) -> Lessons:
+    """Steps on the real task, and what their actions are worth; by `seed` alone."""
     words = np.random.SeedSequence(seed).generate_state(4 + TEACHERS, np.uint64)
     recording, first, following, fitting, *teaching = (int(word) for word in words)
     with one_blas_thread():
         data = Transitions.recorded(task, RANDOM_STEPS, recording)
         policy = ActionValues.learned(task, data, first).greedy
         data += Transitions.recorded(task, POLICY_STEPS, following, policy, EXPLORATION)
-        rewards = BASE + np.tanh(2 * advantages(task, data, teaching))
-        if data.reward_survival:
-            data = data.of_continuing_task()
-        return _regressed(architecture, data, architecture.reward_scale * rewards, fitting)
+        rewards = np.float32(BASE) + np.tanh(np.float32(2) * advantages(task, data, teaching))
+    return Lessons(data.of_continuing_task() if data.reward_survival else data, rewards, fitting)
 
 
 def advantages(task: Task, data: Transitions, seeds: list[int]) -> NDArray[np.float32]:
@@ -84,10 +100,10 @@ def advantages(task: Task, data: Transitions, seeds: list[int]) -> NDArray[np.fl
     return mean[np.arange(len(mean)), data.actions]
 
 
-def _regressed(
-    architecture: Architecture, data: Transitions, rewards: NDArray[np.floating], seed: int
-) -> NDArray[np.float32]:
+def _regressed(architecture: Architecture, taught: Lessons) -> NDArray[np.float32]:
     """psi (P,), each network fitted to its column of the data."""
+    data, rewards, seed = taught
+    rewards = np.float32(architecture.reward_scale) * rewards
     actions = np.eye(architecture.n_actions, dtype=np.float32)[data.actions]
     inputs = np.column_stack([actions, data.states])
     spread = data.next_states.std(axis=0) + SMALL

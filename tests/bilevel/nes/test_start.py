@@ -181,6 +181,21 @@ class TestFitted:
         np.testing.assert_array_equal(first, NES(cartpole, hp, 0).start().psi)
         assert not np.array_equal(first, other)
 
+    def test_others_may_make_the_fits(self, cartpole: Task, small_hp: Hyperparameters) -> None:
+        """By the same seeds; a single one is made here."""
+        asked: list[int] = []
+
+        def fits(seeds: Sequence[int]) -> list[Psi]:
+            asked.extend(seeds)
+            return [np.full(3, number, np.float32) for number, _ in enumerate(seeds)]
+
+        answers = Answers(lambda request: 50.0 if len(answers.batches) == 2 else 9.0)
+        nes = replace(small_hp.nes, start="fitted", start_candidates=3)
+        run = NES(cartpole, replace(small_hp, nes=nes), 0, draw_agent)
+        np.testing.assert_array_equal(run.start(answers, fits).psi, [1, 1, 1])
+        assert asked == run.start_search.fit_seeds
+        assert len(set(asked)) == 3
+
     @pytest.mark.usefixtures("fits")
     def test_the_best_is_the_start(self, cartpole: Task, small_hp: Hyperparameters) -> None:
         """Each is tried by the same agents with the same seeds."""
