@@ -62,7 +62,8 @@ check: $(INSTALLED) ## Format, lint and types
 	@$(BIN)/mypy bilevel search_spaces cluster tests benchmarks
 
 bench: $(INSTALLED) ## All speed measurements in turn, on a quiet machine; rewrites results and tables
-	@for measurement in inner_loop ideas generation handing_out startup utilisation readme; do \
+	@for measurement in speed.inner_loop speed.ideas speed.generation speed.handing_out \
+		speed.startup speed.utilisation readme; do \
 		$(BIN)/python -m benchmarks.$$measurement || exit 1; \
 	done
 

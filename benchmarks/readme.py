@@ -6,20 +6,17 @@ python -m benchmarks.readme
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
-from benchmarks import agent_tables, nes_tables
-from benchmarks import speed_tables as speed
+from benchmarks.agents import tables as agents
 from benchmarks.faults import tables as faults
 from benchmarks.machine import NotMeasured, read_result
+from benchmarks.markdown import source
+from benchmarks.nes import tables as nes
 from benchmarks.scaling import tables as scaling
+from benchmarks.search import tables as search
+from benchmarks.speed import tables as speed
 
 ROOT = Path(__file__).parent.parent
-
-
-def _where(result: dict[str, Any]) -> str:
-    machine = result["machine"]
-    return f"{machine['cores']} cores of {machine['processor']}; `{result['command']}`"
 
 
 def inner_loop() -> str:
@@ -33,42 +30,19 @@ def inner_loop() -> str:
             f"{ratio['median']:.1f} ({ratio['low']:.1f} to {ratio['high']:.1f}) |"
         )
     rows.append(f"\nMedians of {result['repeats']} pairs, the ratio with its spread; one core.")
-    rows.append(f"({_where(result)})")
-    return "\n".join(rows)
-
-
-def bohb() -> str:
-    """One study of the local profile."""
-    result = read_result("bohb_CartPole-v0")
-    final = result["best_se"]
-    rows = [
-        "| budget | results | best objective | median objective | median, model's picks | "
-        "median, random picks |",
-        "| --- | --- | --- | --- | --- | --- |",
-    ]
-    for budget, groups in result["objective_by_budget"].items():
-        cells = [groups["all"]["results"], groups["all"]["best"], groups["all"]["median"]]
-        cells += [
-            f"{groups[kind]['median']} (of {groups[kind]['results']})"
-            if groups[kind]["results"]
-            else "-"
-            for kind in ("model", "random")
-        ]
-        rows.append(f"| {budget} | {' | '.join(map(str, cells))} |")
-    rows.append(
-        f"\nOne study, {result['configurations']} configurations, {result['model_based_picks']} of "
-        f"them proposed by the model, {result['failed']} failed. Fresh agents on its best SE score "
-        f"{final['final_score_mean']:.1f} after {final['final_train_steps_mean']:.0f} steps."
-    )
-    rows.append(f"({_where(result)})")
+    rows.append(source(result))
     return "\n".join(rows)
 
 
 #: The documents, and the tables in each by the name of their place in it.
 DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
-    ROOT / "README.md": {"bohb": bohb, "inner-loop": inner_loop, "nes-seeds": nes_tables.defaults},
-    ROOT / "docs" / "agents.md": agent_tables.TABLES,
-    ROOT / "docs" / "nes.md": nes_tables.TABLES,
+    ROOT / "README.md": {
+        "inner-loop": inner_loop,
+        "nes-seeds": nes.defaults,
+        **search.TABLES,
+    },
+    ROOT / "docs" / "agents.md": agents.TABLES,
+    ROOT / "docs" / "nes.md": nes.TABLES,
     ROOT / "docs" / "scaling.md": scaling.TABLES,
     ROOT / "docs" / "speed.md": speed.TABLES,
     ROOT / "docs" / "reliability.md": faults.TABLES,

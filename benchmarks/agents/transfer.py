@@ -1,7 +1,7 @@
 """What an SE that was learned with DDQN teaches an agent of another kind that asks only whether
 an episode has ended: the REINFORCE of docs/agents.md, at several discounts.
 
-    python -m benchmarks.transfer CartPole-v0 --agents 20 --home FOLDER
+    python -m benchmarks.agents.transfer CartPole-v0 --agents 20 --home FOLDER
 
 The SE is that of `bilevel nes TASK --name transfer`, which is run (or continued) first.
 """
@@ -26,7 +26,7 @@ from cluster.nes_command import NESCommand, run_nes
 from cluster.nes_loop import NESRun
 from cluster.place import Place
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 #: Of REINFORCE.
 DISCOUNTS = (0.5, 0.9, 0.99)
@@ -78,7 +78,7 @@ def main() -> None:
     arguments = [argument for argument in sys.argv[1:] if argument != str(options.home)]
     path = write_result(
         f"transfer_{task.id}",
-        f"python -m benchmarks.transfer {' '.join(arguments)} FOLDER",
+        f"python -m benchmarks.agents.transfer {' '.join(arguments)} FOLDER",
         {"generations": state.generation, "groups": rows},
     )
     print(f"written to {path}")

@@ -1,8 +1,9 @@
-"""Agents with varied hyperparameters trained on the real task: the baseline that SEs are
+r"""Agents with varied hyperparameters trained on the real task: the baseline that SEs are
 compared with, and the check that the agents are right, beside the authors' figures.
 
-    python -m benchmarks.baseline CartPole-v0 --agents 40 --home FOLDER
-    python -m benchmarks.baseline Acrobot-v1 --agents 40 --kinds ddqn,dueling-ddqn --home FOLDER
+    python -m benchmarks.agents.baseline CartPole-v0 --agents 40 --home FOLDER
+    python -m benchmarks.agents.baseline Acrobot-v1 --agents 40 --kinds ddqn,dueling-ddqn \
+        --home FOLDER
 """
 
 import argparse
@@ -71,7 +72,7 @@ def main() -> None:
         steps, spread, score = AUTHORS[task.id][row["agent"]]
         row["authors"] = {"train_steps_mean": steps, "train_steps_std": spread, "score": score}
     arguments = [argument for argument in sys.argv[1:] if argument != str(options.home)]
-    line = f"python -m benchmarks.baseline {' '.join(arguments)} FOLDER"
+    line = f"python -m benchmarks.agents.baseline {' '.join(arguments)} FOLDER"
     print(f"written to {write_result(f'baseline_{task.id}', line, {'groups': rows})}")
 
 

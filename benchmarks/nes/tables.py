@@ -7,10 +7,13 @@ from typing import Any
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import table
-from benchmarks.nes_study import AGENTS
+from benchmarks.nes.study import AGENTS
 from bilevel.tasks import get_task
 
 TASKS = ("CartPole-v0", "Acrobot-v1")
+
+#: Tasks on which update rules are compared.
+RULE_TASKS = ("CartPole-v0",)
 
 _HEADER = (
     "variant",
@@ -116,6 +119,45 @@ def step_limits(task: str) -> str:
     )
 
 
+def update_rules(task: str) -> str:
+    """Every rule that was tried from random starts."""
+    result = read_result(f"update_rules_{task}")
+    solved_reward, rows = get_task(task).solved_reward, []
+    for name, rule in result["rules"].items():
+        runs = rule["runs"]
+        best = [run["best"]["score_mean"] for run in runs]
+        first = [run["first_solved_generation"] for run in runs]
+        found = [generation for generation in first if generation is not None]
+        rows.append(
+            [
+                name,
+                f"{len(found)} of {len(runs)}",
+                _spread(found, ".0f"),
+                f"{sum(run['solved_at_the_end'] for run in runs)} of {len(runs)}",
+                _spread([run["score_curve"][-1] for run in runs], ".1f"),
+                _spread([run["minutes"] for run in runs], ".1f"),
+                _spread(best, ".1f"),
+                f"{sum(score >= solved_reward for score in best)} of {len(runs)}",
+                _spread([run["best"]["train_steps_mean"] for run in runs], ".0f"),
+            ]
+        )
+    head = [
+        "rule",
+        "solved at some generation",
+        "the first of them",
+        "solved at the last",
+        "score at the last",
+        "minutes",
+        "fresh agents on the best SE",
+        f"of them at least {solved_reward:g}",
+        "their steps",
+    ]
+    commands = sorted(
+        {rule["command"].replace(f"'{name}'", "RULE") for name, rule in result["rules"].items()}
+    )
+    return table(head, rows) + f"\n\n({_machine(result)}; {', '.join(f'`{c}`' for c in commands)})"
+
+
 def _machine(result: dict[str, Any]) -> str:
     return f"{result['machine']['cores']} cores of {result['machine']['processor']}"
 
@@ -135,5 +177,6 @@ def defaults() -> str:
 TABLES: dict[str, Callable[[], str]] = {
     **{f"nes-{task}": partial(seeds, task) for task in TASKS},
     "nes-transfer": transfer,
-    "step-limits-CartPole-v0": partial(step_limits, "CartPole-v0"),
+    **{f"update-rules-{task}": partial(update_rules, task) for task in RULE_TASKS},
+    **{f"step-limits-{task}": partial(step_limits, task) for task in TASKS},
 }

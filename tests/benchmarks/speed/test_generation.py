@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from benchmarks.generation import Parts
+from benchmarks.speed.generation import Parts
 
 seconds = st.floats(1e-3, 1e3)
 parts = st.builds(Parts, seconds, seconds, seconds, seconds, seconds)

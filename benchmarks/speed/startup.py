@@ -1,7 +1,7 @@
 """From the command `bilevel nes CartPole-v0` to its first evaluation, part by part; what an
 SE file takes to load, the test on the real task to run, and an actor in memory.
 
-    python -m benchmarks.startup
+    python -m benchmarks.speed.startup
 
 The command is run by `watched_command`, which tells when it has come to each part.
 """
@@ -147,7 +147,7 @@ def main() -> None:
         "actor_peak_mib": actor_mebibytes(),
     }
     print(result)
-    print(f"written to {write_result('startup', 'python -m benchmarks.startup', result)}")
+    print(f"written to {write_result('startup', 'python -m benchmarks.speed.startup', result)}")
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """What shorter episodes on an SE save, and what they cost: train steps and test returns of
-small varied agents at several step limits, on the best SEs of `benchmarks.nes_study`.
+small varied agents at several step limits, on the best SEs of `benchmarks.nes.study`.
 
-    python -m benchmarks.step_limits CartPole-v0 --seeds 0 1 2 3 4 --home FOLDER
+    python -m benchmarks.nes.step_limits CartPole-v0 --seeds 0 1 2 3 4 --home FOLDER
 
 Nothing but the step limit differs from one point to the next: SE and agents are the same.
 """
@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import write_result
-from benchmarks.nes_study import AGENTS, Study
+from benchmarks.nes.study import AGENTS, Study
 from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import load_preset
 from bilevel.kernels.blas import one_blas_thread
@@ -54,7 +54,7 @@ def main() -> None:
     parser.add_argument("--seeds", type=int, nargs="+", default=[0, 1, 2, 3, 4])
     parser.add_argument("--agents", type=int, default=16, help="of each kind, on each SE")
     parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="SEs at a time")
-    parser.add_argument("--home", type=Path, required=True, help="of benchmarks.nes_study")
+    parser.add_argument("--home", type=Path, required=True, help="of benchmarks.nes.study")
     options = parser.parse_args()
     study = Study(options.task, 0, options.home)
     files = [study.folder("defaults", seed) / BEST_FILE for seed in options.seeds]
@@ -70,7 +70,7 @@ def main() -> None:
                 points[kind].append({"share": share, "ses": [run.result() for run in runs]})
                 print(kind, points[kind][-1], flush=True)
     command = (
-        f"python -m benchmarks.step_limits {options.task} "
+        f"python -m benchmarks.nes.step_limits {options.task} "
         f"--seeds {' '.join(map(str, options.seeds))} --agents {options.agents} --home FOLDER"
     )
     values = {"agents": options.agents, "points": points}

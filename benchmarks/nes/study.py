@@ -1,8 +1,8 @@
-"""`bilevel nes` over seeds: with its defaults, with the paper's choices, and with one of the
-defaults taken away at a time. How many runs solve the task, when, whether they stay there,
-and what agents with varied hyperparameters learn on their best SEs.
+"""`bilevel nes` over seeds: with its defaults, and with one of them taken away at a time. How
+many runs solve the task, when, whether they stay there, and what agents with varied
+hyperparameters learn on their best SEs.
 
-    python -m benchmarks.nes_study CartPole-v0 --variants defaults --seeds 0 1 2 --home FOLDER
+    python -m benchmarks.nes.study CartPole-v0 --variants defaults --seeds 0 1 2 --home FOLDER
 
 Runs are ordinary runs of one worker, one a core at a time; started again, the call goes on
 with what is missing. `results/nes_TASK.json` keeps the variants of earlier calls.
@@ -36,21 +36,9 @@ AGENTS = ("ddqn", "dueling-ddqn", "td3")
 VARIANTS: dict[str, list[str]] = {
     "defaults": [],
     "no step price": ["--set", "nes.step_price=0"],
-    "step price 4 %": ["--set", "nes.step_price=0.04"],
-    "step price 8 %": ["--set", "nes.step_price=0.08"],
     "mixed agents": ["--agent", ",".join(AGENTS)],
     "fixed agents": ["--vary-hp", "no"],
-    "wide SEs": ["--set", "se.hidden_size=128"],
-    "no fallback": ["--set", "nes.fallback=0"],
-    "no adaptation": ["--set", "nes.retention=0"],
-    "no momentum": ["--set", "nes.momentum=0", "--set", "nes.step_size=0.08"],
-    "random start": ["--set", "nes.start=random", "--start-candidates", "512"],
     "no choice of start": ["--start-candidates", "1"],
-    "paper": ["--preset", "tuned", "--update", "paper"],
-    "authors, nes-unnormalized": [
-        *["--preset", "tuned", "--update", "authors"],
-        *["--set", "nes.score_transform=nes-unnormalized"],
-    ],
 }
 
 
@@ -157,7 +145,7 @@ def commands(study: Study, variant: str, rows: Sequence[dict[str, Any]]) -> list
     if not any(seeds == everywhere for seeds, _ in calls):
         calls = {(everywhere, 0): ["ddqn"], **calls}
     return [
-        f"python -m benchmarks.nes_study {study.task} --variants '{variant}' --seeds {seeds} "
+        f"python -m benchmarks.nes.study {study.task} --variants '{variant}' --seeds {seeds} "
         f"--generations {study.generations} --transfers {number} --agents {' '.join(agents)} "
         "--home FOLDER"
         for (seeds, number), agents in calls.items()
@@ -181,7 +169,7 @@ def write(study: Study, variants: Sequence[str], seeds: Sequence[int]) -> Path:
                 "runs": rows,
             }
     ordered = {variant: found[variant] for variant in VARIANTS if variant in found}
-    return write_result(name, "python -m benchmarks.nes_study", {"variants": ordered})
+    return write_result(name, "python -m benchmarks.nes.study", {"variants": ordered})
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ where its time goes, and how much faster two actors are than one.
         for actors in 1, 2:
             run those generations again, each from the state before it
 
-    python -m benchmarks.generation
+    python -m benchmarks.speed.generation
 
 part      of the actors' time (actors x seconds)
 -------   ------------------------------------------------------------------------
@@ -163,7 +163,9 @@ def main() -> None:
         for task_id, generations in CASES.items():
             results[task_id] = measure(task_id, generations, home)
     path = write_result(
-        "generation", "python -m benchmarks.generation", {"repeats": REPEATS, "results": results}
+        "generation",
+        "python -m benchmarks.speed.generation",
+        {"repeats": REPEATS, "results": results},
     )
     print(f"written to {path}")
 

@@ -5,10 +5,10 @@ import numpy as np
 import pytest
 
 from benchmarks.machine import read_result
-from benchmarks.nes_picture import PICTURE, picture, results_digest
-from benchmarks.nes_study import VARIANTS, Study, commands, seconds
-from benchmarks.nes_tables import TASKS, variant_row
-from benchmarks.step_limits import measured
+from benchmarks.nes.picture import picture, results_digests, update_rules_picture
+from benchmarks.nes.step_limits import measured
+from benchmarks.nes.study import VARIANTS, Study, commands, seconds
+from benchmarks.nes.tables import RULE_TASKS, TASKS, variant_row
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import Hyperparameters, load_preset
 from bilevel.nes import NES
@@ -98,6 +98,8 @@ def test_longer_episodes_take_more_steps(cartpole: Task, tmp_path: Path) -> None
     assert short["train_steps_mean"] < long["train_steps_mean"]
 
 
-def test_the_picture_shows_the_committed_results() -> None:
-    assert results_digest() in PICTURE.read_text(), "run `python -m benchmarks.nes_picture`"
+def test_the_pictures_show_the_committed_results() -> None:
+    for path, digest in results_digests().items():
+        assert digest in path.read_text(), "run `python -m benchmarks.nes.picture`"
     assert len(picture().axes) == 3 * len(TASKS)
+    assert len(update_rules_picture().axes) == len(RULE_TASKS)

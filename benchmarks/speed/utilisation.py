@@ -1,7 +1,7 @@
 """How much of the cores' time a search spends in evaluations: a study of the local profile,
 cut short.
 
-    python -m benchmarks.utilisation
+    python -m benchmarks.speed.utilisation
 """
 
 import subprocess
@@ -27,7 +27,7 @@ def main() -> None:
         results = Journal(Path(folder) / "CartPole-v0" / "utilisation").results
     path = write_result(
         "utilisation",
-        "python -m benchmarks.utilisation",
+        "python -m benchmarks.speed.utilisation",
         {
             "time_budget": TIME_BUDGET,
             "minutes": round(minutes, 2),

@@ -1,6 +1,6 @@
 """Ideas for the inner loop that can be judged apart from it, each against what is there.
 
-python -m benchmarks.ideas
+python -m benchmarks.speed.ideas
 
 one product     the online network on states and next states: one product of twice the
                 columns instead of two
@@ -127,7 +127,7 @@ def main() -> None:
         }
         print(name, results[name], flush=True)
     values = {"repeats": REPEATS, "results": results}
-    print(f"written to {write_result('ideas', 'python -m benchmarks.ideas', values)}")
+    print(f"written to {write_result('ideas', 'python -m benchmarks.speed.ideas', values)}")
 
 
 if __name__ == "__main__":

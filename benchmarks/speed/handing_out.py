@@ -1,7 +1,7 @@
 """What an evaluation costs beyond its kernel, when an actor's next request is on its way
 early and when it is sent as the actor becomes idle: one actor, the same requests, in turn.
 
-    python -m benchmarks.handing_out
+    python -m benchmarks.speed.handing_out
 """
 
 import time
@@ -43,7 +43,7 @@ def main() -> None:
                 beyond[name].append((seconds - spent) / len(requests) * 1e3)
     path = write_result(
         "handing_out",
-        "python -m benchmarks.handing_out",
+        "python -m benchmarks.speed.handing_out",
         {
             "repeats": REPEATS,
             "evaluations": len(requests),

@@ -1,6 +1,6 @@
-"""The picture of docs/nes.md, from the committed results.
+"""The pictures of docs/nes.md, from the committed results.
 
-python -m benchmarks.nes_picture
+python -m benchmarks.nes.picture
 """
 
 from pathlib import Path
@@ -10,14 +10,16 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, MaxNLocator, NullFormatter
+from numpy.typing import NDArray
 
-from benchmarks.machine import NotMeasured, read_result
-from benchmarks.nes_study import AGENTS
-from benchmarks.nes_tables import TASKS
-from benchmarks.pictures import digest, save
+from benchmarks.machine import read_result
+from benchmarks.nes.study import AGENTS
+from benchmarks.nes.tables import RULE_TASKS, TASKS
+from benchmarks.pictures import digest, grid, save, steps_and_scores
 from bilevel.tasks import get_task
 
-PICTURE = Path(__file__).parents[1] / "docs" / "nes.svg"
+PICTURE = Path(__file__).parents[2] / "docs" / "nes.svg"
+RULES_PICTURE = PICTURE.with_name("update_rules.svg")
 
 _COLOURS = ("#2a6fbb", "#3d9970", "#d9822b", "#8a8f98", "#b04a8b", "#7f6bb0", "#c0504d", "#555555")
 
@@ -27,11 +29,13 @@ def _variants(task: str) -> dict[str, list[dict[str, Any]]]:
     return {name: variant["runs"] for name, variant in found.items()}
 
 
+def _rules(task: str) -> dict[str, list[dict[str, Any]]]:
+    found = read_result(f"update_rules_{task}")["rules"]
+    return {name: rule["runs"] for name, rule in found.items()}
+
+
 def _limits(task: str) -> dict[str, list[dict[str, Any]]]:
-    try:
-        points: dict[str, list[dict[str, Any]]] = read_result(f"step_limits_{task}")["points"]
-    except NotMeasured:
-        return {}
+    points: dict[str, list[dict[str, Any]]] = read_result(f"step_limits_{task}")["points"]
     return points
 
 
@@ -51,6 +55,31 @@ def _curves(axes: Axes, task: str) -> None:
     axes.set_xlabel("generation")
     axes.set_ylabel("score of psi")
     axes.set_title(f"{task}: {len(runs)} seed(s), and their median")
+
+
+def _update_rules(axes: Axes, task: str) -> None:
+    """From random starts: the median run of each rule, of the paper's the best transform."""
+    found = _rules(task)
+    ends = {name: _median(runs)[-1] for name, runs in found.items()}
+    shown = [name for name in found if "," not in name or name == "paired, adapted"]
+    for update in ("paper", "authors"):
+        shown.append(max((n for n in found if n.startswith(f"{update}, ")), key=ends.__getitem__))
+    for name, colour in zip(shown, _COLOURS, strict=False):
+        for run in found[name]:
+            axes.plot(run["score_curve"], color=colour, alpha=0.2, lw=0.7)
+        label = f"{name} ({len(found[name])} seeds)"
+        axes.plot(_median(found[name]), color=colour, lw=2.0, label=label)
+    axes.axhline(get_task(task).solved_reward, color="black", lw=0.8, ls=":")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+    axes.set_xlabel("generation")
+    axes.set_ylabel("score of psi")
+    axes.set_title(f"{task}: update rules from random starts")
+    axes.legend(frameon=False, fontsize=8, loc="upper left", bbox_to_anchor=(1, 1))
+
+
+def _median(runs: list[dict[str, Any]]) -> NDArray[np.float64]:
+    curve: NDArray[np.float64] = np.median([run["score_curve"] for run in runs], axis=0)
+    return curve
 
 
 def _step_limits(axes: Axes, task: str) -> None:
@@ -73,47 +102,44 @@ def _step_limits(axes: Axes, task: str) -> None:
     axes.set_xlabel("train steps (mean)")
     axes.set_ylabel("test return (mean)")
     axes.set_title(f"{task}: step limit of the SE, as a share of the task's")
-    if axes.lines[1:]:
-        axes.legend(frameon=False, fontsize=8, loc="lower right")
-    else:
-        axes.text(0.5, 0.5, "not measured yet", ha="center", transform=axes.transAxes)
+    axes.legend(frameon=False, fontsize=8, loc="lower right")
 
 
 def _agents(axes: Axes, task: str) -> None:
-    """Test return against train steps of varied agents, a point a run's best SE."""
-    runs = _variants(task)["defaults"]
+    """Varied agents, a point a run's best SE."""
+    groups = {}
     for agent, colour in zip(AGENTS, _COLOURS, strict=False):
+        runs = _variants(task)["defaults"]
         found = [run["varied"][agent] for run in runs if agent in run["varied"]]
-        steps = [one["train_steps_mean"] for one in found]
-        scores = [one["score_mean"] for one in found]
         if found:
-            label = f"{agent} ({len(found)} SEs)"
-            axes.scatter(steps, scores, color=colour, s=22, alpha=0.7, label=label)
-    axes.axhline(get_task(task).solved_reward, color="black", lw=0.8, ls=":")
-    axes.set_xlabel("train steps (mean of the agents)")
-    axes.set_ylabel("test return (mean of the agents)")
+            groups[f"{agent} ({len(found)} SEs)"] = (colour, found)
+    steps_and_scores(axes, task, groups)
     axes.set_title(f"{task}: varied agents on the best SEs")
-    axes.legend(frameon=False, fontsize=8)
 
 
 def picture() -> Figure:
-    """A row a task."""
-    figure = Figure(figsize=(15, 4.4 * len(TASKS)), layout="constrained")
-    for row, task in zip(figure.subplots(len(TASKS), 3), TASKS, strict=True):
-        for draw, axes in zip((_curves, _step_limits, _agents), row, strict=True):
-            draw(axes, task)
-            axes.spines[["top", "right"]].set_visible(False)
-    return figure
+    """What the defaults do."""
+    return grid(TASKS, (_curves, _step_limits, _agents))
 
 
-def results_digest() -> str:
-    """Of what the picture shows."""
-    return digest([[_variants(task)["defaults"], _limits(task)] for task in TASKS])
+def update_rules_picture() -> Figure:
+    """What update rules make of random starts."""
+    return grid(RULE_TASKS, (_update_rules,), width=8.0)
+
+
+def results_digests() -> dict[Path, str]:
+    """Of what each picture shows."""
+    return {
+        PICTURE: digest([[_variants(task)["defaults"], _limits(task)] for task in TASKS]),
+        RULES_PICTURE: digest([_rules(task) for task in RULE_TASKS]),
+    }
 
 
 def main() -> None:
-    """Write `docs/nes.svg`."""
-    save(picture(), PICTURE, results_digest())
+    """Write `docs/nes.svg` and `docs/update_rules.svg`."""
+    digests = results_digests()
+    save(picture(), PICTURE, digests[PICTURE])
+    save(update_rules_picture(), RULES_PICTURE, digests[RULES_PICTURE])
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@
 SE: the compiled kernel against the torch definition, in turn, in one process, on one core;
 and how far the kernel is from the least time its arithmetic can take (`bound`).
 
-    python -m benchmarks.inner_loop
+    python -m benchmarks.speed.inner_loop
 """
 
 import time
@@ -13,8 +13,8 @@ import numpy as np
 import torch
 from threadpoolctl import threadpool_limits
 
-from benchmarks.bound import Core, measure_core, step_work
 from benchmarks.machine import spread, write_result
+from benchmarks.speed.bound import Core, measure_core, step_work
 from bilevel.agents import get_agent
 from bilevel.agents.agent import agent_seeds
 from bilevel.agents.environments import KernelEnvironment
@@ -139,7 +139,7 @@ def main() -> None:
             print(f"| {name} | {' | '.join(cells)} |", flush=True)
     path = write_result(
         "inner_loop",
-        "python -m benchmarks.inner_loop",
+        "python -m benchmarks.speed.inner_loop",
         {
             "repeats": REPEATS,
             "unit": "microseconds per step, one core",

@@ -1,0 +1,1 @@
+"""NES over seeds: what its defaults do, and what other choices would."""

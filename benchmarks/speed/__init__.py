@@ -1,0 +1,1 @@
+"""The compiled inner loop, a generation, what comes before and beside: how long they take."""

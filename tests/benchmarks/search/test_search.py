@@ -1,0 +1,100 @@
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from benchmarks.machine import read_result
+from benchmarks.search.picture import PICTURE, picture, results_digest
+from benchmarks.search.study import Comparison, minutes_until
+from benchmarks.search.tables import TASKS, against_random, is_good, method_row
+from cluster.bohb import Journal
+from cluster.bohb.journal import ConfigLine, ResultLine
+from cluster.run_folder import Final, add_final
+from tests.studies import make_study
+
+
+def test_a_study_is_summed_up(tmp_path: Path) -> None:
+    make_study(tmp_path / "CartPole-v0" / "bohb-3", fail=(0,))
+    row = Comparison("CartPole-v0", ["5m"], tmp_path).row("bohb", 3, agents=2, varied=1)
+    assert (row["method"], row["seed"], row["failed"]) == ("bohb", 3, 1)
+    assert row["results"] == 6  # 3 and 1, then 2
+    assert row["at_the_largest_budget"] == 3
+    first = {budget: len(kinds["random"]) for budget, kinds in row["first_objectives"].items()}
+    assert first == {"1": 2, "3": 2}
+    assert max(row["first_objectives"]["3"]["random"]) <= row["incumbents"][-1][1]
+    assert [minutes for minutes, _ in row["incumbents"]] == sorted(
+        minutes for minutes, _ in row["incumbents"]
+    )
+    assert (row["own"]["agents"], row["varied"]["agents"]) == (2, 1)
+    assert 0 < row["own"]["fitness_mean"] < row["own"]["score_mean"]  # steps are paid for
+
+
+def test_a_study_that_is_there_is_not_run_again(tmp_path: Path) -> None:
+    folder = tmp_path / "CartPole-v0" / "bohb-0"
+    make_study(folder)
+    before = (folder / "results.json").read_bytes()
+    Comparison("CartPole-v0", ["5m"], tmp_path).run("bohb", 0)
+    assert (folder / "results.json").read_bytes() == before
+
+
+def test_what_lies_between_calls_is_not_counted(tmp_path: Path) -> None:
+    """Begun at 100, results until 160, the end at 170; called again, its first job at 500."""
+    folder = tmp_path / "study"
+    folder.mkdir()
+    settings = {"kind": "study", "identity": "0" * 32, "begun": 100.0}
+    (folder / "settings.json").write_text(json.dumps(settings))
+    add_final(folder, Final(1, 170.0, {}))
+    add_final(folder, Final(2, 600.0, {}))
+    for number, (submitted, finished) in enumerate([(110.0, 160.0), (500.0, 530.0)]):
+        line = ResultLine(
+            (0, 0, number), 1, 0.0, {}, dict.fromkeys(("submitted", "started"), submitted)
+        )
+        line.timestamps["finished"] = finished
+        Journal(folder).add_config(ConfigLine(line.id, {}, {}))
+        Journal(folder).add_result(line)
+    journal = Journal(folder)
+    assert minutes_until(160.0, folder, journal) == pytest.approx(1.0)
+    assert minutes_until(530.0, folder, journal) == pytest.approx((430.0 - 330.0) / 60)
+
+
+def study(fitness: float, **changes: Any) -> dict[str, Any]:
+    learned = {"score_mean": 199.0, "train_steps_mean": 1000, "fitness_mean": fitness}
+    row = {
+        "own": learned,
+        "varied": learned,
+        "configurations": 20,
+        "model_based": 5,
+        "at_the_largest_budget": 3,
+    }
+    return row | changes
+
+
+def test_what_costs_too_many_steps_is_not_good() -> None:
+    studies = [study(196.0), study(194.9), study(197.0)]
+    assert [is_good(one, 195.0) for one in studies] == [True, False, True]
+    cells = method_row("random", studies, 195.0)
+    assert cells[:3] == ["random search", "2 of 3", "196.0 (194.9 to 197.0)"]
+    assert cells[-1] == "3 (3 to 3)"
+
+
+def test_what_is_the_same_is_no_defeat() -> None:
+    ours = [study(197.0, seed=0), study(196.0, seed=1), study(195.0, seed=2)]
+    theirs = [study(195.0, seed=2), study(196.5, seed=1), study(190.0, seed=0)]
+    told = against_random("bohb", ours, theirs)
+    assert "from 1, a less fit one from 1, and the same from 1 (sign test: p = 1.00)" in told
+
+
+@pytest.mark.parametrize("task", TASKS)
+def test_every_method_has_the_seeds_asked_for(task: str) -> None:
+    result = read_result(f"search_{task}")
+    words = result["command"].split()
+    seeds = words[words.index("--seeds") + 1 : words.index("--time-budgets")]
+    methods = words[words.index("--methods") + 1 : words.index("--seeds")]
+    found = [(study["method"], str(study["seed"])) for study in result["studies"]]
+    assert sorted(found) == sorted((method, seed) for method in methods for seed in seeds)
+
+
+def test_the_picture_shows_the_committed_results() -> None:
+    assert results_digest() in PICTURE.read_text(), "run `python -m benchmarks.search.picture`"
+    assert len(picture().axes) == 3 * len(TASKS)
