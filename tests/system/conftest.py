@@ -13,8 +13,9 @@ from cluster.ray_cluster import ray_cluster
 from tests.commands import BILEVEL
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def local_ray() -> Iterator[None]:
+    """A cluster for a module's tests."""
     before = _of_ray()
     with ray_cluster("local"):
         yield

@@ -95,6 +95,7 @@ def test_killed_actors_are_replaced_and_nothing_is_lost(
 
 def test_fits_are_the_same_wherever_they_are_made(cartpole: Task) -> None:
     """Killed at the end of the first one, the actors are replaced and make what was lost."""
+    cartpole = replace(cartpole, solved_reward=5.0)  # so that anybody may teach
     architecture, seeds = Architecture(4, 2, 1, 8, "lrelu"), [4, 5, 6]
     ended: list[int] = []
 
