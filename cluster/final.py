@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,9 +24,6 @@ _RETEST, _FINAL = 0x5245_5445, 0x4649_4E41
 #: What fresh seeds are derived from: the run's seed, and when in the run.
 Seed = tuple[int, ...]
 
-#: Fresh agents that decide between the contenders for the best SE.
-RETESTS = 32
-
 #: Of a run's folder and of its artifacts.
 BEST_FILE, LAST_FILE = "best_se.safetensors", "last_se.safetensors"
 
@@ -37,6 +35,12 @@ class FinalScore:
     scores: NDArray[np.float64]
     train_steps: NDArray[np.int64]
     solved_reward: float
+
+    def __add__(self, other: Self) -> Self:
+        """Of these agents and those."""
+        scores = np.concatenate([self.scores, other.scores])
+        steps = np.concatenate([self.train_steps, other.train_steps])
+        return replace(self, scores=scores, train_steps=steps)
 
     def metrics(self) -> dict[str, float]:
         """As metrics for MLflow."""
@@ -66,44 +70,84 @@ class Contender:
     hp: Hyperparameters
 
 
+@dataclass(frozen=True)
+class Round:
+    """Of a choice between SEs."""
+
+    contenders: int  # that are in it, at most
+    agents: int  # that each has been tried on by its end
+
+
+#: A choice between a few: the same for all.
+RETEST = (Round(100, 32),)
+#: Between many, most of them there by luck.
+RACE = (Round(16, 8), Round(6, 32), Round(2, 96))
+
+
+def agents_needed(contenders: int, rounds: Sequence[Round]) -> int:
+    """That a choice trains; one contender alone needs none."""
+    if contenders == 1:
+        return 0
+    before = [0, *(one.agents for one in rounds)]
+    return sum(
+        min(contenders, one.contenders) * (one.agents - fewer)
+        for one, fewer in zip(rounds, before, strict=False)
+    )
+
+
 def choose_best(
     task: Task,
     contenders: Sequence[Contender],
     seed: Seed,
     pool: EvaluationPool,
     on_test: Callable[[], None] = lambda: None,
+    rounds: Sequence[Round] = RETEST,
 ) -> Contender:
-    """Train `RETESTS` fresh agents on each SE; the best by `worth_of`, among equals the
-    one that took fewer steps. Contenders come best first, so one alone needs no test."""
+    """The best by `worth_of`, among equals the one that took fewer steps; contenders come best
+    first. Each round trains more fresh agents, the same for all, on those that are left, and
+    keeps the best of them for the next (successive halving, Jamieson and Talwalkar, 2016)."""
     if len(contenders) == 1:
         return contenders[0]
+    none = FinalScore(np.empty(0), np.empty(0, np.int64), task.solved_reward)
+    tried = [(contender, none) for contender in contenders]
 
-    def rank(contender: Contender) -> tuple[float, float, float]:
-        found = _fresh_agents(task, contender, RETESTS, (*seed, _RETEST), pool, on_test)
+    def rank(one: tuple[Contender, FinalScore]) -> tuple[float, float, float]:
+        contender, found = one
         fit = fitness(task, contender.hp.nes, found.scores, found.train_steps)
         worth = worth_of(found.scores.mean(), fit.mean(), task.solved_reward)
         return *worth, -found.train_steps.mean()
 
-    return max(contenders, key=rank)
+    def more(contender: Contender, agents: range) -> FinalScore:
+        return _fresh_agents(task, contender, agents, (*seed, _RETEST), pool, on_test)
+
+    for one in rounds:
+        tried = [
+            (contender, found + more(contender, range(found.scores.size, one.agents)))
+            for contender, found in tried[: one.contenders]
+        ]
+        tried.sort(key=rank, reverse=True)
+    return tried[0][0]
 
 
 def score_anew(
     task: Task, contender: Contender, agents: int, seed: Seed, pool: EvaluationPool
 ) -> FinalScore:
     """Train `agents` fresh agents on the SE, with seeds nothing was chosen by."""
-    return _fresh_agents(task, contender, agents, (*seed, _FINAL), pool)
+    return _fresh_agents(task, contender, range(agents), (*seed, _FINAL), pool)
 
 
 def _fresh_agents(
     task: Task,
     contender: Contender,
-    agents: int,
+    agents: range,
     seed: Seed,
     pool: EvaluationPool,
     on_test: Callable[[], None] = lambda: None,
 ) -> FinalScore:
+    """The agents of these numbers."""
     se, hp = contender.se, contender.hp
-    words = [int(word) for word in np.random.SeedSequence(seed).generate_state(agents, np.uint64)]
+    drawn = np.random.SeedSequence(seed).generate_state(agents.stop, np.uint64)
+    words = [int(drawn[number]) for number in agents]
     requests = [
         EvaluationRequest(i, word, draw_agent(hp.agents, hp.vary_agent, word))
         for i, word in enumerate(words)

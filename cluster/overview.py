@@ -8,14 +8,15 @@ from rich.table import Table
 
 from bilevel.errors import InvalidInput
 from bilevel.nes import NESState
-from cluster.bohb.brackets import bracket_table
 from cluster.bohb.journal import Journal
 from cluster.bohb.study import KIND as STUDY_KIND
+from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
 from cluster.home import Home
 from cluster.lines import Lines
 from cluster.nes_loop import KIND as NES_KIND
 from cluster.nes_loop import STATE_FILE
+from cluster.profiles import ENDLESS
 from cluster.run_folder import Standing, finals, is_held, read_settings
 from cluster.views.evaluation import KIND as EVALUATION_KIND
 from cluster.views.evaluation import RESULTS_FILE
@@ -72,11 +73,12 @@ def _line(folder: Path) -> Line:
 
 def _study(folder: Path, brackets: int) -> tuple[str, str]:
     journal = Journal(folder)
-    rungs = bracket_table(brackets, [int(budget) for budget in read_settings(folder)["budgets"]])
+    rungs = Study.read(folder).schedule.brackets(brackets)
     incumbent = StudySummary(journal, rungs).incumbent
-    total = max(sum(rung.configurations for rung in rungs), len(journal.results))
     best = "" if incumbent is None else f"{incumbent.objective:.1f}"
-    return f"{len(journal.results)}/{total} results", best
+    results = len(journal.results)
+    total = max(sum(rung.configurations for rung in rungs), results)
+    return f"{results} results" if brackets >= ENDLESS else f"{results}/{total} results", best
 
 
 def _nes(folder: Path, generations: int) -> tuple[str, str]:

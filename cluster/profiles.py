@@ -14,6 +14,10 @@ from search_spaces import SPACES
 METHODS = {"bohb": "BOHB", "hyperband": "Hyperband", "random": "random search"}
 
 
+#: More brackets than a time budget is enough for.
+ENDLESS = 1000
+
+
 @dataclass(frozen=True)
 class Profile:
     """Size of a search.
@@ -26,6 +30,7 @@ class Profile:
     population: int
     smallest_budget: int  # generations of the lowest rung
     largest_budget: int  # generations of the highest rung
+    cycle: int | None  # of brackets (`Schedule`); None is Hyperband's
     max_episodes: int  # an agent trains on an SE
     start: str  # of NES, and the candidates it is chosen from (fitted: one for all)
     start_candidates: int
@@ -36,12 +41,13 @@ class Profile:
 
 PROFILES = {
     # All three layers, small: to see that it works.
-    "smoke": Profile("core", 2, 1, 3, 15, "random", 1, 2, None, 4),
+    "smoke": Profile("core", 2, 1, 3, None, 15, "random", 1, 2, None, 4),
     # A good configuration on a laptop, in half an hour. A single generation tells nothing of
-    # NES's own hyperparameters: its score is that of the start.
-    "local": Profile("core", 8, 3, 9, 1000, "fitted", 4, 60, 30 * 60.0, 10),
+    # NES's own hyperparameters: its score is that of the start. Three tell enough that no bracket
+    # need begin with nine.
+    "local": Profile("core", 8, 3, 9, 1, 1000, "fitted", 4, ENDLESS, 30 * 60.0, 10),
     # The paper's scale (Table "Fixed hyperparameters").
-    "paper": Profile("full", 16, 7, 200, 1000, "random", 1, 12, None, 10),
+    "paper": Profile("full", 16, 7, 200, None, 1000, "random", 1, 12, None, 10),
 }
 
 

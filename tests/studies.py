@@ -10,13 +10,14 @@ import numpy as np
 
 from bilevel.evaluation import EvaluationResult
 from bilevel.tasks import get_task
-from cluster.bohb import BracketSearch, Job, Journal
+from cluster.bohb.brackets import Schedule
+from cluster.bohb.journal import Journal
+from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.study import Study
 from cluster.final import FinalScore, hand_over
 from cluster.nes_loop import STATE_FILE
 from cluster.profiles import base_hyperparameters, get_profile
 from cluster.run_folder import Standing, locked_settings
-from search_spaces import search_space
 
 
 def new_study(folder: Path, seed: int = 0) -> Study:
@@ -24,7 +25,7 @@ def new_study(folder: Path, seed: int = 0) -> Study:
     task, profile = get_task("CartPole-v0"), get_profile("smoke")
     base = base_hyperparameters(profile, task)
     base = replace(base, se=replace(base.se, hidden_size=48))
-    return Study(folder, task, seed, "core", (1, 3), base)
+    return Study(folder, task, seed, "core", Schedule((1, 3), 2), base)
 
 
 def run_job(study: Study, job: Job) -> float:
@@ -48,8 +49,7 @@ def make_study(folder: Path, brackets: int = 2, fail: tuple[int, ...] = ()) -> S
     """A study that has come to its end; the jobs with the numbers in `fail` failed."""
     study = new_study(folder)
     with locked_settings(folder, study.settings()):
-        space, budgets = search_space(study.space, study.agents), list(study.budgets)
-        search = BracketSearch(space, budgets, brackets, study.seed, Journal(folder))
+        search = BracketSearch.of(study, Journal(folder), brackets)
         number = 0
         while (job := search.next_job()) is not None:
             if number in fail:

@@ -9,7 +9,7 @@ from typing import Any
 import mlflow
 
 from bilevel.nes import NESState
-from cluster.bohb import Journal
+from cluster.bohb.journal import Journal
 from cluster.run_folder import Begun
 from cluster.views import views_of
 

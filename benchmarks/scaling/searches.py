@@ -21,8 +21,9 @@ from benchmarks.scaling.simulation import (
 )
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.tasks import get_task
-from cluster.bohb import BracketSearch, Job, Journal, budget_ladder
-from cluster.bohb.journal import ConfigId
+from cluster.bohb.brackets import Schedule
+from cluster.bohb.journal import ConfigId, Journal
+from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.searcher import BohbSearcher
 from cluster.profiles import Profile, base_hyperparameters, get_profile
 from search_spaces import search_space, to_hyperparameters
@@ -82,10 +83,10 @@ def simulated(
     seed: int = 0,
 ) -> SearchTimeline:
     """A search of that profile, `trials` at a time."""
-    ladder = budget_ladder(profile.smallest_budget, profile.largest_budget)
+    schedule = Schedule.of("bohb", profile.smallest_budget, profile.largest_budget, profile.cycle)
     with tempfile.TemporaryDirectory() as folder:
         space = search_space(profile.space)
-        search = BracketSearch(space, ladder, profile.brackets, seed, Journal(Path(folder)))
+        search = BracketSearch(space, schedule, profile.brackets, seed, Journal(Path(folder)))
         return simulate_search(
             BohbSearcher(search, lambda: trials, float("inf")), cores, courses, overhead
         )

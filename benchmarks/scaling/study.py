@@ -12,9 +12,9 @@ import numpy as np
 
 from benchmarks.machine import write_result
 from bilevel.tasks import get_task
-from cluster.bohb import Journal
+from cluster.bohb.brackets import Schedule
 from cluster.bohb.command import StudyCommand, run_study
-from cluster.bohb.journal import ResultLine
+from cluster.bohb.journal import Journal, ResultLine
 from cluster.bohb.study import Study
 from cluster.home import Home
 from cluster.place import Place
@@ -22,8 +22,8 @@ from cluster.profiles import Profile, base_hyperparameters
 
 LADDER = (1, 9)
 #: Evaluations of one short episode each: what is left is the driver's.
-TRIVIAL = Profile("core", 1, *LADDER, 1, "random", 1, brackets=6, time_budget=None, final_agents=1)
-REAL = Profile("core", 4, *LADDER, 1000, "random", 1, brackets=3, time_budget=None, final_agents=1)
+TRIVIAL = Profile("core", 1, *LADDER, None, 1, "random", 1, 6, None, final_agents=1)
+REAL = Profile("core", 4, *LADDER, None, 1000, "random", 1, 3, None, final_agents=1)
 
 
 def run(home: Path, name: str, profile: Profile, trials: int) -> dict[str, Any]:
@@ -31,7 +31,7 @@ def run(home: Path, name: str, profile: Profile, trials: int) -> dict[str, Any]:
     that each had left to run."""
     task, place = get_task("CartPole-v0"), Place(Home(home), Home(home).database_uri)
     folder, base = place.home.run_folder(task.id, name), base_hyperparameters(profile, task)
-    study = Study(folder, task, 0, profile.space, LADDER, base)
+    study = Study(folder, task, 0, profile.space, Schedule(LADDER, len(LADDER)), base)
     command = StudyCommand(
         study,
         place,

@@ -8,7 +8,7 @@ from benchmarks.scaling.recorded import load, pool_overhead, study_overhead
 from benchmarks.scaling.searches import simulated
 from benchmarks.scaling.simulation import JobCourse, SearchTimeline, simulate_pool
 from benchmarks.scaling.study import REAL
-from cluster.bohb import Job
+from cluster.bohb.search import Job
 
 
 def of_the_pool() -> list[dict[str, float]]:

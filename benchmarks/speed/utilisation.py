@@ -11,7 +11,7 @@ import time
 from pathlib import Path
 
 from benchmarks.machine import write_result
-from cluster.bohb import Journal
+from cluster.bohb.journal import Journal
 
 TIME_BUDGET = "4m"
 

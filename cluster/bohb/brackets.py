@@ -1,4 +1,4 @@
-"""Which configurations run for how many generations: Hyperband's brackets.
+"""Which configurations run for how many generations: brackets of successive halving.
 
 symbol   meaning
 ------   ---------------------------------------------------------------
@@ -8,6 +8,7 @@ s        rungs of a bracket above its first
 """
 
 from dataclasses import dataclass
+from typing import Self
 
 from bilevel.errors import InvalidInput
 
@@ -42,26 +43,45 @@ def budget_ladder(smallest: int, largest: int) -> list[int]:
     return ladder[::-1]
 
 
-def budgets_of(method: str, smallest: int, largest: int) -> list[int]:
-    """The ladder of a search method; random search has the largest budget alone. Raises
-    InvalidInput as `budget_ladder` does."""
-    return budget_ladder(largest if method == "random" else smallest, largest)
+@dataclass(frozen=True)
+class Schedule:
+    """Brackets of successive halving on one ladder, and in which order they come.
 
+    Raises InvalidInput for a cycle that is longer than the ladder.
+    """
 
-def bracket_rungs(bracket: int, ladder: list[int]) -> list[Rung]:
-    """The rungs of bracket number `bracket` (Li et al., 2018; sizes as hpbandster
-    computes them): brackets cycle from the most to the least eager to halve."""
-    s = len(ladder) - 1 - bracket % len(ladder)
-    first = len(ladder) // (s + 1) * ETA**s
-    return [
-        Rung(bracket, budget, max(first // ETA**rung, 1))
-        for rung, budget in enumerate(ladder[-s - 1 :])
-    ]
+    budgets: tuple[int, ...]  # generations, ascending
+    #: Brackets come in turn, from the most to the least eager to halve, so many kinds of them:
+    #: in Hyperband one for each budget that may be the first. With 1 all begin at the smallest.
+    cycle: int
 
+    def __post_init__(self) -> None:
+        if not 1 <= self.cycle <= len(self.budgets):
+            raise InvalidInput(
+                f"a cycle of brackets must be 1 to {len(self.budgets)} (the budgets "
+                f"{list(self.budgets)}); got {self.cycle}"
+            )
 
-def bracket_table(brackets: int, ladder: list[int]) -> list[Rung]:
-    """All rungs of the first `brackets` brackets."""
-    return [rung for bracket in range(brackets) for rung in bracket_rungs(bracket, ladder)]
+    @classmethod
+    def of(cls, method: str, smallest: int, largest: int, cycle: int | None = None) -> Self:
+        """That of a search method: random search has the largest budget alone; `cycle` is
+        Hyperband's if it is None. Raises InvalidInput as `budget_ladder` does."""
+        budgets = budget_ladder(largest if method == "random" else smallest, largest)
+        return cls(tuple(budgets), min(cycle or len(budgets), len(budgets)))
+
+    def bracket(self, number: int) -> list[Rung]:
+        """The rungs of a bracket (Li et al., 2018; sizes as hpbandster computes them)."""
+        rungs = len(self.budgets)
+        s = rungs - 1 - number % self.cycle
+        first = rungs // (s + 1) * ETA**s
+        return [
+            Rung(number, budget, max(first // ETA**rung, 1))
+            for rung, budget in enumerate(self.budgets[-s - 1 :])
+        ]
+
+    def brackets(self, count: int) -> list[Rung]:
+        """All rungs of the first `count` brackets."""
+        return [rung for number in range(count) for rung in self.bracket(number)]
 
 
 def configurations_to_begin(rungs: list[Rung]) -> int:

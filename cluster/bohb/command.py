@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass, field
 
 from bilevel.nes import NESState
-from cluster.bohb.brackets import bracket_table
+from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal
 from cluster.bohb.report import StudyReport
 from cluster.bohb.search import BracketSearch
@@ -13,7 +13,7 @@ from cluster.bohb.stopping import StudyStopper
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.tuning import run_trials
-from cluster.final import RETESTS, Contender, choose_best, hand_over, score_anew
+from cluster.final import RACE, RETEST, Contender, agents_needed, choose_best, hand_over, score_anew
 from cluster.interrupts import InterruptGuard
 from cluster.live_run import live_run
 from cluster.place import Place
@@ -24,7 +24,6 @@ from cluster.run_folder import Begun, Standing, locked_settings
 from cluster.tracking import Mirror, Tracker
 from cluster.tracking.registry import model_address
 from cluster.views import StudyViews
-from search_spaces import search_space
 
 #: Seconds of a time budget that are kept for the end: stopping the trials, scoring
 #: the best SE anew.
@@ -32,9 +31,6 @@ _RESERVE = 60.0
 
 #: Names the agents that choose the start apart from all others that a study derives.
 _START = 0x5354_4152
-
-#: SEs that are retested at the end of a study.
-_CONTENDERS = 6
 
 
 @dataclass(frozen=True)
@@ -57,7 +53,7 @@ class StudyCommand:
 
 
 def brackets_to_reach(
-    journal: Journal, budgets: tuple[int, ...], more: int, standing: Standing | None
+    journal: Journal, schedule: Schedule, more: int, standing: Standing | None
 ) -> int:
     """How many brackets the study should have: what was meant or is open is finished
     first, and a study that has come to its end gets `more` of them."""
@@ -65,7 +61,7 @@ def brackets_to_reach(
     if standing is not None and standing.status != "FINISHED":
         return max(standing.target, begun, more)
     done = {(line.id, line.budget) for line in journal.results}
-    rungs = bracket_table(begun, list(budgets))
+    rungs = schedule.brackets(begun)
     complete = len(done) >= sum(rung.configurations for rung in rungs)
     return begun + more if complete else max(begun, more)
 
@@ -100,16 +96,9 @@ class _UnderWay:
         study = self.command.study
         self.journal = Journal(study.folder)
         self.brackets = brackets_to_reach(
-            self.journal, study.budgets, self.command.brackets, Standing.load(study.folder)
+            self.journal, study.schedule, self.command.brackets, Standing.load(study.folder)
         )
-        self.search = BracketSearch(
-            search_space(study.space, study.agents),
-            list(study.budgets),
-            self.brackets,
-            study.seed,
-            self.journal,
-            model=study.method == "bohb",
-        )
+        self.search = BracketSearch.of(study, self.journal, self.brackets)
 
     def go(self) -> int:
         """To the end; the exit code."""
@@ -135,8 +124,8 @@ class _UnderWay:
         line(
             f"{study.method_name} on {study.task.id}: study {study.name!r}, space {study.space}, "
             f"population {study.base.nes.population_size}, "
-            f"budgets {'/'.join(map(str, study.budgets))} generations, {command.trials} trial(s) "
-            f"at a time with {command.workers_per_trial} worker(s) each"
+            f"budgets {'/'.join(map(str, study.schedule.budgets))} generations, "
+            f"{command.trials} trial(s) at a time with {command.workers_per_trial} worker(s) each"
         )
         line(f"folder {study.folder}; to look at it: {self.tracker.address}")
         if command.time_budget is not None:
@@ -153,7 +142,7 @@ class _UnderWay:
         if study.start_file.exists():
             terminal.line(f"damaged {str(study.start_file)!r}: the start is chosen again")
         runs = [study.fitted_run(seed, study.base, study.folder) for seed in study.start_seeds]
-        steps = len(runs) * (1 + (RETESTS if len(runs) > 1 else 0))
+        steps = len(runs) + agents_needed(len(runs), RETEST)
         terminal.bar("choosing the start", 0, steps, "fits and tests")
         with self._pool() as pool:
             seeds = [run.nes.start_search.fit_seeds[0] for run in runs]
@@ -232,9 +221,9 @@ class _UnderWay:
                 )
                 return 1
             line(f"retesting the {len(contenders)} best SEs with fresh agents")
-            tests = RETESTS * len(contenders)
-            self.terminal.bar("retesting", 0, tests, "tests")
-            best = choose_best(study.task, contenders, (study.seed,), pool, self.terminal.step)
+            self.terminal.bar("retesting", 0, agents_needed(len(contenders), RACE), "tests")
+            step = self.terminal.step
+            best = choose_best(study.task, contenders, (study.seed,), pool, step, RACE)
             score = score_anew(study.task, best, self.command.final_agents, (study.seed,), pool)
         path = hand_over(best.se, score, study.folder, len(self.journal.results))
         self._say_incumbent()
@@ -266,11 +255,11 @@ class _UnderWay:
                     for f, se in zip(state.finalists, ses, strict=True)
                 ]
         found.sort(key=lambda pair: pair[0], reverse=True)
-        return [contender for _, contender in found[:_CONTENDERS]]
+        return [contender for _, contender in found[: RACE[0].contenders]]
 
     def _say_incumbent(self) -> None:
         line = self.terminal.line
-        rungs = bracket_table(self.brackets, list(self.command.study.budgets))
+        rungs = self.command.study.schedule.brackets(self.brackets)
         summary = StudySummary(self.journal, rungs)
         line(
             f"{len(self.journal.results)} results of {len(self.journal.configs)} configurations "

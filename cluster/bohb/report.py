@@ -11,7 +11,6 @@ from typing import Any
 from ray.tune import Callback
 
 from bilevel.nes import GenerationRecord
-from cluster.bohb.brackets import bracket_table
 from cluster.bohb.journal import Journal
 from cluster.bohb.search import Job
 from cluster.bohb.searcher import BohbSearcher, DriverOnly
@@ -51,7 +50,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._live = live
         self._mirror = mirror
         self._terminal = terminal
-        self._rungs = bracket_table(brackets, list(study.budgets))
+        self._rungs = study.schedule.brackets(brackets)
         self._summary = StudySummary(journal, self._rungs)
         self._jobs: dict[str, Job] = {}  # by trial
         self._last_picture = 0.0

@@ -16,7 +16,7 @@ from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Self
 
 import ConfigSpace as CS
 import numpy as np
@@ -25,8 +25,10 @@ from hpbandster.optimizers.config_generators.bohb import BOHB
 from hpbandster.optimizers.iterations import SuccessiveHalving
 
 from bilevel.errors import InvalidInput
-from cluster.bohb.brackets import bracket_rungs
+from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, ResultLine
+from cluster.bohb.study import Study
+from search_spaces import search_space
 
 
 @dataclass(frozen=True)
@@ -41,7 +43,7 @@ class Job:
 
 
 class BracketSearch:
-    """The search over `space` with the given budget ladder, up to `brackets`.
+    """The search over `space` by a schedule, up to so many brackets.
 
     Raises InvalidInput for a journal that no such search has written.
     """
@@ -49,14 +51,14 @@ class BracketSearch:
     def __init__(
         self,
         space: CS.ConfigurationSpace,
-        ladder: list[int],
+        schedule: Schedule,
         brackets: int,
         seed: int,
         journal: Journal,
         model: bool = True,
     ) -> None:
         self._space = space
-        self._ladder = ladder
+        self._schedule = schedule
         self._seed = seed
         self._journal = journal
         # A random fraction of 1 never asks the model.
@@ -70,6 +72,13 @@ class BracketSearch:
         self._replaying = True
         self._again = self._replay()
         self._replaying = False
+
+    @classmethod
+    def of(cls, study: Study, journal: Journal, brackets: int) -> Self:
+        """A study's, from where its journal ends. Raises InvalidInput as the class does."""
+        space = search_space(study.space, study.agents)
+        model = study.method == "bohb"
+        return cls(space, study.schedule, brackets, study.seed, journal, model)
 
     @property
     def finished(self) -> bool:
@@ -106,7 +115,7 @@ class BracketSearch:
         self._again.append(job)
 
     def _bracket(self, number: int) -> SuccessiveHalving:
-        rungs = bracket_rungs(number, self._ladder)
+        rungs = self._schedule.bracket(number)
         return SuccessiveHalving(
             HPB_iter=number,
             num_configs=[rung.configurations for rung in rungs],

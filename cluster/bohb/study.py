@@ -11,6 +11,7 @@ from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.tasks import Task
+from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, Configuration
 from cluster.nes_loop import NESRun
 from cluster.profiles import METHODS, get_method
@@ -35,7 +36,7 @@ class Study:
     task: Task
     seed: int
     space: str
-    budgets: tuple[int, ...]  # generations, ascending
+    schedule: Schedule
     base: Hyperparameters  # what a configuration leaves unsaid
     method: str = "bohb"  # of METHODS
 
@@ -118,7 +119,8 @@ class Study:
             "seed": self.seed,
             "space": self.space,
             "method": self.method,
-            "budgets": list(self.budgets),
+            "budgets": list(self.schedule.budgets),
+            "cycle": self.schedule.cycle,
             "base": self.base.to_dict(),
         }
 
@@ -132,12 +134,12 @@ class Study:
                 stored_task(settings["task"]),
                 int(settings["seed"]),
                 str(settings["space"]),
-                tuple(int(budget) for budget in settings["budgets"]),
+                Schedule(tuple(map(int, settings["budgets"])), int(settings["cycle"])),
                 Hyperparameters.from_dict(settings["base"]),
                 get_method(str(settings["method"])),
             )
-            if study.space not in SPACES or study.seed < 0 or not study.budgets:
-                raise ValueError(f"space {study.space!r}, seed {study.seed}, {study.budgets}")
+            if study.space not in SPACES or study.seed < 0:
+                raise ValueError(f"space {study.space!r}, seed {study.seed}")
         except (KeyError, TypeError, ValueError, OverflowError) as error:
             raise InvalidInput(f"{str(folder)!r} holds no study: {error}") from None
         return study

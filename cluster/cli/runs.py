@@ -95,8 +95,8 @@ def nes(
     "--method",
     default="bohb",
     show_default=True,
-    help="bohb; to compare it with, in the same time: hyperband (BOHB without its model), "
-    "random (every configuration runs to the largest budget).",
+    help="bohb; hyperband (the same brackets without BOHB's model); random (one configuration a "
+    "bracket, to the largest budget).",
 )
 @click.option("--dry-run", is_flag=True, help="Say what would be run, and run nothing.")
 def bohb(
@@ -134,19 +134,19 @@ def bohb(
     name = study or f"{method}-{profile}-{size.space}{agent_suffix(agents)}-seed{common.seed}"
     folder = place.home.run_folder(task.id, name)
 
-    from cluster.bohb.brackets import budgets_of
+    from cluster.bohb.brackets import Schedule
     from cluster.bohb.command import StudyCommand, run_study
     from cluster.bohb.estimate import dry_run as estimate
     from cluster.bohb.study import Study
 
-    budgets = tuple(budgets_of(method, size.smallest_budget, size.largest_budget))
+    schedule = Schedule.of(method, size.smallest_budget, size.largest_budget, size.cycle)
     command = StudyCommand(
         Study(
             folder,
             task,
             common.seed,
             size.space,
-            budgets,
+            schedule,
             base_hyperparameters(size, task, agents),
             method,
         ),

@@ -83,8 +83,8 @@ class NESViews:
         points = generation_points(state)
         for end in ends:
             if state is not None and end.step <= state.generation:
-                scores = [record.score_mean for record in state.records[: end.step]]
-                values = {"objective": float(np.mean(scores)), "budget": float(end.step)}
+                fitness = [record.fitness_mean for record in state.records[: end.step]]
+                values = {"objective": float(np.mean(fitness)), "budget": float(end.step)}
                 points.append(Point(values, end.step, end.time))
             points.append(final_point(end))
         documents: list[Document] = []

@@ -12,7 +12,6 @@ from pathlib import Path
 
 from bilevel.errors import InvalidInput
 from bilevel.synthetic_env import se_bytes
-from cluster.bohb.brackets import bracket_table
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.study import KIND, Study, configuration_name
 from cluster.bohb.summary import StudySummary
@@ -82,7 +81,7 @@ class StudyViews:
         study, ends = self.study, finals(self.study.folder)
         standing = Standing.load(study.folder) or Standing("KILLED", self.begun.time, 0)
         over = self.live is None or standing.status != "RUNNING"
-        summary = StudySummary(journal, bracket_table(standing.target, list(study.budgets)))
+        summary = StudySummary(journal, study.schedule.brackets(standing.target))
         tags = {"bilevel.kind": KIND, "mlflow.note.content": self._description()}
         incumbent = summary.incumbent
         if incumbent is not None:
@@ -110,7 +109,8 @@ class StudyViews:
                 "task": study.task.id,
                 "seed": study.seed,
                 "space": study.space,
-                "budgets": list(study.budgets),
+                "budgets": list(study.schedule.budgets),
+                "cycle": study.schedule.cycle,
                 "method": study.method,
                 "base": study.base.to_dict(),
             },
@@ -144,7 +144,7 @@ class StudyViews:
         study = self.study
         return (
             f"{study.method_name} over NES on **{study.task.id}**: search space `{study.space}`, "
-            f"population {study.base.nes.population_size}, budgets {list(study.budgets)} "
+            f"population {study.base.nes.population_size}, budgets {list(study.schedule.budgets)} "
             f"generations (eta 3), seed {study.seed}. Each child run is one configuration; a "
             "promoted one goes on in the same run. `objective` is the mean over the run's "
             "generations of each generation's fitness (score, less what train steps cost), so "

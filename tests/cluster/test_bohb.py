@@ -2,6 +2,8 @@
 
 import json
 import random
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,18 +15,22 @@ from hypothesis import strategies as st
 from bilevel import InvalidInput
 from bilevel.errors import StorageFailure
 from bilevel.tasks import get_task
-from cluster.bohb import BracketSearch, Job, Journal, bracket_table, budget_ladder
 from cluster.bohb.brackets import (
-    bracket_rungs,
-    budgets_of,
+    Schedule,
+    budget_ladder,
     configurations_to_begin,
     generations_to_run,
 )
+from cluster.bohb.journal import Journal
+from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
-from cluster.profiles import base_hyperparameters, get_profile
+from cluster.profiles import METHODS, base_hyperparameters, get_profile
 from cluster.run_folder import locked_settings
 from search_spaces import search_space
+
+#: Hyperband's.
+LADDER = Schedule((1, 3, 9), 3)
 
 
 class TestBrackets:
@@ -56,21 +62,38 @@ class TestBrackets:
             s = len(ladder) - 1 - bracket % len(ladder)
             first = int(np.floor(len(ladder) / (s + 1)) * 3**s)
             expected = [max(int(first * 3 ** (-float(i))), 1) for i in range(s + 1)]
-            rungs = bracket_rungs(bracket, ladder)
+            rungs = Schedule(tuple(ladder), len(ladder)).bracket(bracket)
             for rung, n in zip(rungs, expected, strict=True):
                 assert abs(rung.configurations - n) <= 1  # its powers of 3 are rounded
             assert [rung.budget for rung in rungs] == ladder[-s - 1 :]
 
     def test_random_search_has_the_largest_budget_alone(self) -> None:
-        assert budgets_of("random", 1, 9) == [9]
-        assert budgets_of("hyperband", 1, 9) == budgets_of("bohb", 1, 9) == [1, 3, 9]
+        assert Schedule.of("random", 1, 9) == Schedule((9,), 1)
+        assert Schedule.of("random", 1, 9, cycle=2) == Schedule((9,), 1)
+        for method in ("hyperband", "bohb"):
+            assert Schedule.of(method, 1, 9) == Schedule((1, 3, 9), 3)
+            assert Schedule.of(method, 1, 9, cycle=2) == Schedule((1, 3, 9), 2)
+
+    def test_in_a_cycle_of_one_all_begin_at_the_smallest_budget(self) -> None:
+        rungs = Schedule((3, 9), 1).brackets(3)
+        assert [(r.bracket, r.configurations, r.budget) for r in rungs] == [
+            *((0, 3, 3), (0, 1, 9)),
+            *((1, 3, 3), (1, 1, 9)),
+            *((2, 3, 3), (2, 1, 9)),
+        ]
+        assert generations_to_run(rungs) == 3 * (3 * 3 + 6)
+
+    @pytest.mark.parametrize("cycle", [0, 3])
+    def test_impossible_cycle(self, cycle: int) -> None:
+        with pytest.raises(InvalidInput, match=f"must be 1 to 2 .*; got {cycle}"):
+            Schedule((3, 9), cycle)
 
     @pytest.mark.parametrize(("brackets", "begun"), [(1, 9), (2, 12), (3, 15), (4, 24)])
     def test_configurations_are_counted_once(self, brackets: int, begun: int) -> None:
-        assert configurations_to_begin(bracket_table(brackets, [1, 3, 9])) == begun
+        assert configurations_to_begin(LADDER.brackets(brackets)) == begun
 
     def test_promoted_configurations_continue(self) -> None:
-        table = bracket_table(3, [2, 6, 18])
+        table = Schedule((2, 6, 18), 3).brackets(3)
         assert generations_to_run(table) == (9 * 2 + 3 * 4 + 12) + (3 * 6 + 12) + 3 * 18
 
 
@@ -84,7 +107,7 @@ def loss_of(job: Job) -> float:
 
 
 def new_search(folder: Path, brackets: int = 6, seed: int = 0) -> BracketSearch:
-    return BracketSearch(search_space("core"), [1, 3, 9], brackets, seed, Journal(folder))
+    return BracketSearch(search_space("core"), LADDER, brackets, seed, Journal(folder))
 
 
 def run_to_end(search: BracketSearch, fail: tuple[int, ...] = ()) -> list[Job]:
@@ -101,12 +124,19 @@ class TestStudy:
     def study(self, tmp_path: Path) -> Study:
         task = get_task("CartPole-v0")
         base = base_hyperparameters(get_profile("local"), task)
-        study = Study(tmp_path / "study", task, 3, "core", (1, 3), base, "hyperband")
+        schedule = Schedule((1, 3), 2)
+        study = Study(tmp_path / "study", task, 3, "core", schedule, base, "hyperband")
         with locked_settings(study.folder, study.settings()):
             return study
 
     def test_is_what_its_folder_says(self, study: Study) -> None:
         assert Study.read(study.folder) == study
+
+    @pytest.mark.parametrize("method", METHODS)
+    def test_bohb_alone_asks_the_model(self, method: str, study: Study, tmp_path: Path) -> None:
+        study = replace(study, method=method)
+        jobs = run_to_end(BracketSearch.of(study, Journal(tmp_path), 12))
+        assert any(job.model_based for job in jobs) == (method == "bohb")
 
     def test_runs_from_fitted_ses_share_the_seed_that_was_chosen(self, study: Study) -> None:
         assert len(set(study.start_seeds)) == study.base.nes.start_candidates == 4
@@ -135,10 +165,16 @@ class TestStudy:
             study.run((0, 0, 0), {})
 
 
+def test_a_trial_starts_without_what_proposes() -> None:
+    """hpbandster's imports take longer than a trial's own."""
+    code = "import sys, cluster.bohb.trial; sys.exit('hpbandster' in sys.modules)"
+    subprocess.run([sys.executable, "-c", code], check=True)
+
+
 class TestSearch:
     def test_runs_the_bracket_table(self, tmp_path: Path) -> None:
         jobs = run_to_end(new_search(tmp_path))
-        for rung in bracket_table(6, [1, 3, 9]):
+        for rung in LADDER.brackets(6):
             count = sum(job.id[0] == rung.bracket and job.budget == rung.budget for job in jobs)
             assert count == rung.configurations
 
@@ -154,12 +190,6 @@ class TestSearch:
         rand = [loss_of(job) for job in firsts if not job.model_based]
         assert len(model) >= 10
         assert sum(model) / len(model) < 0.7 * sum(rand) / len(rand)
-
-    def test_without_the_model_all_picks_are_random(self, tmp_path: Path) -> None:
-        search = BracketSearch(
-            search_space("core"), [1, 3, 9], 12, 0, Journal(tmp_path), model=False
-        )
-        assert not any(job.model_based for job in run_to_end(search))
 
     def test_failures_count_as_worst_and_are_not_promoted(self, tmp_path: Path) -> None:
         search = new_search(tmp_path, brackets=1)
@@ -208,19 +238,19 @@ class TestSummary:
     def test_of_a_whole_study(self, tmp_path: Path) -> None:
         jobs = run_to_end(new_search(tmp_path, brackets=4), fail=(1,))
         journal = Journal(tmp_path)
-        summary = StudySummary(journal, bracket_table(4, [1, 3, 9]))
+        summary = StudySummary(journal, LADDER.brackets(4))
         best = min((job for job in jobs if job.budget == 9), key=loss_of)
         assert summary.incumbent is not None
         assert summary.incumbent.id == best.id
         assert summary.configuration(best.id) == best.configuration
         points = summary.points()
         assert len(points) == len(jobs) - 1  # one failed
-        assert points[-1].generations_spent == generations_to_run(bracket_table(4, [1, 3, 9]))
+        assert points[-1].generations_spent == generations_to_run(LADDER.brackets(4))
         assert summary.generations_left() == 0
-        assert summary.bracket_table().count("\n") == 2 + len(bracket_table(4, [1, 3, 9]))
+        assert summary.bracket_table().count("\n") == 2 + len(LADDER.brackets(4))
 
     def test_of_nothing(self, tmp_path: Path) -> None:
-        summary = StudySummary(Journal(tmp_path), bracket_table(1, [1, 3]))
+        summary = StudySummary(Journal(tmp_path), Schedule((1, 3), 2).brackets(1))
         assert summary.incumbent is None
         assert summary.points() == []
         assert summary.generations_left() == 3 + 2

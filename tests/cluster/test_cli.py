@@ -127,9 +127,12 @@ def test_dry_run_says_what_would_be_run_and_writes_nothing(
 
 
 def test_dry_run_counts_the_fits_of_starts(tmp_path: Path) -> None:
+    """And brackets that all begin at the smallest budget."""
     arguments = ("--profile", "local", "--brackets", "3", "--dry-run")
     result = run_bilevel("bohb", "CartPole-v0", *arguments, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
+    assert "      0   3 x 3 -> 1 x 9\n    ...   and so on\n" in result.stdout
     # 32 agents on each of the SEs of which one decides where all configurations start
-    assert "48 generations, 4 fitted starts of about" in result.stdout
-    assert f"{48 * 24 + 4 * 32} evaluations" in result.stdout
+    assert "3 brackets: 45 generations, 4 fitted starts of about" in result.stdout
+    assert f"{45 * 24 + 4 * 32} evaluations" in result.stdout
+    assert "time budget" not in result.stdout

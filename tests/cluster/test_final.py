@@ -12,7 +12,7 @@ from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.synthetic_env import Architecture, StoredSE
 from bilevel.tasks import Task
-from cluster.final import Contender, choose_best, score_anew
+from cluster.final import Contender, Round, agents_needed, choose_best, score_anew
 from cluster.pool import EvaluationPool
 
 
@@ -72,6 +72,38 @@ def test_the_best_is_chosen(
     entered = contenders(cartpole, small_hp, 2, price)
     pool = cast(EvaluationPool, ByHand(*outcomes))
     assert choose_best(cartpole, entered, (1,), pool) is entered[expected]
+
+
+@pytest.mark.parametrize("count", [1, 2, 3, 9])
+def test_each_round_keeps_the_best(count: int, cartpole: Task, small_hp: Hyperparameters) -> None:
+    """Who is left is tried on more agents, all on the same."""
+    by_hand = ByHand(*((100.0 + (3 * k) % 5, 1000) for k in range(count)))
+    pool = cast(EvaluationPool, by_hand)
+    entered = contenders(cartpole, small_hp, count, 0.0)
+    rounds = (Round(4, 2), Round(2, 5))
+    steps: list[int] = []
+    best = choose_best(cartpole, entered, (1,), pool, lambda: steps.append(1), rounds)
+    # 100, 103, 101 and 104; those behind the fourth are in no round
+    assert best is entered[{1: 0, 2: 1, 3: 1, 9: 3}[count]]
+    told = {1: 0, 2: 2 * 2 + 2 * 3, 3: 3 * 2 + 2 * 3, 9: 4 * 2 + 2 * 3}[count]
+    assert len(by_hand.seeds) == len(steps) == agents_needed(count, rounds) == told
+    assert len(set(by_hand.seeds)) == (0 if count == 1 else 5)
+
+
+def test_a_score_that_was_lucky_is_found_out(cartpole: Task, small_hp: Hyperparameters) -> None:
+    """More agents count beside the first ones."""
+
+    class Lucky(ByHand):
+        def run(self, task, architecture, psi, requests, on_result):  # type: ignore[no-untyped-def]
+            results = super().run(task, architecture, psi, requests, on_result)
+            fell = psi[0] == 0 and len(requests) == 6
+            return [replace(r, test_returns=(10.0,)) if fell else r for r in results]
+
+    pool = cast(EvaluationPool, Lucky((120.0, 1000), (100.0, 1000)))
+    entered = contenders(cartpole, small_hp, 2, 0.0)
+    rounds = (Round(2, 2), Round(2, 8))
+    assert choose_best(cartpole, entered, (1,), pool, rounds=rounds[:1]) is entered[0]
+    assert choose_best(cartpole, entered, (1,), pool, rounds=rounds) is entered[1]
 
 
 def test_the_final_score_has_seeds_of_its_own(cartpole: Task, small_hp: Hyperparameters) -> None:

@@ -11,8 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bilevel import InvalidInput
-from cluster.bohb import Journal
-from cluster.bohb.journal import ConfigLine, ResultLine
+from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.lines import Lines
 from tests.small_disk import on_small_disk, small_disks
 

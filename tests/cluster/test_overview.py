@@ -5,6 +5,7 @@ from rich.console import Console
 
 from cluster.home import Home
 from cluster.overview import overview, print_overview
+from cluster.profiles import ENDLESS
 from cluster.run_folder import Standing, held
 from tests.studies import make_study, new_study
 
@@ -34,6 +35,8 @@ def test_states_progress_and_scores(home: Home) -> None:
     }
     assert lines["ended"].progress == "6/6 results"
     assert lines["stopped"].progress == "6/12 results"
+    Standing("KILLED", 0.0, ENDLESS).save(home.run_folder("CartPole-v0", "stopped"))
+    assert {line.name: line for line in overview(home)}["stopped"].progress == "6 results"
     assert lines["ended"].final == "100.0"
     assert 0 < float(lines["ended"].best) < 100
 

@@ -7,7 +7,9 @@ from typing import Any
 import pytest
 
 from bilevel.errors import StorageFailure
-from cluster.bohb import BracketSearch, Journal
+from cluster.bohb.brackets import Schedule
+from cluster.bohb.journal import Journal
+from cluster.bohb.search import BracketSearch
 from cluster.bohb.searcher import DEATHS, BohbSearcher
 from cluster.bohb.trial import BUDGET_REACHED, FAILURE, NO_STORAGE, OBJECTIVE
 from search_spaces import search_space
@@ -20,7 +22,7 @@ def journal(tmp_path: Path) -> Journal:
 
 @pytest.fixture
 def searcher(journal: Journal) -> BohbSearcher:
-    search = BracketSearch(search_space("core"), [1, 3], 1, 0, journal)
+    search = BracketSearch(search_space("core"), Schedule((1, 3), 2), 1, 0, journal)
     return BohbSearcher(search, lambda: 2, math.inf)
 
 

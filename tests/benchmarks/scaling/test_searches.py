@@ -7,7 +7,7 @@ from benchmarks.scaling.recorded import Evaluations, RecordedRun
 from benchmarks.scaling.searches import Courses
 from benchmarks.scaling.simulation import PoolOverhead
 from bilevel.tasks import get_task
-from cluster.bohb import Job
+from cluster.bohb.search import Job
 from cluster.profiles import base_hyperparameters, get_profile
 
 BETWEEN = 0.5

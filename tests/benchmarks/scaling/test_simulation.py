@@ -16,8 +16,9 @@ from benchmarks.scaling.simulation import (
     simulate_pool,
     simulate_search,
 )
-from cluster.bohb import BracketSearch, Job, Journal, bracket_table
-from cluster.bohb.brackets import generations_to_run
+from cluster.bohb.brackets import Schedule, generations_to_run
+from cluster.bohb.journal import Journal
+from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.searcher import BohbSearcher
 from search_spaces import search_space
 
@@ -87,13 +88,14 @@ class TestPool:
 def simulate(
     folder: Path,
     trials: int,
-    ladder: list[int],
+    budgets: tuple[int, ...],
     brackets: int,
     generation_seconds: float = 1.0,
     overhead: StudyOverhead | None = None,
 ) -> SearchTimeline:
     """Every generation takes the same; the loss is the configuration's number."""
-    search = BracketSearch(search_space("core"), ladder, brackets, 0, Journal(folder))
+    schedule = Schedule(budgets, len(budgets))
+    search = BracketSearch(search_space("core"), schedule, brackets, 0, Journal(folder))
     reached: dict[tuple[int, int, int], int] = {}
 
     def course(job: Job) -> JobCourse:
@@ -110,40 +112,40 @@ def simulate(
 class TestSearch:
     @pytest.mark.parametrize("trials", [1, 3, 40])
     def test_runs_the_bracket_table(self, trials: int, tmp_path: Path) -> None:
-        line = simulate(tmp_path, trials, [1, 3, 9], 4)
-        table = bracket_table(4, [1, 3, 9])
+        line = simulate(tmp_path, trials, (1, 3, 9), 4)
+        table = Schedule((1, 3, 9), 3).brackets(4)
         for rung in table:
             jobs = [j for j in line.jobs if j.id[0] == rung.bracket and j.budget == rung.budget]
             assert len(jobs) == rung.configurations
         assert line.busy == generations_to_run(table)
 
     def test_one_trial_takes_the_sum(self, tmp_path: Path) -> None:
-        line = simulate(tmp_path, 1, [1, 3, 9], 3, 2.0)
-        assert line.seconds == 2.0 * generations_to_run(bracket_table(3, [1, 3, 9]))
+        line = simulate(tmp_path, 1, (1, 3, 9), 3, 2.0)
+        assert line.seconds == 2.0 * generations_to_run(Schedule((1, 3, 9), 3).brackets(3))
         assert line.efficiency == 1.0
 
     def test_any_number_of_trials_takes_the_longest_chain(self, tmp_path: Path) -> None:
-        line = simulate(tmp_path, 1000, [1, 3, 9], 3)
+        line = simulate(tmp_path, 1000, (1, 3, 9), 3)
         assert line.seconds == 9.0
 
     def test_one_bracket_waits_for_its_rungs(self, tmp_path: Path) -> None:
-        line = simulate(tmp_path, 4, [1, 3], 1)  # 3 configurations, the best one goes on
+        line = simulate(tmp_path, 4, (1, 3), 1)  # 3 configurations, the best one goes on
         assert [(job.id[2], job.budget) for job in line.jobs] == [(0, 1), (1, 1), (2, 1), (0, 3)]
         assert line.seconds == 1.0 + 2.0
         assert line.efficiency == pytest.approx((3 * 1.0 + 2.0) / (4 * 3.0))
 
     def test_the_driver_does_one_thing_at_a_time(self, tmp_path: Path) -> None:
-        one = simulate(tmp_path / "1", 1, [1, 3, 9], 2, 1.0, StudyOverhead(0.5, 0.25))
-        rungs = bracket_table(2, [1, 3, 9])
+        one = simulate(tmp_path / "1", 1, (1, 3, 9), 2, 1.0, StudyOverhead(0.5, 0.25))
+        rungs = Schedule((1, 3, 9), 3).brackets(2)
         jobs, generations = sum(r.configurations for r in rungs), generations_to_run(rungs)
         assert one.driver == pytest.approx(0.5 * jobs + 0.25 * generations)
         assert one.seconds == pytest.approx(one.driver + generations)
-        many = simulate(tmp_path / "2", 100, [1, 3, 9], 2, 1e-6, StudyOverhead(0.5, 0.25))
+        many = simulate(tmp_path / "2", 100, (1, 3, 9), 2, 1e-6, StudyOverhead(0.5, 0.25))
         assert many.seconds == pytest.approx(many.driver, rel=1e-3)
 
     def test_how_long_things_take_changes_nothing_of_what_is_run(self, tmp_path: Path) -> None:
-        one = simulate(tmp_path / "1", 1, [1, 3, 9], 2)
-        two = simulate(tmp_path / "2", 1, [1, 3, 9], 2, 7.0, StudyOverhead(1.0, 1.0))
+        one = simulate(tmp_path / "1", 1, (1, 3, 9), 2)
+        two = simulate(tmp_path / "2", 1, (1, 3, 9), 2, 7.0, StudyOverhead(1.0, 1.0))
         assert [(j.id, j.budget, j.configuration) for j in one.jobs] == [
             (j.id, j.budget, j.configuration) for j in two.jobs
         ]
