@@ -20,7 +20,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from benchmarks.machine import NotMeasured, read_result, write_result
+from benchmarks.machine import NotMeasured, machine, read_result, write_result
 from bilevel.nes import GenerationRecord, NESState
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
@@ -163,6 +163,7 @@ def write(study: Study, variants: Sequence[str], seeds: Sequence[int]) -> Path:
         rows = [row for seed in seeds if (row := study.row(variant, seed)) is not None]
         if rows:
             found[variant] = {
+                "machine": machine(),
                 "commands": commands(study, variant, rows),
                 "options": VARIANTS[variant],
                 "hyperparameters": study.hyperparameters(variant, rows[0]["seed"]),

@@ -1,7 +1,7 @@
 """Tables of NES over seeds, from the committed results."""
 
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from typing import Any
 
@@ -68,12 +68,18 @@ def seeds(task: str) -> str:
         variant_row(name, variant["runs"], solved_reward)
         for name, variant in result["variants"].items()
     ]
-    return table(header, rows) + _commands(result)
+    return f"{table(header, rows)}\n\n(one core a run;\n{_sources(result['variants'].values())})"
 
 
-def _commands(result: dict[str, Any]) -> str:
-    commands = [f"`{one}`" for found in result["variants"].values() for one in found["commands"]]
-    return f"\n\n(one core a run; {_machine(result)};\n" + ",\n".join(commands) + ")"
+def _sources(measured: Iterable[dict[str, Any]]) -> str:
+    """Machines, and what was called on each."""
+    calls: dict[str, dict[str, None]] = {}  # without doubles
+    for one in measured:
+        calls.setdefault(_machine(one), {}).update(dict.fromkeys(one["commands"]))
+    return ";\n".join(
+        "\n".join([f"{machine}:", *(f"`{command}`" for command in commands)])
+        for machine, commands in calls.items()
+    )
 
 
 def transfer() -> str:
@@ -152,10 +158,11 @@ def update_rules(task: str) -> str:
         f"of them at least {solved_reward:g}",
         "their steps",
     ]
-    commands = sorted(
-        {rule["command"].replace(f"'{name}'", "RULE") for name, rule in result["rules"].items()}
-    )
-    return table(head, rows) + f"\n\n({_machine(result)}; {', '.join(f'`{c}`' for c in commands)})"
+    measured = [
+        {**rule, "commands": [rule["command"].replace(f"'{name}'", "RULE")]}
+        for name, rule in result["rules"].items()
+    ]
+    return f"{table(head, rows)}\n\n({_sources(measured)})"
 
 
 def _machine(result: dict[str, Any]) -> str:
@@ -165,13 +172,13 @@ def _machine(result: dict[str, Any]) -> str:
 def defaults() -> str:
     """The defaults alone, a row a task."""
     header = [cell.format(solved="solved") for cell in ("task", *_HEADER[1:])]
-    rows, commands = [], []
+    rows, measured = [], []
     for task in TASKS:
         result = read_result(f"nes_{task}", "variants")
         variant = result["variants"]["defaults"]
         rows.append(variant_row(task, variant["runs"], get_task(task).solved_reward))
-        commands.append(f"`{variant['commands'][0]}`")
-    return table(header, rows) + f"\n\n(one core a run; {_machine(result)}; {', '.join(commands)})"
+        measured.append({**variant, "commands": variant["commands"][:1]})
+    return f"{table(header, rows)}\n\n(one core a run;\n{_sources(measured)})"
 
 
 TABLES: dict[str, Callable[[], str]] = {

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from benchmarks.machine import NotMeasured, read_result, write_result
+from benchmarks.machine import NotMeasured, machine, read_result, write_result
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.hyperparameters import Hyperparameters, load_preset
 from bilevel.hyperparameters.definitions import SCORE_TRANSFORMS
@@ -174,6 +174,7 @@ def main() -> None:
         found = {}
     for rule in names:
         found[rule] = {
+            "machine": machine(),
             "command": f"python -m benchmarks.nes.update_rules {options.task} --rules '{rule}' "
             f"--seeds {seeds} --generations {options.generations}",
             "options": known[rule],

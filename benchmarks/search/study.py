@@ -29,16 +29,12 @@ from bilevel.hyperparameters import Hyperparameters, load_preset
 from bilevel.nes import fitness
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
-from cluster.bohb import Journal
-from cluster.bohb.study import Study
-from cluster.bohb.summary import StudySummary
+from cluster.bohb.journal import ConfigLine, Journal
+from cluster.bohb.study import Study, configuration_name
 from cluster.final import BEST_FILE
 from cluster.profiles import METHODS
 from cluster.run_folder import Begun, finals
 from search_spaces import draw_agent
-
-#: More brackets than the time is enough for.
-_BRACKETS = "1000"
 
 
 @dataclass(frozen=True)
@@ -62,7 +58,7 @@ class Comparison:
             shutil.rmtree(folder, ignore_errors=True)
         script = Path(sys.executable).with_name("bilevel")
         options = ["--method", method, "--seed", str(seed), "--study", folder.name]
-        options += ["--brackets", _BRACKETS, "--home", str(self.home)]
+        options += ["--home", str(self.home)]
         for time_budget in self.time_budgets[done:]:
             subprocess.run(
                 [script, "bohb", self.task, *options, "--time-budget", time_budget], check=True
@@ -73,33 +69,41 @@ class Comparison:
         hyperparameters from the whole of the paper's ranges, learn on its best SE."""
         folder = self.folder(method, seed)
         study, journal = Study.read(folder), Journal(folder)
-        largest = max(study.budgets)
-        picks = {line.id: bool(line.info.get("model_based_pick")) for line in journal.configs}
-        first: dict[str, dict[str, list[float]]] = {}
-        for line in {line.id: line for line in reversed(journal.results)}.values():
-            if line.objective is not None:
-                kinds = first.setdefault(str(line.budget), {"random": [], "model": []})
-                kinds["model" if picks[line.id] else "random"].append(round(line.objective, 2))
-        incumbents = [
-            [round(minutes_until(line.finished, folder, journal), 3), round(line.objective, 2)]
-            for _, line in StudySummary(journal, []).incumbents()
-            if line.budget == largest and line.objective is not None
-        ]
         own = Hyperparameters.from_dict(load_se(folder / BEST_FILE).info["hyperparameters"])
         default = load_preset("tuned", self.task, agents=study.agents)
         return {
             "method": method,
             "seed": seed,
-            "configurations": len(picks),
-            "model_based": sum(picks.values()),
-            "results": len(journal.results),
-            "failed": sum(line.loss is None for line in journal.results),
-            "at_the_largest_budget": sum(line.budget == largest for line in journal.results),
-            "first_objectives": dict(sorted(first.items())),  # before any was promoted; by budget
-            "incumbents": incumbents,
+            "budgets": list(study.schedule.budgets),
+            "configurations": [configuration(study, line) for line in journal.configs],
+            "results": [
+                {
+                    "configuration": configuration_name(line.id),
+                    "budget": line.budget,
+                    "objective": None if line.objective is None else round(line.objective, 2),
+                    "minutes": round(minutes_until(line.finished, folder, journal), 3),
+                }
+                for line in journal.results
+            ],
             "own": learned(self.task, folder / BEST_FILE, own, own.vary_agent, agents),
             "varied": learned(self.task, folder / BEST_FILE, default, "all", varied),
         }
+
+
+def configuration(study: Study, line: ConfigLine) -> dict[str, Any]:
+    """What was proposed, and how the generations went that it ran."""
+    state = study.run(line.id, line.configuration).load_if_sound()
+    records = () if state is None else state.records
+    return {
+        "name": configuration_name(line.id),
+        "model_based": bool(line.info.get("model_based_pick")),
+        "values": {
+            name: float(f"{value:.4g}") if isinstance(value, float) else value
+            for name, value in line.configuration.items()
+        },
+        "fitness": [round(record.fitness_mean, 1) for record in records],
+        "seconds": [round(record.generation_seconds, 1) for record in records],
+    }
 
 
 def minutes_until(moment: float, folder: Path, journal: Journal) -> float:

@@ -2,14 +2,22 @@ import json
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from benchmarks.machine import read_result
 from benchmarks.search.picture import PICTURE, picture, results_digest
 from benchmarks.search.study import Comparison, minutes_until
-from benchmarks.search.tables import TASKS, against_random, is_good, method_row
-from cluster.bohb import Journal
-from cluster.bohb.journal import ConfigLine, ResultLine
+from benchmarks.search.tables import (
+    TASKS,
+    against_random,
+    at_the_largest_budget,
+    first_results,
+    incumbents,
+    is_good,
+    method_row,
+)
+from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.run_folder import Final, add_final
 from tests.studies import make_study
 
@@ -17,15 +25,18 @@ from tests.studies import make_study
 def test_a_study_is_summed_up(tmp_path: Path) -> None:
     make_study(tmp_path / "CartPole-v0" / "bohb-3", fail=(0,))
     row = Comparison("CartPole-v0", ["5m"], tmp_path).row("bohb", 3, agents=2, varied=1)
-    assert (row["method"], row["seed"], row["failed"]) == ("bohb", 3, 1)
-    assert row["results"] == 6  # 3 and 1, then 2
-    assert row["at_the_largest_budget"] == 3
-    first = {budget: len(kinds["random"]) for budget, kinds in row["first_objectives"].items()}
-    assert first == {"1": 2, "3": 2}
-    assert max(row["first_objectives"]["3"]["random"]) <= row["incumbents"][-1][1]
-    assert [minutes for minutes, _ in row["incumbents"]] == sorted(
-        minutes for minutes, _ in row["incumbents"]
-    )
+    assert (row["method"], row["seed"], row["budgets"]) == ("bohb", 3, [1, 3])
+    results = row["results"]
+    assert len(results) == 6  # 3 and 1, then 2
+    assert sum(line["objective"] is None for line in results) == 1
+    assert [line["minutes"] for line in results] == sorted(line["minutes"] for line in results)
+    configurations = {line["name"]: line for line in row["configurations"]}
+    assert configurations.keys() == {line["configuration"] for line in results}
+    for line in results:
+        if line["objective"] is not None:
+            course = configurations[line["configuration"]]["fitness"]
+            assert line["objective"] == pytest.approx(np.mean(course[: line["budget"]]), abs=0.1)
+    assert "nes.step_size" in configurations["000-0-000"]["values"]
     assert (row["own"]["agents"], row["varied"]["agents"]) == (2, 1)
     assert 0 < row["own"]["fitness_mean"] < row["own"]["score_mean"]  # steps are paid for
 
@@ -58,14 +69,27 @@ def test_what_lies_between_calls_is_not_counted(tmp_path: Path) -> None:
     assert minutes_until(530.0, folder, journal) == pytest.approx((430.0 - 330.0) / 60)
 
 
+RESULTS = [
+    {"configuration": name, "budget": budget, "objective": objective, "minutes": minutes}
+    for name, budget, objective, minutes in (
+        ("a", 3, 190.0, 1.0),
+        ("b", 3, None, 1.1),
+        ("c", 9, 180.0, 1.2),
+        ("a", 9, 185.0, 1.3),
+        ("d", 9, None, 1.4),
+        ("e", 9, 170.0, 1.5),
+    )
+]
+
+
 def study(fitness: float, **changes: Any) -> dict[str, Any]:
     learned = {"score_mean": 199.0, "train_steps_mean": 1000, "fitness_mean": fitness}
     row = {
         "own": learned,
         "varied": learned,
-        "configurations": 20,
-        "model_based": 5,
-        "at_the_largest_budget": 3,
+        "budgets": [3, 9],
+        "configurations": [{"name": name, "model_based": name == "a"} for name in "abcde"],
+        "results": RESULTS,
     }
     return row | changes
 
@@ -74,15 +98,30 @@ def test_what_costs_too_many_steps_is_not_good() -> None:
     studies = [study(196.0), study(194.9), study(197.0)]
     assert [is_good(one, 195.0) for one in studies] == [True, False, True]
     cells = method_row("random", studies, 195.0)
-    assert cells[:3] == ["random search", "2 of 3", "196.0 (194.9 to 197.0)"]
+    assert cells[:3] == ["random search", "2 of 3", "185.0 (185.0 to 185.0)"]
+    assert cells[3] == "196.0 (194.9 to 197.0)"
     assert cells[-1] == "3 (3 to 3)"
+
+
+def test_results_by_who_proposed_them_and_when_they_came() -> None:
+    one = study(196.0)
+    assert [(r["configuration"], r["budget"], r["model_based"]) for r in first_results(one)] == [
+        ("a", 3, True),
+        ("c", 9, False),
+        ("e", 9, False),
+    ]
+    assert [line["configuration"] for line in at_the_largest_budget(one)] == ["c", "a", "e"]
+    assert incumbents(one) == [(1.2, 180.0), (1.3, 185.0)]
 
 
 def test_what_is_the_same_is_no_defeat() -> None:
     ours = [study(197.0, seed=0), study(196.0, seed=1), study(195.0, seed=2)]
     theirs = [study(195.0, seed=2), study(196.5, seed=1), study(190.0, seed=0)]
+    ours[0]["results"] = [*RESULTS, {**RESULTS[-1], "objective": 186.0}]
+    theirs[0]["results"] = RESULTS[:2]  # none at the largest budget
     told = against_random("bohb", ours, theirs)
-    assert "from 1, a less fit one from 1, and the same from 1 (sign test: p = 1.00)" in told
+    assert "configuration is higher from 2, lower from 0 and the same from 1 (sign test" in told
+    assert "handed over higher from 1, lower from 1 and the same from 1 (sign test: p = 1" in told
 
 
 @pytest.mark.parametrize("task", TASKS)
