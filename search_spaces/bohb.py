@@ -63,9 +63,8 @@ def _full_agent(agent: str) -> list[Dimension]:
 def _core() -> list[Dimension]:
     """With `_core_agent`, six that a short search can tell apart: the model needs
     2 * (6 + 1) results at one budget. NES ranges are those of the paired update from fitted
-    starts; sigma is none of them, since retention adapts it. In wider ranges, random search did
-    worst with long steps, low retention, the smallest SEs, and the shortest and longest episodes;
-    the longest cost most time, too."""
+    starts; sigma is none of them, since retention adapts it. docs/search.md shows what each of
+    them does."""
     return [
         CS.Float("nes.step_size", (0.001, 0.02), log=True),
         CS.Float("nes.retention", (0.6, 0.95)),

@@ -3,6 +3,7 @@
 python -m benchmarks.search.picture
 """
 
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import NullLocator
 
 from benchmarks.machine import read_result
 from benchmarks.pictures import digest, grid, save, steps_and_scores
@@ -66,6 +68,7 @@ def _proposals(axes: Axes, task: str) -> None:
         across = place + rng.uniform(-0.18, 0.18, len(values))
         axes.scatter(across, values, color=_COLOURS[column[1]], s=12, alpha=0.5)
         axes.hlines(np.median(values), place - 0.3, place + 0.3, color="black", lw=1.5)
+    axes.set_ylim(*_most_of([value for values in found.values() for value in values]))
     names = [
         f"{METHODS[method]}, {'model' if by_model else 'random'},\n{count(budget, 'generation')}"
         for budget, method, by_model in columns
@@ -99,14 +102,22 @@ def _effect(name: str, axes: Axes, task: str) -> None:
     for fifth in np.array_split(order, 5):
         part = np.array(values)[fifth]
         axes.hlines(np.median(np.array(gains)[fifth]), part.min(), part.max(), "#2a6fbb", lw=2)
-    axes.set_xscale("log" if _on_log_scale(name) else "linear")
-    axes.set_ylim(float(np.quantile(gains, 0.05)) - 5, max(gains) + 2)
+    axes.set_ylim(*_most_of(gains))
+    dimension: Any = search_space("core")[name]
+    axes.set_xscale("log" if dimension.log else "linear")
+    spaced = np.geomspace if dimension.log else np.linspace
+    ticks = spaced(dimension.lower, dimension.upper, 3)
+    axes.set_xticks(ticks, [f"{tick:.3g}" for tick in ticks])
+    axes.xaxis.set_minor_locator(NullLocator())
     axes.set_xlabel(name)
     axes.set_ylabel("fitness, less the median of the start")
 
 
-def _on_log_scale(name: str) -> bool:
-    return bool(getattr(search_space("core")[name], "log", False))
+def _most_of(values: Sequence[float]) -> tuple[float, float]:
+    """Limits of an axis; of the worst, which are far below, one in twenty lies outside."""
+    low, high = float(np.quantile(values, 0.05)), max(values)
+    margin = 0.05 * (high - low)
+    return low - margin, high + margin
 
 
 def picture() -> Figure:

@@ -143,21 +143,41 @@ def against_random(
     )
 
 
+def proposals(name: str, studies: Sequence[dict[str, Any]]) -> str:
+    """What the model proposed beside what was drawn, by the first result of either."""
+    first = [line for study in studies for line in first_results(study)]
+    by_model, drawn = (
+        [line["objective"] for line in first if line["model_based"] == kind]
+        for kind in (True, False)
+    )
+    if not by_model:
+        return f"{METHODS[name]}'s model proposed nothing."
+    return (
+        f"The first objectives of the {len(by_model)} configurations that {METHODS[name]}'s model "
+        f"proposed have a median of {np.median(by_model):.1f}, of the {len(drawn)} drawn at random "
+        f"{np.median(drawn):.1f}."
+    )
+
+
 def methods(task: str) -> str:
     """All methods on a task, and how often each was better than random search."""
     result = read_result(f"search_{task}", "studies")
     solved_reward = get_task(task).solved_reward
     groups = by_method(result)
     rows = [method_row(name, studies, solved_reward) for name, studies in groups.items()]
-    pairs = [
-        against_random(name, groups[name], groups["random"]) for name in groups if name != "random"
+    told = [
+        f"{proposals(name, found)} {against_random(name, found, groups['random'])}"
+        if name == "bohb"
+        else against_random(name, found, groups["random"])
+        for name, found in groups.items()
+        if name != "random"
     ]
     agents = result["studies"][0]
     about = (
         f"Medians over studies, with the lowest and the highest; {agents['own']['agents']} fresh "
         f"agents on each best SE, {agents['varied']['agents']} fully varied ones."
     )
-    return table(_HEADER, rows) + f"\n\n{' '.join(pairs)} {about}\n{source(result)}"
+    return table(_HEADER, rows) + f"\n\n{' '.join(told)} {about}\n{source(result)}"
 
 
 def correlation(runs: Sequence[dict[str, Any]], generations: int) -> float:

@@ -16,6 +16,7 @@ from benchmarks.search.tables import (
     incumbents,
     is_good,
     method_row,
+    proposals,
 )
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.run_folder import Final, add_final
@@ -112,6 +113,14 @@ def test_results_by_who_proposed_them_and_when_they_came() -> None:
     ]
     assert [line["configuration"] for line in at_the_largest_budget(one)] == ["c", "a", "e"]
     assert incumbents(one) == [(1.2, 180.0), (1.3, 185.0)]
+
+
+def test_what_the_model_proposed_beside_what_was_drawn() -> None:
+    told = proposals("bohb", [study(196.0), study(197.0)])
+    assert "the 2 configurations that BOHB's model proposed have a median of 190.0" in told
+    assert "of the 4 drawn at random 175.0" in told  # 180 and 170; failures have none
+    without = study(196.0, configurations=[{"name": n, "model_based": False} for n in "abcde"])
+    assert proposals("bohb", [without]) == "BOHB's model proposed nothing."
 
 
 def test_what_is_the_same_is_no_defeat() -> None:
