@@ -17,6 +17,7 @@ TASKS = ("CartPole-v0",)
 
 _HEADER = (
     "method",
+    "good configuration found",
     "good SE",
     "best objective",
     "fitness",
@@ -27,6 +28,7 @@ _HEADER = (
     "configurations",
     "by the model",
     "results at the largest budget",
+    "good ones",
 )
 
 
@@ -56,6 +58,13 @@ def at_the_largest_budget(study: dict[str, Any]) -> list[dict[str, Any]]:
     return [r for r in study["results"] if r["budget"] == largest and r["objective"] is not None]
 
 
+def good_configurations(study: dict[str, Any], solved_reward: float) -> int:
+    """How many results solve the task when train steps are paid for, as fitness does, in all
+    generations of the largest budget on average."""
+    found = at_the_largest_budget(study)
+    return sum(line["objective"] >= solved_reward for line in found)
+
+
 def incumbents(study: dict[str, Any]) -> list[tuple[float, float]]:
     """Minutes and objective of each result at the largest budget that was better than all
     before."""
@@ -75,8 +84,10 @@ def method_row(
         found = spread([value(study) for study in studies])
         return f"{found['median']:{form}} ({found['low']:{form}} to {found['high']:{form}})"
 
+    good = [good_configurations(study, solved_reward) for study in studies]
     return [
         METHODS[method],
+        f"{sum(map(bool, good))} of {len(studies)}",
         f"{sum(is_good(study, solved_reward) for study in studies)} of {len(studies)}",
         column(".1f", _found),
         column(".1f", lambda study: study["own"]["fitness_mean"]),
@@ -87,6 +98,7 @@ def method_row(
         column(".0f", lambda study: len(study["configurations"])),
         column(".0f", lambda study: sum(c["model_based"] for c in study["configurations"])),
         column(".0f", lambda study: len(at_the_largest_budget(study))),
+        column(".0f", lambda study: good_configurations(study, solved_reward)),
     ]
 
 
@@ -129,16 +141,21 @@ def _signs(ours: Sequence[float], theirs: Sequence[float]) -> str:
 
 
 def against_random(
-    name: str, studies: Sequence[dict[str, Any]], others: Sequence[dict[str, Any]]
+    name: str,
+    studies: Sequence[dict[str, Any]],
+    others: Sequence[dict[str, Any]],
+    solved_reward: float,
 ) -> str:
     """Seed by seed, as the studies of a seed begin alike."""
     by_seed = {study["seed"]: study for study in others}
     pairs = [(study, by_seed[study["seed"]]) for study in studies]
     objectives = _signs(*zip(*[(_found(a), _found(b)) for a, b in pairs], strict=True))
+    good = [tuple(good_configurations(one, solved_reward) for one in pair) for pair in pairs]
     fitness = [(a["own"]["fitness_mean"], b["own"]["fitness_mean"]) for a, b in pairs]
     return (
         f"Beside random search, of {len(pairs)} seeds, the objective of {METHODS[name]}'s best "
-        f"configuration is {objectives}, and the fitness of the SE that is handed over "
+        f"configuration is {objectives}, the number of good configurations "
+        f"{_signs(*zip(*good, strict=True))}, and the fitness of the SE that is handed over "
         f"{_signs(*zip(*fitness, strict=True))}."
     )
 
@@ -166,9 +183,8 @@ def methods(task: str) -> str:
     groups = by_method(result)
     rows = [method_row(name, studies, solved_reward) for name, studies in groups.items()]
     told = [
-        f"{proposals(name, found)} {against_random(name, found, groups['random'])}"
-        if name == "bohb"
-        else against_random(name, found, groups["random"])
+        (f"{proposals(name, found)} " if name == "bohb" else "")
+        + against_random(name, found, groups["random"], solved_reward)
         for name, found in groups.items()
         if name != "random"
     ]

@@ -13,6 +13,7 @@ from benchmarks.search.tables import (
     against_random,
     at_the_largest_budget,
     first_results,
+    good_configurations,
     incumbents,
     is_good,
     method_row,
@@ -99,9 +100,18 @@ def test_what_costs_too_many_steps_is_not_good() -> None:
     studies = [study(196.0), study(194.9), study(197.0)]
     assert [is_good(one, 195.0) for one in studies] == [True, False, True]
     cells = method_row("random", studies, 195.0)
-    assert cells[:3] == ["random search", "2 of 3", "185.0 (185.0 to 185.0)"]
-    assert cells[3] == "196.0 (194.9 to 197.0)"
-    assert cells[-1] == "3 (3 to 3)"
+    assert cells[:4] == ["random search", "0 of 3", "2 of 3", "185.0 (185.0 to 185.0)"]
+    assert cells[4] == "196.0 (194.9 to 197.0)"
+    assert cells[-2:] == ["3 (3 to 3)", "0 (0 to 0)"]
+
+
+def test_a_configuration_is_good_that_solves_the_task_at_the_largest_budget() -> None:
+    one, other = study(190.0), study(190.0, results=RESULTS[:1])
+    assert good_configurations(one, 180.0) == 2  # 180 and 185, not the 190 of three generations
+    assert good_configurations(one, 185.5) == 0
+    cells = method_row("bohb", [one, other], 180.0)
+    assert cells[1] == "1 of 2"
+    assert cells[-1] == "1 (0 to 2)"
 
 
 def test_results_by_who_proposed_them_and_when_they_came() -> None:
@@ -128,8 +138,9 @@ def test_what_is_the_same_is_no_defeat() -> None:
     theirs = [study(195.0, seed=2), study(196.5, seed=1), study(190.0, seed=0)]
     ours[0]["results"] = [*RESULTS, {**RESULTS[-1], "objective": 186.0}]
     theirs[0]["results"] = RESULTS[:2]  # none at the largest budget
-    told = against_random("bohb", ours, theirs)
+    told = against_random("bohb", ours, theirs, 184.0)
     assert "configuration is higher from 2, lower from 0 and the same from 1 (sign test" in told
+    assert "good configurations higher from 2, lower from 0 and the same from 1 (sign" in told
     assert "handed over higher from 1, lower from 1 and the same from 1 (sign test: p = 1" in told
 
 
