@@ -165,6 +165,25 @@ def update_rules(task: str) -> str:
     return f"{table(head, rows)}\n\n({_sources(measured)})"
 
 
+def variation() -> str:
+    """What agents that vary cost, as a multiple of what fixed ones do."""
+    head, rows, measured = ["task", "agents", "time of an evaluation", "train steps"], [], []
+    for task in TASKS:
+        result = read_result(f"variation_{task}")
+        for way, cost in result["ways"].items():
+            cells = [
+                f"{found['median']:.2f} ({found['low']:.2f} to {found['high']:.2f})"
+                for found in (cost["seconds"], cost["train_steps"])
+            ]
+            rows.append([task, way, *cells])
+        measured.append({**result, "commands": [result["command"]]})
+    about = (
+        f"Multiples of fixed agents'; {result['ses']} SEs, {result['agents']} agents on each, "
+        f"{result['repeats']} times; the median time, the lowest and the highest."
+    )
+    return f"{table(head, rows)}\n\n{about}\n({_sources(measured)})"
+
+
 def _machine(result: dict[str, Any]) -> str:
     return f"{result['machine']['cores']} cores of {result['machine']['processor']}"
 
@@ -184,6 +203,7 @@ def defaults() -> str:
 TABLES: dict[str, Callable[[], str]] = {
     **{f"nes-{task}": partial(seeds, task) for task in TASKS},
     "nes-transfer": transfer,
+    "variation": variation,
     **{f"update-rules-{task}": partial(update_rules, task) for task in RULE_TASKS},
     **{f"step-limits-{task}": partial(step_limits, task) for task in TASKS},
 }

@@ -90,20 +90,23 @@ def test_each_round_keeps_the_best(count: int, cartpole: Task, small_hp: Hyperpa
     assert len(set(by_hand.seeds)) == (0 if count == 1 else 5)
 
 
-def test_a_score_that_was_lucky_is_found_out(cartpole: Task, small_hp: Hyperparameters) -> None:
-    """More agents count beside the first ones."""
+@pytest.mark.parametrize(("later", "expected"), [(10.0, 1), (95.0, 0)])
+def test_a_score_that_was_lucky_is_found_out(
+    cartpole: Task, small_hp: Hyperparameters, later: float, expected: int
+) -> None:
+    """More agents count, and beside them the first ones: two score 120, six `later`."""
 
     class Lucky(ByHand):
         def run(self, task, architecture, psi, requests, on_result):  # type: ignore[no-untyped-def]
             results = super().run(task, architecture, psi, requests, on_result)
             fell = psi[0] == 0 and len(requests) == 6
-            return [replace(r, test_returns=(10.0,)) if fell else r for r in results]
+            return [replace(r, test_returns=(later,)) if fell else r for r in results]
 
     pool = cast(EvaluationPool, Lucky((120.0, 1000), (100.0, 1000)))
     entered = contenders(cartpole, small_hp, 2, 0.0)
     rounds = (Round(2, 2), Round(2, 8))
     assert choose_best(cartpole, entered, (1,), pool, rounds=rounds[:1]) is entered[0]
-    assert choose_best(cartpole, entered, (1,), pool, rounds=rounds) is entered[1]
+    assert choose_best(cartpole, entered, (1,), pool, rounds=rounds) is entered[expected]
 
 
 def test_the_final_score_has_seeds_of_its_own(cartpole: Task, small_hp: Hyperparameters) -> None:
