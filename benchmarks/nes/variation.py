@@ -16,7 +16,7 @@ from typing import Any
 from benchmarks.machine import spread, write_result
 from benchmarks.nes.study import AGENTS, Study
 from bilevel.evaluation import train_and_test
-from bilevel.hyperparameters import load_preset
+from bilevel.hyperparameters import AgentHyperparameters, load_preset
 from bilevel.kernels.blas import one_blas_thread
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
@@ -32,20 +32,25 @@ WAYS: dict[str, tuple[tuple[str, ...], str]] = {
 }
 
 
-def cost(task_id: str, file: Path, way: str, agents: range) -> dict[str, float]:
-    """Of one evaluation, the mean over so many agents: processor seconds, and train steps."""
-    task, se = get_task(task_id), load_se(file)
+def drawn(task_id: str, way: str, seeds: range) -> list[AgentHyperparameters]:
+    """The agents that members get, one a seed."""
     kinds, vary = WAYS[way]
-    hps = load_preset("default", task_id, agents=kinds).agents
+    agents = load_preset("default", task_id, agents=kinds).agents
+    return [draw_agent(agents, vary, seed) for seed in seeds]
+
+
+def cost(task_id: str, file: Path, way: str, seeds: range) -> dict[str, float]:
+    """Of one evaluation, the mean over the agents: processor seconds, and train steps."""
+    task, se = get_task(task_id), load_se(file)
     started = time.process_time()
-    steps = [
-        train_and_test(task, (se.architecture, se.psi), draw_agent(hps, vary, seed), seed)
-        for seed in agents
+    outcomes = [
+        train_and_test(task, (se.architecture, se.psi), agent, seed)
+        for agent, seed in zip(drawn(task_id, way, seeds), seeds, strict=True)
     ]
-    seconds = (time.process_time() - started) / len(agents)
+    seconds = (time.process_time() - started) / len(seeds)
     return {
         "seconds": seconds,
-        "train_steps": statistics.mean(outcome.train_steps for outcome in steps),
+        "train_steps": statistics.mean(outcome.train_steps for outcome in outcomes),
     }
 
 
@@ -74,10 +79,10 @@ def main() -> None:
         for way in WAYS:  # compiles
             cost(options.task, files[0], way, range(len(AGENTS)))
         for repeat in range(options.repeats):
-            agents = range(repeat * options.agents, (repeat + 1) * options.agents)
+            seeds = range(repeat * options.agents, (repeat + 1) * options.agents)
             found = {}
             for way in WAYS:
-                of_ses = [cost(options.task, file, way, agents) for file in files]
+                of_ses = [cost(options.task, file, way, seeds) for file in files]
                 found[way] = {
                     field: statistics.mean(one[field] for one in of_ses) for field in of_ses[0]
                 }

@@ -3,9 +3,24 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.nes.variation import beside_fixed, cost
+from benchmarks.nes.variation import WAYS, beside_fixed, cost, drawn
 from bilevel.synthetic_env import Architecture, StoredSE, save_se
 from bilevel.tasks import Task
+from search_spaces.agent_variation import SMALL
+
+
+def test_ways_differ_in_the_agents() -> None:
+    agents = {way: drawn("CartPole-v0", way, range(12)) for way in WAYS}
+    kinds = {way: {agent.agent for agent in found} for way, found in agents.items()}
+    assert kinds.pop("mixed agents, small and varied") == {"ddqn", "dueling-ddqn", "td3"}
+    assert all(kind == {"ddqn"} for kind in kinds.values())
+    different = {way: len(set(found)) for way, found in agents.items()}
+    assert different.pop("fixed agents") == 1
+    assert set(different.values()) == {12}
+    dear = {way: any(agent.step_cost > SMALL for agent in found) for way, found in agents.items()}
+    assert dear["fully varied agents"]
+    assert not dear["small varied agents"]
+    assert not dear["mixed agents, small and varied"]
 
 
 @pytest.mark.parametrize("way", ["fixed agents", "mixed agents, small and varied"])
