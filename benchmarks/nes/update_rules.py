@@ -5,7 +5,8 @@ best SE.
 
     python -m benchmarks.nes.update_rules CartPole-v0 --seeds 0 1 2 3 4 5
 
-One process a core, without Ray. `results/update_rules_TASK.json` keeps what earlier calls found.
+One process a core, without Ray. `results/update_rules_TASK.json` keeps what earlier calls found;
+a call runs only what is missing there.
 """
 
 import argparse
@@ -13,7 +14,7 @@ import os
 import statistics
 import time
 from collections.abc import Sequence
-from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -40,6 +41,10 @@ PLAIN: dict[str, Any] = {
     "momentum": 0.0,
     "fallback": 0.0,
 }
+
+#: Steps of an episode on an SE, as a share of the task's. On Acrobot half of the default: on random
+#: SEs there, episodes do not end by themselves.
+STEP_LIMIT_SHARES = {"CartPole-v0": 0.5, "Acrobot-v1": 0.25}
 
 #: Random SEs of which the start is chosen, the same for all rules.
 CANDIDATES = 64
@@ -78,7 +83,11 @@ def rules(task_id: str) -> dict[str, dict[str, Any]]:
 def hyperparameters(task_id: str, rule: str) -> Hyperparameters:
     """Of a run with this rule."""
     base = load_preset("tuned", task_id)
-    return replace(base, nes=replace(base.nes, **PLAIN | rules(task_id)[rule]))
+    return replace(
+        base,
+        se=replace(base.se, step_limit_share=STEP_LIMIT_SHARES[task_id]),
+        nes=replace(base.nes, **PLAIN | rules(task_id)[rule]),
+    )
 
 
 def _evaluated(
@@ -99,12 +108,7 @@ def random_start(task_id: str, seed: int, candidates: int) -> NDArray[np.float32
 
 
 def run(
-    task_id: str,
-    rule: str,
-    seed: int,
-    psi: NDArray[np.float32],
-    generations: int,
-    agents: int = AGENTS,
+    task_id: str, rule: str, seed: int, psi: NDArray[np.float32], generations: int
 ) -> dict[str, Any]:
     """What comes of a run from `psi` in so many generations."""
     hp = hyperparameters(task_id, rule)
@@ -119,7 +123,7 @@ def run(
     first = solved.index(True) if any(solved) else None
     tests = [
         EvaluationRequest(number, number, draw_agent(hp.agents, hp.vary_agent, number))
-        for number in range(agents)
+        for number in range(AGENTS)
     ]
     fresh = _evaluated(nes.task, nes.architecture, state.finalists[0].psi, tests)
     return {
@@ -136,54 +140,82 @@ def run(
     }
 
 
-def of_seed(
-    task_id: str, names: Sequence[str], seed: int, generations: int
-) -> dict[str, dict[str, Any]]:
-    """A run of each rule from one start."""
-    psi = random_start(task_id, seed, CANDIDATES)
-    found = {}
-    for name in names:
-        found[name] = run(task_id, name, seed, psi, generations)
-        print(seed, name, found[name], flush=True)
-    return found
+def command(task_id: str, rule: str, seeds: Sequence[int], generations: int) -> str:
+    """What measures these runs."""
+    return (
+        f"python -m benchmarks.nes.update_rules {task_id} --rules '{rule}' "
+        f"--seeds {' '.join(map(str, seeds))} --generations {generations}"
+    )
+
+
+class Found:
+    """Runs by rule and seed, written to `results/update_rules_TASK.json` as they come.
+
+    Those that an earlier call found with the same options on the same machine are kept.
+    """
+
+    def __init__(self, task_id: str, generations: int) -> None:
+        self.task_id, self.generations = task_id, generations
+        self._name = f"update_rules_{task_id}"
+        try:
+            self._rules: dict[str, dict[str, Any]] = read_result(self._name)["rules"]
+        except NotMeasured:
+            self._rules = {}
+
+    def _about(self, rule: str) -> dict[str, Any]:
+        return {
+            "machine": machine(),
+            "options": rules(self.task_id)[rule],
+            "generations": self.generations,
+        }
+
+    def runs(self, rule: str) -> dict[int, dict[str, Any]]:
+        """Those that need no further run, by seed."""
+        found, about = self._rules.get(rule, {}), self._about(rule)
+        if any(found.get(field) != value for field, value in about.items()):
+            return {}
+        return {run["seed"]: run for run in found["runs"]}
+
+    def add(self, rule: str, run: dict[str, Any]) -> None:
+        """One run more."""
+        runs = self.runs(rule) | {run["seed"]: run}
+        self._rules[rule] = self._about(rule) | {
+            "command": command(self.task_id, rule, sorted(runs), self.generations),
+            "runs": [runs[seed] for seed in sorted(runs)],
+        }
+        ordered = {name: self._rules[name] for name in rules(self.task_id) if name in self._rules}
+        write_result(self._name, "python -m benchmarks.nes.update_rules", {"rules": ordered})
 
 
 def main() -> None:
-    """Run all, write `results/update_rules_TASK.json`."""
+    """Run what `results/update_rules_TASK.json` lacks."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("task")
     parser.add_argument("--rules", nargs="+", help="default: all")
     parser.add_argument("--seeds", type=int, nargs="+", default=list(range(10)))
     parser.add_argument("--generations", type=int, default=15)
-    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="seeds at a time")
+    parser.add_argument("--jobs", type=int, default=os.cpu_count(), help="runs at a time")
     options = parser.parse_args()
-    known = rules(options.task)
-    names = options.rules or list(known)
+    task, known = options.task, list(rules(options.task))
+    names = options.rules or known
     if unknown := set(names) - set(known):
-        parser.error(f"unknown rules {sorted(unknown)}: known are {list(known)}")
+        parser.error(f"unknown rules {sorted(unknown)}: known are {known}")
+    found = Found(task, options.generations)
+    missing = [
+        (seed, rule) for seed in options.seeds for rule in names if seed not in found.runs(rule)
+    ]
     with ProcessPoolExecutor(options.jobs) as jobs:
-        waiting = [
-            jobs.submit(of_seed, options.task, names, seed, options.generations)
-            for seed in options.seeds
-        ]
-        by_seed = [job.result() for job in waiting]
-    name, seeds = f"update_rules_{options.task}", " ".join(map(str, options.seeds))
-    try:
-        found = read_result(name)["rules"]
-    except NotMeasured:
-        found = {}
-    for rule in names:
-        found[rule] = {
-            "machine": machine(),
-            "command": f"python -m benchmarks.nes.update_rules {options.task} --rules '{rule}' "
-            f"--seeds {seeds} --generations {options.generations}",
-            "options": known[rule],
-            "generations": options.generations,
-            "runs": [runs[rule] for runs in by_seed],
+        starts = {
+            seed: jobs.submit(random_start, task, seed, CANDIDATES)
+            for seed in {seed for seed, _ in missing}
         }
-    ordered = {rule: found[rule] for rule in known if rule in found}
-    path = write_result(name, "python -m benchmarks.nes.update_rules", {"rules": ordered})
-    print(f"written to {path}")
+        running = {
+            jobs.submit(run, task, rule, seed, starts[seed].result(), options.generations): rule
+            for seed, rule in missing
+        }
+        for done, ended in enumerate(as_completed(running), 1):
+            found.add(running[ended], ended.result())
+            print(f"{done} of {len(missing)}: {running[ended]}, {ended.result()}", flush=True)
 
 
 if __name__ == "__main__":

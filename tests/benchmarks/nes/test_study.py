@@ -8,7 +8,7 @@ from benchmarks.machine import read_result
 from benchmarks.nes.picture import picture, results_digests, update_rules_picture
 from benchmarks.nes.step_limits import measured
 from benchmarks.nes.study import VARIANTS, Study, commands, seconds
-from benchmarks.nes.tables import RULE_TASKS, TASKS, variant_row
+from benchmarks.nes.tables import TASKS, variant_row
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import Hyperparameters, load_preset
 from bilevel.nes import NES
@@ -102,4 +102,4 @@ def test_the_pictures_show_the_committed_results() -> None:
     for path, digest in results_digests().items():
         assert digest in path.read_text(), "run `python -m benchmarks.nes.picture`"
     assert len(picture().axes) == 3 * len(TASKS)
-    assert len(update_rules_picture().axes) == len(RULE_TASKS)
+    assert len(update_rules_picture().axes) == 2 * len(TASKS)

@@ -1,12 +1,20 @@
 from dataclasses import replace
+from pathlib import Path
 
-import numpy as np
 import pytest
 
 from benchmarks.machine import read_result
 from benchmarks.nes import update_rules
-from benchmarks.nes.tables import RULE_TASKS, TASKS
-from benchmarks.nes.update_rules import hyperparameters, random_start, rules, run
+from benchmarks.nes.tables import TASKS
+from benchmarks.nes.update_rules import (
+    Found,
+    command,
+    hyperparameters,
+    main,
+    random_start,
+    rules,
+    run,
+)
 from bilevel.hyperparameters.definitions import SCORE_TRANSFORMS, UPDATES
 
 
@@ -28,24 +36,67 @@ def test_rules_differ_in_the_update_alone(task: str) -> None:
 
 
 def test_a_run_is_summed_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(update_rules, "AGENTS", 2)
     monkeypatch.setitem(update_rules.PLAIN, "population_size", 2)
     psi = random_start("CartPole-v0", 1, candidates=2)
-    np.testing.assert_array_equal(psi, random_start("CartPole-v0", 1, candidates=2))
-    row = run("CartPole-v0", "authors, rank", 1, psi, generations=2, agents=2)
+    row = run("CartPole-v0", "authors, rank", 1, psi, generations=2)
     assert len(row["score_curve"]) == 2
     assert all(8 <= score <= 200 for score in row["score_curve"])
     assert row["solved_at_the_end"] == (row["score_curve"][-1] >= 195)
     assert (row["first_solved_generation"] is None) == (max(row["score_curve"]) < 195)
     assert row["best"]["train_steps_mean"] > 0
     # the start is evaluated before any rule makes its step
-    other = run("CartPole-v0", "authors, linear", 1, psi, generations=1, agents=2)
+    other = run("CartPole-v0", "authors, linear", 1, psi, generations=1)
     assert other["score_curve"] == row["score_curve"][:1]
 
 
-@pytest.mark.parametrize("task", RULE_TASKS)
+def test_runs_are_kept_as_long_as_their_options_are(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("benchmarks.machine.RESULTS", tmp_path)
+    found = Found("CartPole-v0", generations=3)
+    for rule, seed in (("paired", 4), ("paired", 1), ("antithetic", 1)):
+        found.add(rule, {"seed": seed})
+    again = Found("CartPole-v0", generations=3)
+    assert again.runs("paired") == {1: {"seed": 1}, 4: {"seed": 4}}
+    assert not again.runs("authors, rank")
+    assert not Found("CartPole-v0", generations=4).runs("paired")
+    assert not Found("Acrobot-v1", generations=3).runs("paired")
+    written = read_result("update_rules_CartPole-v0")["rules"]
+    assert list(written) == ["paired", "antithetic"]  # in the order of `rules`
+    assert "--rules 'paired' --seeds 1 4 --generations 3" in written["paired"]["command"]
+    assert written["paired"]["runs"] == [{"seed": 1}, {"seed": 4}]
+    # other step sizes are another rule: its runs do not mix with the former ones
+    monkeypatch.setattr(update_rules, "_MOMENTUM", 0.5)
+    monkeypatch.setattr(update_rules, "_STEPS_OF_ONE", 2.0)
+    again.add("paired", {"seed": 2})
+    assert again.runs("paired") == {2: {"seed": 2}}
+    assert again.runs("antithetic") == {1: {"seed": 1}}
+
+
+def test_a_call_runs_what_is_missing(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("benchmarks.machine.RESULTS", tmp_path)
+    monkeypatch.setattr(update_rules, "CANDIDATES", 2)
+    monkeypatch.setattr(update_rules, "AGENTS", 2)
+    monkeypatch.setitem(update_rules.PLAIN, "population_size", 2)
+    call = ["update_rules", "CartPole-v0", "--seeds", "1", "--generations", "1", "--jobs", "1"]
+    for names, ran in ((["paired"], "paired"), (["paired", "antithetic"], "antithetic")):
+        monkeypatch.setattr("sys.argv", [*call, "--rules", *names])
+        main()
+        assert capsys.readouterr().out.startswith(f"1 of 1: {ran}, ")
+    written = read_result("update_rules_CartPole-v0")["rules"]
+    assert {name: [run["seed"] for run in rule["runs"]] for name, rule in written.items()} == {
+        "paired": [1],
+        "antithetic": [1],
+    }
+
+
+@pytest.mark.parametrize("task", TASKS)
 def test_results_are_of_these_rules(task: str) -> None:
     for name, found in read_result(f"update_rules_{task}")["rules"].items():
         assert found["options"] == rules(task)[name]
-        seeds = " ".join(str(row["seed"]) for row in found["runs"])
-        assert f"--seeds {seeds} --generations {found['generations']}" in found["command"]
+        seeds = [row["seed"] for row in found["runs"]]
+        assert found["command"] == command(task, name, seeds, found["generations"])
         assert {len(row["score_curve"]) for row in found["runs"]} == {found["generations"]}
