@@ -151,7 +151,8 @@ def command(task_id: str, rule: str, seeds: Sequence[int], generations: int) -> 
 class Found:
     """Runs by rule and seed, written to `results/update_rules_TASK.json` as they come.
 
-    Those that an earlier call found with the same options on the same machine are kept.
+    Those that an earlier call found with the same step sizes and as many generations on the same
+    machine are kept; what all rules share is not compared: where that changes, delete the file.
     """
 
     def __init__(self, task_id: str, generations: int) -> None:

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.machine import read_result
-from benchmarks.nes import update_rules
+from benchmarks.nes import tables, update_rules
 from benchmarks.nes.tables import TASKS
 from benchmarks.nes.update_rules import (
     Found,
@@ -55,7 +55,7 @@ def test_runs_are_kept_as_long_as_their_options_are(
 ) -> None:
     monkeypatch.setattr("benchmarks.machine.RESULTS", tmp_path)
     found = Found("CartPole-v0", generations=3)
-    for rule, seed in (("paired", 4), ("paired", 1), ("antithetic", 1)):
+    for rule, seed in (("antithetic", 1), ("paired", 4), ("paired", 1)):
         found.add(rule, {"seed": seed})
     again = Found("CartPole-v0", generations=3)
     assert again.runs("paired") == {1: {"seed": 1}, 4: {"seed": 4}}
@@ -72,6 +72,32 @@ def test_runs_are_kept_as_long_as_their_options_are(
     again.add("paired", {"seed": 2})
     assert again.runs("paired") == {2: {"seed": 2}}
     assert again.runs("antithetic") == {1: {"seed": 1}}
+
+
+def test_minutes_of_another_machine_are_marked(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr("benchmarks.machine.RESULTS", tmp_path)
+    row = {
+        "seed": 1,
+        "first_solved_generation": None,
+        "solved_at_the_end": False,
+        "minutes": 1.5,
+        "best": {"score_mean": 100.0, "train_steps_mean": 2000},
+        "score_curve": [50.0],
+    }
+    found = Found("CartPole-v0", generations=1)
+    found.add("paired", row)
+    found.add("antithetic", row)
+    assert "*" not in tables.update_rules("CartPole-v0")
+    monkeypatch.setattr(update_rules, "machine", lambda: {"cores": 64, "processor": "another"})
+    found.add("authors, rank", row)
+    *_, first, second, third, _, source, _, other, _ = tables.update_rules(
+        "CartPole-v0"
+    ).splitlines()
+    assert ["*" in line for line in (first, second, third)] == [False, False, True]
+    assert "another" not in source
+    assert other == "\\* 64 cores of another:"
 
 
 def test_a_call_runs_what_is_missing(
