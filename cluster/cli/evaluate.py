@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from bilevel.errors import InvalidInput, one_of
-from cluster.cli.options import RunOptions, common_options, vary_option
+from cluster.cli.options import RunOptions, WholeNumber, common_options, vary_option
 from cluster.home import LONGEST_NAME
 
 
@@ -20,15 +20,15 @@ from cluster.home import LONGEST_NAME
 @click.option(
     "--agents",
     "count",
-    type=click.IntRange(min=1),
+    type=WholeNumber(min=1),
     default=10,
     show_default=True,
     help="Fresh agents of each kind on each source.",
 )
 @vary_option
 @click.option("--preset", default="default", show_default=True, help="tuned or default.")
-@click.option("--max-episodes", type=click.IntRange(min=1), help="Training episodes at most.")
-@click.option("--workers", type=click.IntRange(min=1), help="Actors; default all cores.")
+@click.option("--max-episodes", type=WholeNumber(min=1), help="Training episodes at most.")
+@click.option("--workers", type=WholeNumber(min=1), help="Actors; default all cores.")
 @click.option("--name", help="Of the evaluation; the same name goes on where it was.")
 @common_options
 def evaluate(

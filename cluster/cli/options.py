@@ -33,6 +33,17 @@ class Duration(click.ParamType[float]):
         return float(match[1]) * _SECONDS[match[2]]
 
 
+class WholeNumber(click.IntRange):
+    """An IntRange that says what is allowed of anything else than a number, too."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        if not re.fullmatch(r"[+-]?\d+", str(value)):
+            allowed = f"{self.min} or more" if self.max is None else f"{self.min} to {self.max}"
+            self.fail(f"{value!r} is not a whole number: allowed are {allowed}")
+        number: int = super().convert(value, param, ctx)
+        return number
+
+
 class Setting(click.ParamType[tuple[str, Any]]):
     """`section.field=value`; a pair of the name and the value as number, truth or text."""
 
@@ -104,7 +115,7 @@ def the_address(given: str | None, home: Home) -> str | None:
 def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Options that all commands which train agents have in common."""
     options = [
-        click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True),
+        click.option("--seed", type=WholeNumber(min=0), default=0, show_default=True),
         click.option(
             "--agent",
             "agents",
@@ -121,7 +132,7 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
         home_option,
         click.option("--solved-reward", type=float, help="For tasks whose spec has none."),
         click.option(
-            "--step-limit", type=click.IntRange(min=1), help="For tasks whose spec has none."
+            "--step-limit", type=WholeNumber(min=1), help="For tasks whose spec has none."
         ),
     ]
     for option in reversed(options):
@@ -132,7 +143,7 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
 def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Options that the commands which learn SEs have in common."""
     population = click.option(
-        "--population", type=click.IntRange(min=1), help="NES members a generation."
+        "--population", type=WholeNumber(min=1), help="NES members a generation."
     )
     return click.argument("task")(population(common_options(function)))
 

@@ -10,6 +10,7 @@ from cluster.cli.options import (
     Duration,
     RunOptions,
     Setting,
+    WholeNumber,
     agent_suffix,
     run_options,
     vary_option,
@@ -20,10 +21,10 @@ from cluster.cli.options import (
 @run_options
 @click.option("--preset", default=None, help="tuned (the paper's Table 1) or default.")
 @click.option("--update", default="paired", show_default=True, help="NES update rule.")
-@click.option("--generations", type=click.IntRange(min=1), help="At most; default 200.")
-@click.option("--workers", type=click.IntRange(min=1), help="Actors; default all cores.")
+@click.option("--generations", type=WholeNumber(min=1), help="At most; default 200.")
+@click.option("--workers", type=WholeNumber(min=1), help="Actors; default all cores.")
 @vary_option
-@click.option("--start-candidates", type=click.IntRange(min=1), help="SEs to choose from.")
+@click.option("--start-candidates", type=WholeNumber(min=1), help="SEs to choose from.")
 @click.option(
     "--set",
     "settings",
@@ -33,7 +34,7 @@ from cluster.cli.options import (
 )
 @click.option(
     "--solved-for",
-    type=click.IntRange(min=1),
+    type=WholeNumber(min=1),
     default=2,
     show_default=True,
     help="Stop early once solved for so many generations in a row, and confirmed.",
@@ -87,10 +88,10 @@ def nes(
 @click.option("--study", default=None, help="Name; the same name goes on where it was.")
 @click.option("--profile", default="local", show_default=True, help="smoke, local or paper.")
 @click.option("--space", help="full (the paper's 18 hyperparameters) or core.")
-@click.option("--brackets", type=click.IntRange(min=1), help="Brackets to run.")
+@click.option("--brackets", type=WholeNumber(min=1), help="Brackets to run.")
 @click.option("--time-budget", type=Duration(), help="End after 90s, 45m, 2h, ...")
-@click.option("--workers-per-trial", type=click.IntRange(min=1), default=1, show_default=True)
-@click.option("--concurrent-trials", type=click.IntRange(min=1), help="Default: all cores' worth.")
+@click.option("--workers-per-trial", type=WholeNumber(min=1), default=1, show_default=True)
+@click.option("--concurrent-trials", type=WholeNumber(min=1), help="Default: all cores' worth.")
 @click.option(
     "--method",
     default="bohb",

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import click
 
-from cluster.cli.options import home_option
+from cluster.cli.options import WholeNumber, home_option
 
-_port = click.IntRange(1, 65535)
+_port = WholeNumber(1, 65535)
 _host_option = click.option(
     "--host", default="127.0.0.1", show_default=True, help="Address to bind to."
 )

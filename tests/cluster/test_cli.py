@@ -75,6 +75,9 @@ def test_help(command: list[str], tmp_path: Path) -> None:
             ["bohb", "CartPole-v0", "--space", "x"],
             "unknown search space 'x': allowed are full, core",
         ),
+        (["nes", "CartPole-v0", "--seed", "one"], "'--seed': 'one' is not a whole number"),
+        (["nes", "CartPole-v0", "--seed", "0.5"], "allowed are 0 or more"),
+        (["ui", "--port", "http"], "'http' is not a whole number: allowed are 1 to 65535"),
         (["bohb", "CartPole-v0", "--time-budget", "soon"], "'soon' is not a duration"),
         (
             ["bohb", "CartPole-v0", "--workers-per-trial", "64"],
