@@ -62,8 +62,7 @@ check: $(INSTALLED) ## Format, lint and types
 	@$(BIN)/mypy bilevel search_spaces cluster tests benchmarks
 
 bench: $(INSTALLED) ## All speed measurements in turn, on a quiet machine; rewrites results and tables
-	@for measurement in speed.inner_loop speed.ideas speed.generation speed.handing_out \
-		speed.startup speed.utilisation readme; do \
+	@for measurement in speed.inner_loop speed.startup readme; do \
 		$(BIN)/python -m benchmarks.$$measurement || exit 1; \
 	done
 

@@ -12,8 +12,6 @@ from benchmarks.faults import tables as faults
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source
 from benchmarks.nes import tables as nes
-from benchmarks.scaling import tables as scaling
-from benchmarks.search import tables as search
 from benchmarks.speed import tables as speed
 
 ROOT = Path(__file__).parent.parent
@@ -38,12 +36,10 @@ def inner_loop() -> str:
 DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     ROOT / "README.md": {
         "inner-loop": inner_loop,
-        "nes-seeds": nes.defaults,
+        "nes-seeds": nes.seeds,
     },
     ROOT / "docs" / "agents.md": agents.TABLES,
     ROOT / "docs" / "nes.md": nes.TABLES,
-    ROOT / "docs" / "scaling.md": scaling.TABLES,
-    ROOT / "docs" / "search.md": search.TABLES,
     ROOT / "docs" / "speed.md": speed.TABLES,
     ROOT / "docs" / "reliability.md": faults.TABLES,
 }

@@ -37,15 +37,13 @@ def main() -> None:
         tell("ray")
         return result
 
-    def run(
-        pool: EvaluationPool, task: Any, architecture: Any, psi: Any, requests: Any, *_: Any
-    ) -> Any:
+    def run(pool: EvaluationPool, task: Any, se: Any, requests: Any, *_: Any) -> Any:
         def stop(result: Any) -> None:
             tell("mlflow and actors", time.time() - result.seconds)
             tell("first evaluation")
             raise KeyboardInterrupt
 
-        return pool_run(pool, task, architecture, psi, requests, stop)
+        return pool_run(pool, task, se, requests[:1], stop)  # a batch of its own
 
     ray.init = init
     EvaluationPool.run = run  # type: ignore[assignment,method-assign]

@@ -1,8 +1,8 @@
 """One evaluation: train a fresh agent on an SE, score it on the real task.
 
-An evaluation is a pure function of its request (and of psi, task and
-architecture): the same request gives the same score wherever and whenever it is
-run, which is what lets a pool of actors run them in any order, and again.
+An evaluation is a pure function of its request (and of the task and the SEs): the same
+request gives the same score wherever and whenever it is run, which is what lets a
+pool of actors run them in any order, and again.
 """
 
 import time
@@ -22,27 +22,47 @@ from bilevel.kernels import training
 from bilevel.kernels.blas import one_blas_thread
 from bilevel.kernels.environment import Environment, environment
 from bilevel.kernels.stopping import NOT_FINITE
-from bilevel.synthetic_env import Architecture, kernel_form
+from bilevel.synthetic_env import SE, Architecture, SEDistribution
 from bilevel.tasks import Task
 
 
 @dataclass(frozen=True)
+class Centre:
+    """The SE at the centre of the search distribution, or an SE that is given."""
+
+
+@dataclass(frozen=True)
+class Perturbed:
+    """The centre + sign * eps, eps drawn by `seed`."""
+
+    seed: int
+    sign: int  # 1 or -1
+
+
+@dataclass(frozen=True)
+class Initialized:
+    """A random SE, drawn by `seed`."""
+
+    seed: int
+
+
+@dataclass(frozen=True)
+class RealTask:
+    """No SE: the agent trains on the real task."""
+
+
+#: What an agent trains on.
+TrainedOn = Centre | Perturbed | Initialized | RealTask
+
+
+@dataclass(frozen=True)
 class EvaluationRequest:
-    """What one evaluation needs besides task, architecture and psi.
+    """What one evaluation needs besides the task, and the SE or the distribution of SEs."""
 
-    The agent trains on the SE psi + sign * eps, eps drawn from `perturbation_seed`;
-    sign 0 is psi itself. `start_seed` replaces psi by a fresh initialisation; on the
-    `real` task there is no SE at all.
-    """
-
-    index: int  # position in the generation
+    index: int  # position among those that are asked for together
     seed: int  # of agent, exploration, minibatches and test episodes
     agent: AgentHyperparameters
-    sign: int = 0
-    perturbation_seed: int = 0
-    std_dev: float = 0.0
-    start_seed: int | None = None
-    real: bool = False
+    on: TrainedOn = Centre()
 
 
 @dataclass(frozen=True)
@@ -52,7 +72,13 @@ class Outcome:
     test_returns: tuple[float, ...]  # of the test episodes on the real task
     train_steps: int
     train_episodes: int
+    real_env_steps: int  # of tests, and of training if that was on the real task
     finite: bool  # False: numbers diverged; the returns are the task's worst
+
+    @property
+    def score(self) -> float:
+        """Mean return of the test episodes on the real task."""
+        return float(np.mean(self.test_returns))
 
 
 @dataclass(frozen=True)
@@ -63,47 +89,34 @@ class EvaluationResult(Outcome):
     index: int
     seconds: float
 
-    @property
-    def score(self) -> float:
-        """Mean return of the test episodes on the real task."""
-        return float(np.mean(self.test_returns))
-
 
 def evaluate(
-    task: Task,
-    architecture: Architecture | None,
-    psi: NDArray[np.float32] | None,
-    request: EvaluationRequest,
+    task: Task, se: SE | SEDistribution | None, request: EvaluationRequest
 ) -> EvaluationResult:
     """TrainAgent, then EvaluateAgent (paper, Algorithm 1).
 
-    `psi` (P,) float32 may be None if the request brings a start seed, or asks for
-    training on the real task.
+    `se` is one SE, on which `Centre` trains, or a distribution, from which the request picks; it
+    may be None for training on the real task.
     """
     started = time.perf_counter()
-    se = None
-    if not request.real:
-        assert architecture is not None
-        se = (architecture, request_psi(architecture, psi, request))
-    outcome = train_and_test(task, se, request.agent, request.seed)
+    outcome = train_and_test(task, requested_se(se, request.on), request.agent, request.seed)
     seconds = time.perf_counter() - started
     return EvaluationResult(**vars(outcome), index=request.index, seconds=seconds)
 
 
-def request_psi(
-    architecture: Architecture, psi: NDArray[np.float32] | None, request: EvaluationRequest
-) -> NDArray[np.float32]:
-    """The SE parameters (P,) that a request asks for."""
-    if request.start_seed is not None:
-        psi = architecture.initialize(np.random.default_rng(request.start_seed))
-    assert psi is not None
-    if request.sign == 0:
-        return psi
-    eps = architecture.perturbation(request.perturbation_seed, request.std_dev)
-    return psi + np.float32(request.sign) * eps
-
-
-SE = tuple[Architecture, NDArray[np.float32]]
+def requested_se(se: SE | SEDistribution | None, on: TrainedOn) -> SE | None:
+    """The SE that a request asks for, None for the real task."""
+    if isinstance(on, RealTask):
+        return None
+    if isinstance(se, SE):
+        assert isinstance(on, Centre)
+        return se
+    assert se is not None
+    if isinstance(on, Perturbed):
+        return se.perturbed(on.seed, on.sign)
+    if isinstance(on, Initialized):
+        return se.random(on.seed)
+    return se.centre
 
 
 def train_and_test(
@@ -127,17 +140,20 @@ def train_and_test(
 
 
 #: Stands where the kernel expects an SE and reads none.
-_SMALLEST = Architecture(1, 1, 1, 1, "tanh")
-_NO_SE = (_SMALLEST, np.zeros(_SMALLEST.parameter_count, np.float32))
+_SMALLEST = Architecture(1, 1, 1, 1, "tanh", 1)
+_NO_SE = SE(_SMALLEST, np.zeros(_SMALLEST.parameter_count, np.float32))
 
 
-def real_returns(task: Task, agent: Any, episodes: int, seed: int) -> NDArray[np.float64]:
-    """Returns (episodes,) of greedy episodes of a compiled agent on the real task."""
+def real_returns(
+    task: Task, agent: Any, episodes: int, seed: int
+) -> tuple[NDArray[np.float64], int]:
+    """Returns (episodes,) of greedy episodes of a compiled agent on the real task, and the
+    steps made there."""
     if task.compiled:
-        returns: NDArray[np.float64] = training.test_returns(
+        returns, steps = training.test_returns(
             agent, _environment(task, None, episodes, seed), episodes
         )
-        return returns
+        return returns, int(steps)
     return task.test_returns(
         lambda state: int(training.greedy_action(agent, state)), episodes, seed % 2**31
     )
@@ -145,13 +161,12 @@ def real_returns(task: Task, agent: Any, episodes: int, seed: int) -> NDArray[np
 
 def _environment(task: Task, se: SE | None, episodes: int, seed: int) -> Environment:
     """An SE, or the compiled real task, with the initial states of so many episodes."""
-    architecture, psi = se or _NO_SE
     return environment(
-        kernel_form(architecture, psi),
+        (se or _NO_SE).kernel,
         se is not None,
         task.dynamics,
         task.state_size,
-        task.step_limit if se is None else architecture.step_limit(task),
+        task.step_limit if se is None else se.architecture.step_limit,
         task.solved_reward,
         task.initial_physics(np.random.default_rng(seed), episodes),
     )
@@ -186,8 +201,13 @@ class _Run:
         parameters = registered.kernel_parameters(agent)
         if reason == NOT_FINITE or not all(np.isfinite(p).all() for p in parameters):
             return self._diverged(steps, episodes)
-        returns = real_returns(task, agent, hp.test_episodes, self.test_seed)
-        return Outcome(tuple(returns.tolist()), steps, episodes, True)
+        returns, tested = real_returns(task, agent, hp.test_episodes, self.test_seed)
+        real = tested + self._real_steps(steps)
+        return Outcome(tuple(returns.tolist()), steps, episodes, real, True)
+
+    def _real_steps(self, train_steps: int) -> int:
+        """Steps of the training that were made on the real task."""
+        return train_steps if self.se is None else 0
 
     def interpreted(self) -> Outcome:
         """By the agent's definition: the same, slower, and for every agent and task."""
@@ -212,27 +232,30 @@ class _Run:
         steps, episodes, finite = train_in_python(agent, hp, env, stop)
         if not finite:
             return self._diverged(steps, episodes)
-        return Outcome(self._tested(agent), steps, episodes, True)
+        returns, tested = self._tested(agent)
+        return Outcome(returns, steps, episodes, tested + self._real_steps(steps), True)
 
-    def _tested(self, agent: Agent) -> tuple[float, ...]:
-        """EvaluateAgent for an agent in Python: the returns of greedy episodes."""
+    def _tested(self, agent: Agent) -> tuple[tuple[float, ...], int]:
+        """EvaluateAgent for an agent in Python: the returns of greedy episodes, and the steps."""
         n = self.hp.test_episodes
         if not self.task.compiled:
-            returns = self.task.test_returns(agent.greedy, n, self.test_seed % 2**31)
-            return tuple(returns.tolist())
+            returns, made = self.task.test_returns(agent.greedy, n, self.test_seed % 2**31)
+            return tuple(returns.tolist()), made
         environment = _environment(self.task, None, n, self.test_seed)
-        env, totals = KernelEnvironment(environment), [0.0] * n
+        env, totals, made = KernelEnvironment(environment), [0.0] * n, 0
         for episode in range(n):
             state = env.reset(episode)
             for _ in range(env.step_limit):
                 state, reward, done = env.step(agent.greedy(state))
                 totals[episode] += reward
+                made += 1
                 if done > 0.5:
                     break
-        return tuple(totals)
+        return tuple(totals), made
 
     def _diverged(self, steps: int, episodes: int) -> Outcome:
-        return Outcome((self.task.worst_score,) * self.hp.test_episodes, steps, episodes, False)
+        worst = (self.task.worst_score,) * self.hp.test_episodes
+        return Outcome(worst, steps, episodes, self._real_steps(steps), False)
 
 
 def schedule(hp: AgentHyperparameters) -> training.Schedule:

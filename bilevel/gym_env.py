@@ -4,7 +4,7 @@
     env = gymnasium.make("bilevel/SyntheticEnv-v0", path="best_se.safetensors")
 
 Observations start from the real task's reset distribution and follow the SE from
-then on; the episode is cut at the SE's step limit, the real task's or a share of it.
+then on; the episode is truncated at the SE's own step limit.
 `info["done"]` is the raw done output, which terminates above 0.5.
 """
 
@@ -29,12 +29,12 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     metadata = {"render_modes": []}  # noqa: RUF012
 
     def __init__(self, path: str | Path) -> None:
-        from bilevel.synthetic_env import kernel_form, load_se
+        from bilevel.synthetic_env import load_se
 
         se = load_se(Path(path))
         self._task = se.task()
-        self._step_limit = se.architecture.step_limit(self._task)
-        self._kernel = kernel_form(se.architecture, se.psi)
+        self._step_limit = se.architecture.step_limit
+        self._kernel = se.se.kernel
         self._work = np.zeros((2, 3 * se.architecture.hidden_size), np.float32)
         self._state = np.zeros(se.architecture.state_size, np.float32)
         self._steps = 0

@@ -19,8 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from bilevel.agents.variation import draw_agent
 from bilevel.durable import write_aside
-from bilevel.evaluation import EvaluationRequest, EvaluationResult
+from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, RealTask
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
@@ -40,7 +41,6 @@ from cluster.views.evaluation import (
     EvaluationViews,
 )
 from cluster.views.plots import png
-from search_spaces import draw_agent
 
 #: Names the seeds apart from all others that a run derives.
 _EVALUATE = 0x4556_414C
@@ -68,7 +68,7 @@ class EvaluateCommand:
             "seed": self.seed,
             "vary": self.vary,
             "sources": {
-                label: "real" if se is None else se.digest for label, se in self.sources.items()
+                label: "real" if se is None else se.se.digest for label, se in self.sources.items()
             },
             "kinds": {hp.agent: asdict(hp) for hp in self.kinds},
         }
@@ -77,7 +77,8 @@ class EvaluateCommand:
         """Agent `i` of a kind."""
         seed = np.random.SeedSequence([self.seed, _EVALUATE, i])
         word = int(seed.generate_state(1, np.uint64)[0])
-        return EvaluationRequest(i, word, draw_agent((hp,), self.vary, word), real=real)
+        on = RealTask() if real else Centre()
+        return EvaluationRequest(i, word, draw_agent((hp,), self.vary, word), on)
 
 
 def run_evaluate(command: EvaluateCommand) -> list[Group]:
@@ -150,9 +151,7 @@ class _UnderWay:
                 EvaluationRequest(**{**vars(requests[key]), "index": place})
                 for place, key in enumerate(missing)
             ]
-            architecture = se.architecture if se else None
-            psi = se.psi if se else None
-            self.pool.run(command.task, architecture, psi, numbered, keep)
+            self.pool.run(command.task, se.se if se else None, numbered, keep)
         return [
             Group(
                 label,

@@ -9,17 +9,17 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import EvaluationRequest
-from bilevel.hyperparameters import Hyperparameters
-from bilevel.nes import fitness, worth_of
+from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
+from bilevel.nes.algorithm import as_turn
 from bilevel.synthetic_env import StoredSE, save_se
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool
 from cluster.run_folder import Final, add_final
-from search_spaces import draw_agent
 
 #: Name the fresh seeds apart from all others that a run derives.
-_RETEST, _FINAL = 0x5245_5445, 0x4649_4E41
+_RETEST, _CONFIRM, _FINAL = 0x5245_5445, 0x434F_4E46, 0x4649_4E41
 
 #: What fresh seeds are derived from: the run's seed, and when in the run.
 Seed = tuple[int, ...]
@@ -35,12 +35,14 @@ class FinalScore:
     scores: NDArray[np.float64]
     train_steps: NDArray[np.int64]
     solved_reward: float
+    real_env_steps: int = 0  # of the tests
 
     def __add__(self, other: Self) -> Self:
-        """Of these agents and those."""
+        """Of the agents of both."""
         scores = np.concatenate([self.scores, other.scores])
         steps = np.concatenate([self.train_steps, other.train_steps])
-        return replace(self, scores=scores, train_steps=steps)
+        real = self.real_env_steps + other.real_env_steps
+        return replace(self, scores=scores, train_steps=steps, real_env_steps=real)
 
     def metrics(self) -> dict[str, float]:
         """As metrics for MLflow."""
@@ -103,22 +105,21 @@ def choose_best(
     on_test: Callable[[], None] = lambda: None,
     rounds: Sequence[Round] = RETEST,
 ) -> Contender:
-    """The best by `worth_of`, among equals the one that took fewer steps; contenders come best
-    first. Each round trains more fresh agents, the same for all, on those that are left, and
-    keeps the best of them for the next (successive halving, Jamieson and Talwalkar, 2016)."""
+    """The one whose agents score highest, among equals the one that took fewer steps; contenders
+    come best first. Each round trains more fresh agents, the same for all, on those that are
+    left, and keeps the best of them for the next (successive halving)."""
     if len(contenders) == 1:
         return contenders[0]
     none = FinalScore(np.empty(0), np.empty(0, np.int64), task.solved_reward)
     tried = [(contender, none) for contender in contenders]
 
-    def rank(one: tuple[Contender, FinalScore]) -> tuple[float, float, float]:
-        contender, found = one
-        fit = fitness(task, contender.hp.nes, found.scores, found.train_steps)
-        worth = worth_of(found.scores.mean(), fit.mean(), task.solved_reward)
-        return *worth, -found.train_steps.mean()
+    def rank(one: tuple[Contender, FinalScore]) -> tuple[float, float]:
+        found = one[1]
+        return float(found.scores.mean()), -float(found.train_steps.mean())
 
     def more(contender: Contender, agents: range) -> FinalScore:
-        return _fresh_agents(task, contender, agents, (*seed, _RETEST), pool, on_test)
+        drawn = _agents(contender.hp, contender.hp.vary_agent, agents, (*seed, _RETEST))
+        return _tested(task, contender.se, drawn, pool, on_test)
 
     for one in rounds:
         tried = [
@@ -132,32 +133,57 @@ def choose_best(
 def score_anew(
     task: Task, contender: Contender, agents: int, seed: Seed, pool: EvaluationPool
 ) -> FinalScore:
-    """Train `agents` fresh agents on the SE, with seeds nothing was chosen by."""
-    return _fresh_agents(task, contender, range(agents), (*seed, _FINAL), pool)
+    """Train `agents` fresh agents on the SE, with seeds nothing was chosen by: by the stopping
+    rule, and, if agents vary, drawn from the whole of the paper's ranges."""
+    hp = contender.hp
+    vary = "no" if hp.vary_agent == "no" else "all"
+    impatient = replace(hp, nes=replace(hp.nes, patient_episodes=0))
+    drawn = _agents(impatient, vary, range(agents), (*seed, _FINAL))
+    return _tested(task, contender.se, drawn, pool)
 
 
-def _fresh_agents(
+def confirmed(
+    task: Task, contender: Contender, agents: int, seed: Seed, pool: EvaluationPool
+) -> dict[str, FinalScore]:
+    """The scores of fresh agents, by what these are called: of such as NES has, patient ones among
+    them, and, if these solve the task, of agents as in `score_anew`, which may take far longer."""
+    drawn = _agents(contender.hp, contender.hp.vary_agent, range(agents), (*seed, _CONFIRM))
+    score = _tested(task, contender.se, drawn, pool)
+    scores = {f"{agents} fresh agents": score}
+    if score.scores.mean() >= task.solved_reward and contender.hp.vary_agent != "no":
+        scores[f"{agents} of all sizes"] = score_anew(task, contender, agents, seed, pool)
+    return scores
+
+
+#: An agent's hyperparameters, and the seed of its evaluation.
+Drawn = tuple[AgentHyperparameters, int]
+
+
+def _agents(hp: Hyperparameters, vary: str, numbers: range, seed: Seed) -> list[Drawn]:
+    """The fresh agents of these numbers; every second one is patient, if NES has such."""
+    words = np.random.SeedSequence(seed).generate_state(numbers.stop, np.uint64)
+    drawn = []
+    for number in numbers:
+        agent = draw_agent(hp.agents, vary, int(words[number]))
+        drawn.append((as_turn(agent, hp.nes, number), int(words[number])))
+    return drawn
+
+
+def _tested(
     task: Task,
-    contender: Contender,
-    agents: range,
-    seed: Seed,
+    se: StoredSE,
+    agents: Sequence[Drawn],
     pool: EvaluationPool,
     on_test: Callable[[], None] = lambda: None,
 ) -> FinalScore:
-    """The agents of these numbers."""
-    se, hp = contender.se, contender.hp
-    drawn = np.random.SeedSequence(seed).generate_state(agents.stop, np.uint64)
-    words = [int(drawn[number]) for number in agents]
-    requests = [
-        EvaluationRequest(i, word, draw_agent(hp.agents, hp.vary_agent, word))
-        for i, word in enumerate(words)
-    ]
-    results = pool.run(task, se.architecture, se.psi, requests, lambda result: on_test())
+    requests = [EvaluationRequest(i, seed, agent) for i, (agent, seed) in enumerate(agents)]
+    results = pool.run(task, se.se, requests, lambda result: on_test())
     results = sorted(results, key=lambda result: result.index)
     return FinalScore(
-        np.array([r.score if np.isfinite(r.score) else task.worst_score for r in results]),
+        np.array([result.score for result in results]),
         np.array([result.train_steps for result in results]),
         task.solved_reward,
+        sum(result.real_env_steps for result in results),
     )
 
 

@@ -2,15 +2,22 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from bilevel.durable import write_aside
 from bilevel.nes import NESState
 from bilevel.synthetic_env import save_se
-from cluster.final import LAST_FILE, Contender, choose_best, hand_over, score_anew
+from cluster.final import (
+    LAST_FILE,
+    Contender,
+    choose_best,
+    confirmed,
+    hand_over,
+    score_anew,
+)
 from cluster.interrupts import InterruptGuard
 from cluster.live_run import live_run
-from cluster.nes_loop import NESRun
+from cluster.nes_loop import NESRun, start_of
 from cluster.place import Place
 from cluster.pool import EvaluationPool
 from cluster.progress import Terminal, count, duration, generation_line
@@ -21,21 +28,20 @@ from cluster.views import NESViews, plots
 
 #: Fresh agents that must solve the task on average for a run to stop early, and
 #: those that score the best SE at the end, with seeds of their own.
-CONFIRMING_AGENTS, FINAL_AGENTS = 32, 10
+CONFIRMING_AGENTS, FINAL_AGENTS = 16, 10
 
 
 @dataclass(frozen=True)
 class NESCommand:
     """An NES run, and how and where it is run this time.
 
-    `solved_for`: generations in a row that must solve the task before the best SE is
-    tested by agents nothing was chosen by; if these solve it too, the run stops.
+    Once the run is solved (`nes.solved_for`), the best SE is tested by agents nothing was chosen
+    by; if these solve the task too, the run stops.
     """
 
     run: NESRun
     place: Place
     workers: int | None = None  # actors; None: one a core of the cluster
-    solved_for: int = 2
 
 
 def run_nes(command: NESCommand) -> NESState:
@@ -90,19 +96,34 @@ class _UnderWay:
         run, line = self.run, self.terminal.line
         nes = run.hp.nes
         line(
-            f"NES on {run.task.id}: population {nes.population_size}, update {nes.update}, at "
-            f"most {nes.generations} generations, {self.pool.size} worker(s), seed {run.seed}"
+            f"NES on {run.task.id}: {start_of(nes)}, rule {nes.update}, SE structure "
+            f"{run.hp.se.structure}, population {nes.population_size}, at most "
+            f"{nes.generations} generations, {self.pool.size} worker(s), seed {run.seed}"
         )
         line(f"folder {run.folder}; to look at it: {self.tracker.address}")
 
     def _open(self) -> NESState:
-        nes = self.run.hp.nes
-        fits = nes.start_candidates if nes.start == "fitted" else 0
-        steps, unit = fits + nes.start_evaluations, "fits and tests" if fits else "tests"
-        self.terminal.bar("choosing the start", 0, max(steps, 1), unit)
-        state = self.run.open(self.pool, self.terminal.step, self.terminal.line)
+        if self.run.hp.nes.start == "distilled":
+            self.terminal.line("distilling the start from action values of the real task")
+        state = self.run.open(self.terminal.line)
         if state.generation > 0:
             self.terminal.line(f"going on after generation {state.generation - 1}")
+        return state
+
+    def _chosen(self, state: NESState) -> NESState:
+        """The state once the start of this attempt is chosen."""
+        if state.race is None:
+            return state
+        if state.attempt:
+            self.terminal.line(
+                f"no new best SE for {self.run.hp.nes.restart_after} generations: attempt "
+                f"{state.attempt + 1} begins from other random SEs"
+            )
+        self.terminal.line(f"choosing a start among {state.race.candidates} random SEs")
+        self.terminal.bar("choosing the start", 0, state.race.evaluations, "evaluations")
+        while not state.started:
+            self.guard.check()
+            state = self.run.advance(state, self.pool, lambda result: self.terminal.step())
         return state
 
     def _generations(
@@ -114,9 +135,14 @@ class _UnderWay:
         started, first = time.monotonic(), state.generation
         while True:
             self.guard.check()
+            state = self._chosen(state)
             # Asked before each generation, so that a run that was killed asks again.
-            due = state.solved_streak > 0 and state.solved_streak % self.command.solved_for == 0
-            best = self._confirmed(state) if due else None
+            best = None
+            if state.solved_for_long(nes):
+                before = self.pool.real_env_steps
+                best = self._confirmed(state)
+                real_steps = state.real_env_steps + self.pool.real_env_steps - before
+                state = replace(state, real_env_steps=real_steps)
             if best is not None or state.generation >= nes.generations:
                 return state, best
             done = state.generation - first
@@ -138,12 +164,12 @@ class _UnderWay:
         """
         run, best = self.run, self._best(state)
         seed = (run.seed, state.generation)
-        score = score_anew(run.task, best, CONFIRMING_AGENTS, seed, self.pool).scores.mean()
-        solved = bool(score >= run.task.solved_reward)
+        self.terminal.bar("confirming", 0, 1, "")
+        scores = confirmed(run.task, best, CONFIRMING_AGENTS, seed, self.pool)
+        solved = all(score.scores.mean() >= run.task.solved_reward for score in scores.values())
+        told = " and ".join(f"{s.scores.mean():.1f} with {kind}" for kind, s in scores.items())
         verdict = "solved" if solved else "not yet solved, going on"
-        self.terminal.line(
-            f"the best SE scores {score:.1f} with {CONFIRMING_AGENTS} others: {verdict}"
-        )
+        self.terminal.line(f"the best SE scores {told}: {verdict}")
         return best if solved else None
 
     def _best(self, state: NESState) -> Contender:
@@ -158,13 +184,17 @@ class _UnderWay:
         reason = "all generations done" if best is None else "solved and stayed solved"
         seconds = duration(sum(record.generation_seconds for record in state.records))
         line(f"{reason}: {count(state.generation, 'generation')} in {seconds}")
+        before = self.pool.real_env_steps
         best = best or self._best(state)
         score = score_anew(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
+        real_steps = state.real_env_steps + self.pool.real_env_steps - before
+        line(f"{real_steps} steps on the real task, nearly all of them in tests")
+        se = replace(best.se, info={**best.se.info, "real_env_steps": real_steps})
         save_se(run.last_se(state), run.folder / LAST_FILE)
         title = f"{run.folder.name} on {run.task.id}"
         figure = plots.learning_curve(state.records, run.task, title)
         write_aside(run.folder / "learning_curve.png", plots.png(figure))
-        path = hand_over(best.se, score, run.folder, state.generation)
+        path = hand_over(se, score, run.folder, state.generation)
         line(str(score))
         line(f"best SE: {path}  ({model_address(run.task.id)} in MLflow's model registry)")
         line("look at the curves with `make ui`; use the SE with")

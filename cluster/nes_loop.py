@@ -6,24 +6,29 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from bilevel import __version__
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import EvaluationResult
-from bilevel.hyperparameters import Hyperparameters
+from bilevel.hyperparameters import Hyperparameters, NESHyperparameters
 from bilevel.nes import NES, NESState
-from bilevel.synthetic_env import StoredSE
+from bilevel.synthetic_env import SE, StoredSE
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool
 from cluster.run_folder import Standing, read_settings, stored_task
-from search_spaces import draw_agent
 
 STATE_FILE = "state.safetensors"
 
 #: The kind of run that `settings.json` tells, of one that is no study's.
 KIND = "nes"
+
+
+def start_of(nes: NESHyperparameters) -> str:
+    """What a run starts from, in words."""
+    if nes.start == "distilled":
+        return "from an SE distilled from values of the real task"
+    if nes.start_candidates == 1:
+        return "from a random SE"
+    return f"from the best of {nes.start_candidates} random SEs"
 
 
 @dataclass(frozen=True)
@@ -37,6 +42,9 @@ class NESRun:
     hp: Hyperparameters
     seed: int
     folder: Path
+
+    def __post_init__(self) -> None:
+        _ = self.nes  # raises InvalidInput before anything is written
 
     def settings(self) -> dict[str, Any]:
         """What must stay the same when the run is continued: all but the number of
@@ -60,12 +68,12 @@ class NESRun:
     @property
     def nes(self) -> NES:
         """The algorithm."""
-        return NES(self.task, self.hp, self.seed, draw_agent)
+        return NES(self.task, self.hp, self.seed)
 
     def load(self) -> NESState | None:
         """The state on disk, if there is one. Raises InvalidInput if damaged."""
         path = self.folder / STATE_FILE
-        return NESState.load(path) if path.exists() else None
+        return NESState.load(path, self.task, self.hp.se) if path.exists() else None
 
     def load_if_sound(self) -> NESState | None:
         """The same; a damaged one, which will be run again, counts as none till then."""
@@ -74,13 +82,8 @@ class NESRun:
         except InvalidInput:
             return None
 
-    def open(
-        self,
-        pool: EvaluationPool,
-        on_step: Callable[[], None] = lambda: None,
-        tell: Callable[[str], None] = lambda line: None,
-    ) -> NESState:
-        """The state on disk, or a new start, which may take fits and evaluations.
+    def open(self, tell: Callable[[str], None] = lambda line: None) -> NESState:
+        """The state on disk, or a new one.
 
         A damaged checkpoint is set aside, which is told, and the run begins anew:
         it comes to the same state again.
@@ -94,13 +97,7 @@ class NESRun:
             path.replace(aside)
             tell(f"{error}; it is now {aside.name!r}, and its generations are run again")
         if state is None:
-            nes = self.nes
-            state = nes.start(
-                lambda psi, requests: pool.run(
-                    self.task, nes.architecture, psi, requests, lambda result: on_step()
-                ),
-                lambda seeds: pool.fits(self.task, nes.architecture, seeds, on_step),
-            )
+            state = self.nes.init()
             state.save(self.folder / STATE_FILE)
         return state
 
@@ -110,12 +107,14 @@ class NESRun:
         pool: EvaluationPool,
         on_result: Callable[[EvaluationResult], None] = lambda result: None,
     ) -> NESState:
-        """Run one generation; it is on disk when this returns. Raises StorageFailure."""
-        nes = self.nes
+        """Run one round of the choice of a start, or one generation; it is on disk when this
+        returns. Raises StorageFailure."""
+        nes, before = self.nes, state.generation
         started = time.perf_counter()
-        results = pool.run(self.task, nes.architecture, state.psi, nes.ask(state), on_result)
-        seconds = time.perf_counter() - started
-        state = nes.tell(state, results, seconds, time.time(), pool.size)
+        results = pool.run(self.task, state.se, nes.ask(state), on_result)
+        state = nes.tell(state, results)
+        if state.generation > before:
+            state = state.timed(time.perf_counter() - started, pool.size, time.time())
         state.save(self.folder / STATE_FILE)
         return state
 
@@ -123,7 +122,7 @@ class NESRun:
         self, generations: int, pool: EvaluationPool, tell: Callable[[str], None]
     ) -> NESState:
         """The state once the run has that many generations, run here if need be."""
-        state = self.open(pool, tell=tell)
+        state = self.open(tell)
         while state.generation < generations:
             state = self.advance(state, pool)
         return state
@@ -132,12 +131,13 @@ class NESRun:
         """The best SEs so far, best first, as they go to files."""
         return [
             self._stored(
-                f.psi,
+                state,
+                state.se.at(f.theta),
                 {
                     "generation": f.generation,
                     "score_mean": f.score_mean,
-                    "fitness_mean": f.fitness_mean,
                     "perturbed_score_mean": f.perturbed_score_mean,
+                    "train_steps_mean": state.records[f.generation].train_steps_mean,
                 },
             )
             for f in state.finalists
@@ -145,12 +145,11 @@ class NESRun:
 
     def last_se(self, state: NESState) -> StoredSE:
         """The current SE, which no agent has been trained on yet."""
-        return self._stored(state.psi, {"generation": state.generation})
+        return self._stored(state, state.se.centre, {"generation": state.generation})
 
-    def _stored(self, psi: NDArray[np.float32], info: dict[str, object]) -> StoredSE:
+    def _stored(self, state: NESState, se: SE, info: dict[str, object]) -> StoredSE:
         return StoredSE(
-            self.nes.architecture,
-            psi,
+            se,
             self.task.id,
             self.task.step_limit,
             self.task.solved_reward,
@@ -158,6 +157,7 @@ class NESRun:
                 "hyperparameters": self.hp.to_dict(),
                 "seed": self.seed,
                 "bilevel_version": __version__,
+                "real_env_steps": state.real_env_steps,
                 **info,
             },
         )

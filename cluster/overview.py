@@ -7,7 +7,6 @@ from rich.console import Console
 from rich.table import Table
 
 from bilevel.errors import InvalidInput
-from bilevel.nes import NESState
 from cluster.bohb.journal import Journal
 from cluster.bohb.study import KIND as STUDY_KIND
 from cluster.bohb.study import Study
@@ -15,7 +14,7 @@ from cluster.bohb.summary import StudySummary
 from cluster.home import Home
 from cluster.lines import Lines
 from cluster.nes_loop import KIND as NES_KIND
-from cluster.nes_loop import STATE_FILE
+from cluster.nes_loop import NESRun
 from cluster.profiles import ENDLESS
 from cluster.run_folder import Standing, finals, is_held, read_settings
 from cluster.views.evaluation import KIND as EVALUATION_KIND
@@ -82,11 +81,8 @@ def _study(folder: Path, brackets: int) -> tuple[str, str]:
 
 
 def _nes(folder: Path, generations: int) -> tuple[str, str]:
-    path = folder / STATE_FILE
-    if not path.exists():
-        return f"0/{generations} generations", ""
-    state = NESState.load(path)
-    if not state.records:
+    state = NESRun.read(folder).load()
+    if state is None or not state.records:
         return f"0/{generations} generations", ""
     return f"{state.generation}/{generations} generations", f"{state.best_score:.1f}"
 

@@ -1,28 +1,24 @@
-"""A pool of Ray actors that evaluates SEs, and fits them.
+"""A pool of Ray actors that evaluates SEs.
 
-Requests are handed out as actors become free, the longest first (`request_queue`), and
-only to actors that have arrived: nodes may come and go. An actor that dies is replaced
+Requests are handed out in batches as actors become free, the longest first (`request_queue`),
+and only to actors that have arrived: nodes may come and go. An actor that dies is replaced
 and what it held is run again, which changes nothing: an answer depends on its request alone.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, Self
 
-import numpy as np
 import ray
-from numpy.typing import NDArray
 from ray.exceptions import RayError, RayTaskError
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
-from bilevel.nes import Psi
-from bilevel.synthetic_env import Architecture
-from bilevel.synthetic_env.fitted import fitted_psi
+from bilevel.synthetic_env import SE, SEDistribution
 from bilevel.tasks import Task
 from cluster.ray_cluster import fair_share, require_capacity
-from cluster.request_queue import FitRequest, Request, RequestQueue
+from cluster.request_queue import Batch, RequestQueue
 
-#: Deaths of actors on one and the same request after which it is given up: then it
-#: is the request (out of memory, say) and not the machine. Likewise deaths in a row of
+#: Deaths of actors on one and the same batch after which it is given up: then it
+#: is a request of it (out of memory, say) and not the machine. Likewise deaths in a row of
 #: actors that have not even arrived.
 MAX_DEATHS = 5
 
@@ -34,16 +30,9 @@ class _Worker:
         """Returns once the actor is up."""
 
     def evaluate(
-        self,
-        task: Task,
-        architecture: Architecture | None,
-        psi: NDArray[np.float32] | None,
-        request: EvaluationRequest,
-    ) -> EvaluationResult:
-        return evaluate(task, architecture, psi, request)
-
-    def fit(self, task: Task, architecture: Architecture, request: FitRequest) -> Psi:
-        return fitted_psi(task, architecture, request.seed)
+        self, task: Task, se: SE | SEDistribution | None, batch: Batch
+    ) -> list[EvaluationResult]:
+        return [evaluate(task, se, request) for request in batch.requests]
 
 
 class EvaluationPool:
@@ -59,6 +48,8 @@ class EvaluationPool:
         self._deaths_on_arrival = 0
         #: Seconds its actors have spent in evaluations.
         self.kernel_seconds = 0.0
+        #: Steps on the real task that its evaluations have made.
+        self.real_env_steps = 0
 
     @classmethod
     def on_cluster(cls, workers: int | None) -> Self:
@@ -90,78 +81,54 @@ class EvaluationPool:
     def run(
         self,
         task: Task,
-        architecture: Architecture | None,
-        psi: NDArray[np.float32] | None,
+        se: SE | SEDistribution | None,
         requests: Sequence[EvaluationRequest],
         on_result: Callable[[EvaluationResult], None] = lambda result: None,
     ) -> list[EvaluationResult]:
-        """Answers to all requests, in no particular order; psi (P,) is sent once.
+        """Answers to all requests, in no particular order; the SE, or the distribution that
+        requests draw from, is sent once.
 
-        Raises RuntimeError if actors keep dying on one request.
+        Raises RuntimeError if actors keep dying on one batch of requests.
         """
-        results = []
-        for _, result in self._answers("evaluate", (task, architecture, psi), requests):
-            self.kernel_seconds += result.seconds
-            results.append(result)
-            on_result(result)
-        return results
-
-    def fits(
-        self,
-        task: Task,
-        architecture: Architecture,
-        seeds: Sequence[int],
-        on_fit: Callable[[], None] = lambda: None,
-    ) -> list[Psi]:
-        """psi (P,) of the SEs fitted to the task by these seeds, in their order.
-
-        Raises RuntimeError if actors keep dying on one of them.
-        """
-        requests = [FitRequest(index, seed) for index, seed in enumerate(seeds)]
-        fitted: dict[int, Psi] = {}
-        for request, psi in self._answers("fit", (task, architecture), requests):
-            fitted[request.index] = np.array(psi)  # Ray's own must not be written to
-            on_fit()
-        return [fitted[index] for index in range(len(requests))]
-
-    def _answers(
-        self, method: str, shared: Sequence[Any], requests: Sequence[Request]
-    ) -> Iterator[tuple[Request, Any]]:
-        """Every request with what an actor's method returns for it; what they share is sent
-        once."""
-        sent = [ray.put(item) for item in shared]
+        sent = [ray.put(task), ray.put(se)]
         waiting = RequestQueue(requests, self.size)
-        held: list[list[Request]] = [[] for _ in self._actors]  # oldest first
+        held: list[list[Batch]] = [[] for _ in self._actors]  # oldest first
         running: dict[Any, int] = {}  # reference -> actor
         deaths: dict[int, int] = {}
+        results: list[EvaluationResult] = []
         while waiting or running:
             for slot in sorted(self._arrived, key=lambda k: len(held[k])):  # idle ones first
-                while (request := waiting.take(held[slot])) is not None:
-                    ask = getattr(self._actors[slot], method)
-                    running[ask.remote(*sent, request)] = slot
-                    held[slot].append(request)
+                while (batch := waiting.take(held[slot])) is not None:
+                    running[self._actors[slot].evaluate.remote(*sent, batch)] = slot
+                    held[slot].append(batch)
             (done,), _ = ray.wait([*running, *self._arriving], num_returns=1)
             if done in self._arriving:
                 self._receive(done)
                 continue
             slot = running.pop(done)
             try:
-                answer = ray.get(done)
+                answers = ray.get(done)
             except RayTaskError:
                 raise
-            except RayError as error:  # of actor, node or object: the request is unharmed
+            except RayError as error:  # of actor, node or object: the requests are unharmed
                 fatal = held[slot][0].index
                 deaths[fatal] = deaths.get(fatal, 0) + 1
                 if deaths[fatal] >= MAX_DEATHS:
                     raise RuntimeError(
-                        f"{MAX_DEATHS} actors died on request {fatal}: {error}"
+                        f"{MAX_DEATHS} actors died on batch {fatal}: {error}"
                     ) from error
                 self._replace(slot)
                 running = {other: k for other, k in running.items() if k != slot}
                 waiting.put_back(held[slot])
                 held[slot] = []
-            else:
-                yield held[slot].pop(0), answer
+                continue
+            held[slot].pop(0)
+            for result in answers:
+                self.kernel_seconds += result.seconds
+                self.real_env_steps += result.real_env_steps
+                results.append(result)
+                on_result(result)
+        return results
 
     def _receive(self, reference: Any) -> None:
         """An actor has arrived, or died on the way and is replaced."""

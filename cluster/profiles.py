@@ -1,13 +1,10 @@
 """How a search goes: its method, and its size in named sets of settings, each of them
 overridable on the command line."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from bilevel.errors import one_of
-from bilevel.hyperparameters import Hyperparameters, best_preset, load_preset
-from bilevel.tasks import Task
-from search_spaces import SPACES
+from bilevel.hyperparameters import Hyperparameters
 
 #: What proposes a study's configurations, by name: hpbandster's model, or chance; `random` runs
 #: all of them at the largest budget.
@@ -27,13 +24,11 @@ class Profile:
     """
 
     space: str
-    population: int
+    population: int | None  # None: the recipe's
     smallest_budget: int  # generations of the lowest rung
     largest_budget: int  # generations of the highest rung
     cycle: int | None  # of brackets (`Schedule`); None is Hyperband's
-    max_episodes: int  # an agent trains on an SE
-    start: str  # of NES, and the candidates it is chosen from (fitted: one for all)
-    start_candidates: int
+    start_candidates: int | None  # random SEs; None: the recipe's
     brackets: int
     time_budget: float | None
     final_agents: int  # trained on the best SE at the end, with fresh seeds
@@ -41,13 +36,11 @@ class Profile:
 
 PROFILES = {
     # All three layers, small: to see that it works.
-    "smoke": Profile("core", 2, 1, 3, None, 15, "random", 1, 2, None, 4),
-    # A good configuration on a laptop, in half an hour. A single generation tells nothing of
-    # NES's own hyperparameters: its score is that of the start. Three tell enough that no bracket
-    # need begin with nine.
-    "local": Profile("core", 8, 3, 9, 1, 1000, "fitted", 4, ENDLESS, 30 * 60.0, 10),
-    # The paper's scale (Table "Fixed hyperparameters").
-    "paper": Profile("full", 16, 7, 200, None, 1000, "random", 1, 12, None, 10),
+    "smoke": Profile("core", 2, 1, 3, None, 2, 2, None, 4),
+    # A good configuration on a laptop, in half an hour.
+    "local": Profile("core", None, 5, 15, 1, None, ENDLESS, 30 * 60.0, 10),
+    # The paper's scale (Table "Fixed hyperparameters"); with --recipe paper its method, too.
+    "paper": Profile("full", 16, 7, 200, None, None, 12, None, 10),
 }
 
 
@@ -65,19 +58,12 @@ def get_profile(name: str) -> Profile:
     return PROFILES[name]
 
 
-def base_hyperparameters(
-    profile: Profile, task: Task, agents: Sequence[str] = ("ddqn",)
-) -> Hyperparameters:
-    """What a configuration leaves unsaid: the task's preset, in the profile's size."""
-    base = load_preset(best_preset(task.id), task.id, SPACES[profile.space], agents)
-    return replace(
-        base,
-        nes=replace(
-            base.nes,
-            population_size=profile.population,
-            generations=profile.largest_budget,
-            start=profile.start,
-            start_candidates=profile.start_candidates,
-        ),
-        agents=tuple(replace(hp, max_episodes=profile.max_episodes) for hp in base.agents),
-    )
+def sized(hp: Hyperparameters, profile: Profile) -> Hyperparameters:
+    """What a configuration leaves unsaid: a recipe, in the profile's size. A search compares runs
+    of equal length, so none of them stops early or begins again."""
+    nes = replace(hp.nes, generations=profile.largest_budget, solved_for=0, restart_after=0)
+    if profile.population is not None:
+        nes = replace(nes, population_size=profile.population)
+    if profile.start_candidates is not None and nes.start == "random":
+        nes = replace(nes, start_candidates=profile.start_candidates)
+    return replace(hp, nes=nes)

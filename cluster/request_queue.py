@@ -1,4 +1,4 @@
-"""In which order a pool's actors get their requests, and how early.
+"""In which batches and order a pool's actors get their requests, and how early.
 
 Results do not depend on it, an evaluation being a function of its request alone; the
 time does, by what actors wait for the driver and, at the end, for the slowest of them.
@@ -7,72 +7,80 @@ time does, by what actors wait for the driver and, at the end, for the slowest o
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Generic, TypeVar
 
-from bilevel.evaluation import EvaluationRequest
+from bilevel.evaluation import Centre, EvaluationRequest
 
-#: A busy actor gets its next request early while all that wait would keep every actor
+#: Batches an actor into which requests are divided: a round trip to an actor costs about a
+#: millisecond, and an evaluation may take five.
+BATCHES = 8
+
+#: A busy actor gets its next batch early while all that wait would keep every actor
 #: busy for so many times what that one would then have to do (docs/speed.md).
 EARLY_MARGIN = 1.5
 
 
 @dataclass(frozen=True)
-class FitRequest:
-    """An SE is to be fitted to the task, by this seed."""
+class Batch:
+    """Requests that one actor answers in one call."""
 
-    index: int  # among those that are asked for together
-    seed: int
+    index: int
+    requests: tuple[EvaluationRequest, ...]
+
+    @property
+    def cost(self) -> float:
+        """Expected, in multiplications a training step."""
+        return sum(request.agent.step_cost for request in self.requests)
 
 
-#: What an actor is asked for.
-Request = TypeVar("Request", EvaluationRequest, FitRequest)
-
-
-class RequestQueue(Generic[Request]):
-    """Requests that none of `actors` actors has yet, longest expected first.
+def batches(requests: Sequence[EvaluationRequest], actors: int) -> list[Batch]:
+    """All requests, longest expected first, in batches of about equal cost.
 
     What is long must not begin last, when the other actors have nothing left to do
     (Graham, 1969). How many steps an agent will train is not known (its SE is new),
-    but what a step costs is; and agents on psi itself tend to stop sooner than those on
-    psi +- eps.
+    but what a step costs is; and agents on the unperturbed SE tend to stop sooner.
     """
+    ordered = sorted(requests, key=lambda one: (-one.agent.step_cost, isinstance(one.on, Centre)))
+    share = sum(one.agent.step_cost for one in ordered) / (actors * BATCHES)
+    divided: list[Batch] = []
+    held: list[EvaluationRequest] = []
+    for request in ordered:
+        held.append(request)
+        if sum(one.agent.step_cost for one in held) >= share:
+            divided.append(Batch(len(divided), tuple(held)))
+            held = []
+    return [*divided, Batch(len(divided), tuple(held))] if held else divided
 
-    def __init__(self, requests: Sequence[Request], actors: int) -> None:
-        ordered = sorted(requests, key=lambda request: (-_cost(request), _on_psi(request)))
-        self._waiting: deque[Request] = deque(ordered)
+
+class RequestQueue:
+    """Batches that none of `actors` actors has yet."""
+
+    def __init__(self, requests: Sequence[EvaluationRequest], actors: int) -> None:
+        self._waiting = deque(batches(requests, actors))
         self._actors = actors
-        self._cost = sum(map(_cost, ordered))
+        self._cost = sum(batch.cost for batch in self._waiting)
 
     def __len__(self) -> int:
         return len(self._waiting)
 
-    def take(self, held: Sequence[Request]) -> Request | None:
-        """The next request for an actor that holds these, None if it gets none now.
+    def take(self, held: Sequence[Batch]) -> Batch | None:
+        """The next batch for an actor that holds these, None if it gets none now.
 
-        One that holds nothing gets a request whenever there is one. One that holds one
+        One that holds nothing gets a batch whenever there is one. One that holds one
         gets the next early, so that it need not wait for the driver between the two,
         unless others may then be idle before it has begun that.
         """
         if not self._waiting or len(held) > 1:
             return None
-        request = self._waiting[0]
+        batch = self._waiting[0]
         if held:
             kept_busy = self._cost / self._actors
-            if kept_busy < EARLY_MARGIN * (_cost(held[0]) + _cost(request)):
+            if kept_busy < EARLY_MARGIN * (held[0].cost + batch.cost):
                 return None
         self._waiting.popleft()
-        self._cost -= _cost(request)
-        return request
+        self._cost -= batch.cost
+        return batch
 
-    def put_back(self, requests: Sequence[Request]) -> None:
+    def put_back(self, held: Sequence[Batch]) -> None:
         """What an actor held when it died comes first again."""
-        self._waiting.extendleft(reversed(requests))
-        self._cost += sum(map(_cost, requests))
-
-
-def _cost(request: EvaluationRequest | FitRequest) -> float:
-    return request.agent.step_cost if isinstance(request, EvaluationRequest) else 1.0
-
-
-def _on_psi(request: EvaluationRequest | FitRequest) -> bool:
-    return isinstance(request, EvaluationRequest) and request.sign == 0
+        self._waiting.extendleft(reversed(held))
+        self._cost += sum(batch.cost for batch in held)

@@ -61,28 +61,28 @@ def _full_agent(agent: str) -> list[Dimension]:
 
 
 def _core() -> list[Dimension]:
-    """With `_core_agent`, six that a short search can tell apart: the model needs
-    2 * (6 + 1) results at one budget. NES ranges are those of the paired update from fitted
-    starts; sigma is none of them, since retention adapts it. docs/search.md shows what each of
-    them does."""
+    """With `_core_agent`, eight that matter from random starts: the model needs 2 * (8 + 1)
+    results at one budget. Ranges are wide around those of the recipe `default`."""
     return [
-        CS.Float("nes.step_size", (0.001, 0.02), log=True),
-        CS.Float("nes.retention", (0.6, 0.95)),
-        CS.Integer("se.hidden_size", (24, 128), log=True),
-        CS.Float("se.step_limit_share", (0.15, 0.7), log=True),
+        CS.Float("nes.step_size", (0.1, 2.0), log=True),
+        CS.Float("nes.std_dev", (0.03, 0.5), log=True),
+        CS.Integer("nes.population_size", (8, 48), log=True),
+        CS.Integer("se.hidden_size", (12, 64), log=True),
+        CS.Integer("se.step_limit", (8, 100), log=True),
     ]
 
 
 def _core_agent(agent: str) -> list[Dimension]:
-    """Of what is not drawn anew for every member (`agent_variation`)."""
+    """Of what is not drawn anew for every generation (`bilevel.agents.variation`)."""
     return [
         CS.Integer(f"{agent}.init_episodes", (1, 20), log=True),
         CS.Float(f"{agent}.target_update_rate", (0.005, 0.05), log=True),
+        CS.Float(f"{agent}.epsilon_decay", (0.8, 0.98)),
     ]
 
 
-#: Spaces by name, and the NES update that their step sizes are meant for.
-SPACES = {"full": "paper", "core": "paired"}
+#: Spaces by name, and the recipe that their step sizes are meant for.
+SPACES = {"full": "paper", "core": "default"}
 
 
 def search_space(

@@ -1,15 +1,30 @@
 """`bilevel ARGUMENTS` as tests give it: in a process of its own that need not import all of it
 again, or by the console script itself."""
 
+import contextlib
+import multiprocessing
+import os
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks.faults import lives
-
 #: The console script.
 BILEVEL = str(Path(sys.executable).with_name("bilevel"))
+
+#: Processes are forked from a server that has imported what the command line needs.
+_SERVER = multiprocessing.get_context("forkserver")
+_SERVER.set_forkserver_preload(
+    [
+        "mlflow.pyfunc",
+        "ray.tune",
+        "cluster.bohb.command",
+        "cluster.cli",
+        "cluster.evaluate_command",
+        "cluster.nes_command",
+        "cluster.sync",
+    ]
+)
 
 
 def run_bilevel(
@@ -19,13 +34,33 @@ def run_bilevel(
     words = [str(argument) for argument in arguments]
     with tempfile.TemporaryDirectory() as folder:
         out, errors = Path(folder) / "out", Path(folder) / "errors"
-        process = lives.start(words, out, errors, cwd)
+        where = str(cwd or Path.cwd())
+        process = _SERVER.Process(
+            target=_run, args=(words, out, errors, where, dict(os.environ))
+        )
+        process.start()
         process.join(timeout)
         alive = process.is_alive()
         if alive:
             process.kill()
             process.join()
-        written = out.read_text() if out.exists() else "", errors.read_text()
+        written = [path.read_text() if path.exists() else "" for path in (out, errors)]
         if alive:
             raise TimeoutError(f"bilevel {' '.join(words)}: {written}")
         return subprocess.CompletedProcess(words, process.exitcode or 0, *written)
+
+
+def _run(
+    arguments: list[str], out: Path, errors: Path, cwd: str, environment: dict[str, str]
+) -> None:
+    from cluster.cli import main
+
+    os.setsid()  # signals of this terminal are not for it
+    for path, stream in ((out, 1), (errors, 2)):
+        os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)
+    os.environ.clear()
+    os.environ.update(environment)
+    os.chdir(cwd)
+    sys.argv = ["bilevel", *arguments]
+    with contextlib.suppress(KeyboardInterrupt):
+        main()

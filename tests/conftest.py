@@ -6,7 +6,7 @@ import hypothesis
 import numpy as np
 import pytest
 
-from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_preset
+from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_recipe
 from bilevel.tasks import Task, get_task
 
 # A busy machine is no reason to fail.
@@ -38,28 +38,27 @@ def acrobot() -> Task:
 
 @pytest.fixture
 def small_agent() -> DDQNHyperparameters:
-    agent = ddqn(load_preset("tuned", "CartPole-v0"))
+    agent = ddqn(load_recipe("paper", "CartPole-v0"))
     return replace(agent, max_episodes=13, batch_size=16, hidden_size=8, test_episodes=2)
 
 
 @pytest.fixture
 def small_hp(small_agent: DDQNHyperparameters) -> Hyperparameters:
     """An NES run of three members whose evaluations take milliseconds."""
-    hp = load_preset("tuned", "CartPole-v0")
+    hp = load_recipe("default", "CartPole-v0")
     return replace(
         hp,
         nes=replace(
             hp.nes,
             population_size=3,
             generations=2,
-            start="random",
+            centre_agents=3,
+            patient_episodes=0,
             start_candidates=1,
-            momentum=0.0,
-            retention=0.0,
-            fallback=0.0,
-            step_price=0.0,
+            restart_after=0,
+            solved_for=0,
         ),
-        se=replace(hp.se, hidden_size=8, step_limit_share=1.0),
+        se=replace(hp.se, structure="plain", hidden_size=8, activation="lrelu", step_limit=0),
         agents=(small_agent,),
         vary_agent="no",
     )

@@ -3,12 +3,12 @@ trained for but made up from the configuration."""
 
 import math
 import time
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
-from bilevel.evaluation import EvaluationResult
+from bilevel.evaluation import EvaluationRequest, EvaluationResult
+from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import get_task
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal
@@ -16,31 +16,40 @@ from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.study import Study
 from cluster.final import FinalScore, hand_over
 from cluster.nes_loop import STATE_FILE
-from cluster.profiles import base_hyperparameters, get_profile
+from cluster.profiles import get_profile, sized
 from cluster.run_folder import Standing, locked_settings
 
 
 def new_study(folder: Path, seed: int = 0) -> Study:
     """Of the smoke profile's size."""
     task, profile = get_task("CartPole-v0"), get_profile("smoke")
-    base = base_hyperparameters(profile, task)
-    base = replace(base, se=replace(base.se, hidden_size=48))
+    base = sized(load_recipe("default", task.id), profile)
     return Study(folder, task, seed, "core", Schedule((1, 3), 2), base)
+
+
+def made_up(request: EvaluationRequest) -> EvaluationResult:
+    """An answer to a request, its score by the request's seed."""
+    return EvaluationResult(
+        test_returns=(100 * math.sin(request.seed % 1000) ** 2,),
+        train_steps=500,
+        train_episodes=20,
+        real_env_steps=40,
+        finite=True,
+        index=request.index,
+        seconds=0.01,
+    )
 
 
 def run_job(study: Study, job: Job) -> float:
     """Generations up to the job's budget; the objective."""
     run = study.run(job.id, job.configuration)
     nes = run.nes
-    state = run.load() or nes.start()
+    state = run.load() or nes.init()
     while state.generation < job.budget:
-        results = [
-            EvaluationResult(
-                (100 * math.sin(r.seed % 1000) ** 2,), 500, 20, True, index=r.index, seconds=0.01
-            )
-            for r in nes.ask(state)
-        ]
-        state = nes.tell(state, results, 0.5, time.time())
+        before = state.generation
+        state = nes.tell(state, [made_up(request) for request in nes.ask(state)])
+        if state.generation > before:
+            state = state.timed(0.5, 1, time.time())
         state.save(run.folder / STATE_FILE)
     return state.objective
 

@@ -1,1 +1,1 @@
-"""What agents learn on the real tasks, and on an SE that teaches agents of one's own."""
+"""What agents learn on the real tasks (docs/agents.md)."""

@@ -11,7 +11,7 @@ import sys
 from pathlib import Path
 
 from benchmarks.machine import write_result
-from bilevel.hyperparameters import AgentHyperparameters, load_preset
+from bilevel.hyperparameters import AgentHyperparameters, load_recipe
 from bilevel.tasks import get_task
 from cluster.evaluate_command import EvaluateCommand, run_evaluate
 from cluster.evaluation_report import Group, as_json
@@ -58,7 +58,7 @@ def main() -> None:
     command = EvaluateCommand(
         task,
         {"real": None},
-        load_preset("default", task.id, agents=kinds).agents,
+        load_recipe("paper", "", kinds).agents,
         options.agents,
         "all",
         0,

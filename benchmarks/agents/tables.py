@@ -38,29 +38,7 @@ def baseline(task: str) -> str:
     return f"{whole}{notes}\n\n{source(result)}"
 
 
-def transfer() -> str:
-    """Agents on an SE."""
-    result = read_result("transfer_CartPole-v0")
-    rows = [
-        [
-            group["agent"],
-            f"{group['discount']:g}",
-            f"{group['agents']:.0f}",
-            *_measured(group),
-        ]
-        for group in result["groups"]
-    ]
-    head = ["agent", "discount", "agents", "test return", "solved", "train steps"]
-    return (
-        f"{table(head, rows)}\n\n"
-        f"One SE for CartPole-v0, learned with DDQN in {result['generations']} generations, "
-        "seed 0.\n\n"
-        f"{source(result)}"
-    )
-
-
 TABLES: dict[str, Callable[[], str]] = {
     "baseline-cartpole": partial(baseline, "CartPole-v0"),
     "baseline-acrobot": partial(baseline, "Acrobot-v1"),
-    "transfer": transfer,
 }

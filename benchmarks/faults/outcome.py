@@ -1,20 +1,27 @@
 """What a study came to, for comparison: all of it, less the measured times."""
 
 import hashlib
+import json
 from collections import Counter
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import mlflow
+from safetensors import safe_open
 
-from bilevel.nes import NESState
 from cluster.bohb.journal import Journal
 from cluster.run_folder import Begun
 from cluster.views import views_of
 
 #: Fields of a generation's record that are measured.
-_TIMES = ("env_steps_per_second", "generation_seconds", "core_utilisation", "finished")
+_TIMES = (
+    "evaluation_seconds",
+    "env_steps_per_second",
+    "generation_seconds",
+    "core_utilisation",
+    "finished",
+)
 
 
 @dataclass(frozen=True)
@@ -23,7 +30,7 @@ class Outcome:
 
     configs: list[Any]  # (id, configuration, info), in order
     results: list[Any]  # (id, budget, loss, exception), in order
-    states: dict[str, Any]  # by configuration: checksum of SEs, and all records
+    states: dict[str, Any]  # by configuration: its checkpoint
     best_se: str  # checksum of the file
 
     @classmethod
@@ -58,15 +65,21 @@ class Outcome:
 
 
 def comparable_state(path: Path) -> Any:
-    """A checkpoint: checksum of its SEs, and its records less the measured times."""
-    state = NESState.load(path)
-    digest = hashlib.sha256(state.psi.tobytes())
-    for finalist in state.finalists:
-        digest.update(finalist.psi.tobytes())
-    records = [asdict(record) for record in state.records]
-    return digest.hexdigest(), [
-        {name: value for name, value in record.items() if name not in _TIMES} for record in records
-    ]
+    """A checkpoint: checksums of its tensors, and its header less the measured times.
+
+    The file is read as it is, so that all of it is compared.
+    """
+    with safe_open(path, framework="numpy") as file:
+        header = json.loads(file.metadata()["nes"])
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+    del header["sha256"]  # it covers the times
+    for record in header["records"]:
+        for name in _TIMES:
+            del record[name]
+    digests = {
+        name: hashlib.sha256(tensor.tobytes()).hexdigest() for name, tensor in tensors.items()
+    }
+    return digests, header
 
 
 def disagreements(folder: Path, tracking_uri: str) -> list[str]:

@@ -1,1 +1,1 @@
-"""NES over seeds: what its defaults do, and what other choices would."""
+"""NES runs over seeds (docs/nes.md)."""

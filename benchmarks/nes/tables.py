@@ -1,208 +1,122 @@
-"""Tables of NES over seeds, from the committed results."""
+"""The tables of NES over seeds, from the committed results of `benchmarks.nes.seeds`."""
 
 import statistics
-from collections.abc import Callable, Iterable, Sequence
-from functools import partial
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from typing import Any
 
 from benchmarks.machine import NotMeasured, read_result
-from benchmarks.markdown import table
-from benchmarks.nes.study import AGENTS
-from bilevel.tasks import get_task
+from benchmarks.markdown import source, table
 
-TASKS = ("CartPole-v0", "Acrobot-v1")
+#: Mean score from which on an SE counts as one that teaches a kind of agent, by task; of agents of
+#: Stable-Baselines3 that of `sb3`.
+TARGETS: dict[str, dict[str, float]] = {
+    "CartPole-v0": {"ddqn": 195, "dueling-ddqn": 195, "td3": 170, "sb3": 190},
+    "Acrobot-v1": {"ddqn": -90, "dueling-ddqn": -90, "td3": -90, "sb3": -100},
+}
 
-_HEADER = (
-    "variant",
+_SEEDS = (
+    "task",
     "solved",
-    "first solved generation",
-    "solved from then on",
+    "seconds from command to end",
     "generations",
-    "minutes",
-    "varied DDQN on the best SE",
-    "of them at least {solved}",
-    "their steps",
+    "train steps of an agent",
+    "million real steps",
+    "core utilisation",
+)
+
+_TAUGHT = (
+    "task",
+    "agent",
+    "SEs",
+    "agents an SE",
+    "score",
+    "SEs at or above the target",
+    "train steps",
 )
 
 
-def _spread(values: Sequence[float], form: str) -> str:
-    if not values:
-        return "-"
-    low, middle, high = min(values), statistics.median(values), max(values)
-    return f"{middle:{form}} ({low:{form}} to {high:{form}})"
+def seeds(ending: str = "") -> str:
+    """Runs over seeds, a row a task."""
+    results = _results(ending)
+    rows = [_seeds_row(task, result["runs"]) for task, result in results.items()]
+    return f"{table(_SEEDS, rows)}\n\n{source(*results.values())}"
 
 
-def variant_row(name: str, runs: Sequence[dict[str, Any]], solved_reward: float) -> list[str]:
-    """One variant: medians over its seeds, with the lowest and the highest."""
-
-    def column(field: str) -> list[float]:
-        return [run[field] for run in runs if run[field] is not None]
-
-    on_ddqn = [run["varied"]["ddqn"] for run in runs if "ddqn" in run["varied"]]
-
-    solved = sum(run["final_score_mean"] >= solved_reward for run in runs)
-    varied = [agents["score_mean"] for agents in on_ddqn]
-    reached = sum(score >= solved_reward for score in varied)
-    return [
-        name,
-        f"{solved} of {len(runs)}",
-        _spread(column("first_solved_generation"), ".0f"),
-        f"{statistics.mean(column('solved_since') or [0]):.0%}",
-        _spread(column("generations"), ".0f"),
-        _spread(column("minutes"), ".1f"),
-        _spread(varied, ".1f"),
-        f"{reached} of {len(varied)}" if varied else "-",
-        _spread([agents["train_steps_mean"] for agents in on_ddqn], ".0f"),
-    ]
-
-
-def seeds(task: str) -> str:
-    """All variants on a task."""
-    result = read_result(f"nes_{task}")
-    solved_reward = get_task(task).solved_reward
-    header = [cell.format(solved=f"{solved_reward:g}") for cell in _HEADER]
-    rows = [
-        variant_row(name, variant["runs"], solved_reward)
-        for name, variant in result["variants"].items()
-    ]
-    return f"{table(header, rows)}\n\n(one core a run;\n{_sources(result['variants'].values())})"
-
-
-def _sources(measured: Iterable[dict[str, Any]]) -> str:
-    """Machines, and what was called on each."""
-    calls: dict[str, dict[str, None]] = {}  # without doubles
-    for one in measured:
-        calls.setdefault(_machine(one), {}).update(dict.fromkeys(one["commands"]))
-    return ";\n".join(
-        "\n".join([f"{machine}:", *(f"`{command}`" for command in commands)])
-        for machine, commands in calls.items()
-    )
-
-
-def transfer() -> str:
-    """Every kind of agents on the best SE of each run that they were tried on."""
-    head = ["task", "learned with", "agents", "SEs", "test return", "solve", "train steps"]
-    rows: list[list[str]] = []
-    for task in TASKS:
-        for name, variant in read_result(f"nes_{task}", "variants")["variants"].items():
-            for agent in AGENTS:
-                found = [run["varied"][agent] for run in variant["runs"] if agent in run["varied"]]
-                if found:
-                    rows.append(
-                        [
-                            task,
-                            name,
-                            f"{found[0]['agents']} {agent}",
-                            str(len(found)),
-                            _spread([one["score_mean"] for one in found], ".1f"),
-                            f"{statistics.mean(one['solved_fraction'] for one in found):.0%}",
-                            _spread([one["train_steps_mean"] for one in found], ".0f"),
-                        ]
-                    )
+def taught(ending: str = "") -> str:
+    """What the SEs teach, a row a task and kind of agent. Raises NotMeasured if no SE was taught
+    with."""
+    results = _results(ending)
+    rows = [row for task, result in results.items() for row in _taught_rows(task, result["runs"])]
     if not rows:
-        raise NotMeasured("other agents on the best SEs")
-    return table(head, rows)
+        raise NotMeasured("agents on the SEs of these runs")
+    return f"{table(_TAUGHT, rows)}\n\n{source(*results.values())}"
 
 
-def step_limits(task: str) -> str:
-    """Small varied agents on the same SEs, their episodes ever longer."""
-    result = read_result(f"step_limits_{task}")
-    head, rows = ["step limit"], []
-    for agent in result["points"]:
-        head += [agent, "train steps"]
-    for points in zip(*result["points"].values(), strict=True):
-        row = [f"{points[0]['share']:.0%}"]
-        for point in points:
-            row.append(_spread([se["score_mean"] for se in point["ses"]], ".1f"))
-            row.append(f"{statistics.median(se['train_steps_mean'] for se in point['ses']):.0f}")
-        rows.append(row)
-    return table(head, rows) + (
-        f"\n\n({len(points[0]['ses'])} SEs, {result['agents']} agents of each kind on each; the "
-        f"median SE, the lowest and the highest; {_machine(result)}; `{result['command']}`)"
-    )
+def distilled() -> str:
+    """Both of runs that start from distilled SEs."""
+    parts = [seeds("_distilled")]
+    with suppress(NotMeasured):
+        parts.append(taught("_distilled"))
+    return "\n\n".join(parts)
 
 
-def update_rules(task: str) -> str:
-    """Every rule that was tried from random starts; a star where on another machine than most."""
-    result = read_result(f"update_rules_{task}")
-    solved_reward, rows, measured = get_task(task).solved_reward, [], []
-    machines = [_machine(rule) for rule in result["rules"].values()]
-    usual = statistics.mode(machines)
-    for (name, rule), machine in zip(result["rules"].items(), machines, strict=True):
-        runs = rule["runs"]
-        best = [run["best"]["score_mean"] for run in runs]
-        first = [run["first_solved_generation"] for run in runs]
-        found = [generation for generation in first if generation is not None]
-        minutes = _spread([run["minutes"] for run in runs], ".1f")
+def _results(ending: str) -> dict[str, dict[str, Any]]:
+    """The results there are, by task. Raises NotMeasured if there are none."""
+    found, missing = {}, []
+    for task in TARGETS:
+        try:
+            found[task] = read_result(f"nes_seeds_{task}{ending}", "runs")
+        except NotMeasured as error:
+            missing.append(str(error))
+    if not found:
+        raise NotMeasured(", ".join(missing))
+    return found
+
+
+def _spread(values: Sequence[float], form: str) -> str:
+    return f"{statistics.median(values):{form}} ({min(values):{form}} to {max(values):{form}})"
+
+
+def _seeds_row(task: str, runs: Sequence[dict[str, Any]]) -> list[str]:
+    real_steps = statistics.median(run["real_env_steps"] for run in runs)
+    utilisation = statistics.median(run["core_utilisation"] for run in runs)
+    return [
+        task,
+        f"{sum(run['solved'] for run in runs)} of {len(runs)}",
+        _spread([run["seconds"] for run in runs], ".0f"),
+        _spread([run["generations"] for run in runs], ".0f"),
+        _spread([run["final_train_steps"] for run in runs], ".0f"),
+        f"{real_steps / 1e6:.1f}",
+        f"{utilisation:.0%}",
+    ]
+
+
+def _taught_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
+    rows = []
+    lessons = [run["taught"] for run in runs if "taught" in run]
+    for kind in dict.fromkeys(kind for lesson in lessons for kind in lesson):
+        on_ses = [lesson[kind] for lesson in lessons if kind in lesson]
+        means = [statistics.mean(on_se["scores"]) for on_se in on_ses]
+        target = TARGETS[task][kind.split()[0]]
+        steps = [step for on_se in on_ses for step in on_se.get("train_steps", ())]
+        numbers = sorted({len(on_se["scores"]) for on_se in on_ses})
         rows.append(
             [
-                name,
-                f"{len(found)} of {len(runs)}",
-                _spread(found, ".0f"),
-                f"{sum(run['solved_at_the_end'] for run in runs)} of {len(runs)}",
-                _spread([run["score_curve"][-1] for run in runs], ".1f"),
-                minutes if machine == usual else f"{minutes} *",
-                _spread(best, ".1f"),
-                f"{sum(score >= solved_reward for score in best)} of {len(runs)}",
-                _spread([run["best"]["train_steps_mean"] for run in runs], ".0f"),
+                task,
+                kind,
+                str(len(on_ses)),
+                " or ".join(map(str, numbers)),
+                f"{statistics.mean(means):.1f} ({min(means):.1f} to {max(means):.1f})",
+                f"{sum(mean >= target for mean in means)} (target {target:g})",
+                f"{statistics.mean(steps):.0f}" if steps else "-",
             ]
         )
-        measured.append({**rule, "commands": [rule["command"].replace(f"'{name}'", "RULE")]})
-    head = [
-        "rule",
-        "solved at some generation",
-        "the first of them",
-        "solved at the last",
-        "score at the last",
-        "minutes",
-        "fresh agents on the best SE",
-        f"of them at least {solved_reward:g}",
-        "their steps",
-    ]
-    measured.sort(key=lambda rule: _machine(rule) != usual)
-    sources = _sources(measured).replace(";\n", ";\n\\* ")
-    return f"{table(head, rows)}\n\n({sources})"
-
-
-def variation() -> str:
-    """What agents that vary cost, as a multiple of what fixed ones do."""
-    head, rows, measured = ["task", "agents", "time of an evaluation", "train steps"], [], []
-    for task in TASKS:
-        result = read_result(f"variation_{task}")
-        for way, cost in result["ways"].items():
-            cells = [
-                f"{found['median']:.2f} ({found['low']:.2f} to {found['high']:.2f})"
-                for found in (cost["seconds"], cost["train_steps"])
-            ]
-            rows.append([task, way, *cells])
-        measured.append({**result, "commands": [result["command"]]})
-    about = (
-        f"Multiples of fixed agents'; {result['ses']} SEs, {result['agents']} agents on each, "
-        f"{result['repeats']} times; the median time, the lowest and the highest."
-    )
-    return f"{table(head, rows)}\n\n{about}\n({_sources(measured)})"
-
-
-def _machine(result: dict[str, Any]) -> str:
-    return f"{result['machine']['cores']} cores of {result['machine']['processor']}"
-
-
-def defaults() -> str:
-    """The defaults alone, a row a task."""
-    header = [cell.format(solved="solved") for cell in ("task", *_HEADER[1:])]
-    rows, measured = [], []
-    for task in TASKS:
-        result = read_result(f"nes_{task}", "variants")
-        variant = result["variants"]["defaults"]
-        rows.append(variant_row(task, variant["runs"], get_task(task).solved_reward))
-        measured.append({**variant, "commands": variant["commands"][:1]})
-    return f"{table(header, rows)}\n\n(one core a run;\n{_sources(measured)})"
+    return rows
 
 
 TABLES: dict[str, Callable[[], str]] = {
-    **{f"nes-{task}": partial(seeds, task) for task in TASKS},
-    "nes-transfer": transfer,
-    "variation": variation,
-    **{f"update-rules-{task}": partial(update_rules, task) for task in TASKS},
-    **{f"step-limits-{task}": partial(step_limits, task) for task in TASKS},
+    "nes-seeds": seeds,
+    "nes-taught": taught,
+    "nes-distilled": distilled,
 }

@@ -6,7 +6,7 @@ and how far the kernel is from the least time its arithmetic can take (`bound`).
 """
 
 import time
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,10 +20,10 @@ from bilevel.agents.agent import agent_seeds
 from bilevel.agents.environments import KernelEnvironment
 from bilevel.agents.training import train as train_in_python
 from bilevel.evaluation import schedule
-from bilevel.hyperparameters import load_preset
+from bilevel.hyperparameters import AgentHyperparameters, SEHyperparameters, load_recipe
 from bilevel.kernels import training
 from bilevel.kernels.environment import environment
-from bilevel.synthetic_env import Architecture, kernel_form
+from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import get_task
 
 REPEATS = 7
@@ -32,47 +32,78 @@ REPEATS = 7
 SECONDS = 0.25
 EPISODE_STEPS = 50
 
-#: Name: task, preset, agent, and what differs from the preset. The last ones lie in the
-#: ranges of varied hyperparameters.
-CASES: dict[str, tuple[str, str, str, dict[str, int]]] = {
-    "CartPole, DDQN, Table 1": ("CartPole-v0", "tuned", "ddqn", {}),
-    "Acrobot, DDQN, Table 1": ("Acrobot-v1", "tuned", "ddqn", {}),
-    "CartPole, DDQN, default (2 x 128)": ("CartPole-v0", "default", "ddqn", {}),
-    "CartPole, Dueling DDQN, default": ("CartPole-v0", "default", "dueling-ddqn", {}),
-    "CartPole, TD3, default": ("CartPole-v0", "default", "td3", {}),
-    "CartPole, DDQN, 1 x 42, batch 42": (
-        "CartPole-v0",
-        "default",
-        "ddqn",
-        {"hidden_layers": 1, "hidden_size": 42, "batch_size": 42},
-    ),
-    "CartPole, DDQN, 1 x 384": (
-        "CartPole-v0",
-        "default",
-        "ddqn",
-        {"hidden_layers": 1, "hidden_size": 384},
-    ),
-    "CartPole, DDQN, 3 x 384, batch 384": (
-        "CartPole-v0",
-        "default",
-        "ddqn",
-        {"hidden_layers": 3, "hidden_size": 384, "batch_size": 384},
-    ),
-}
+
+@dataclass(frozen=True)
+class Case:
+    """An agent, and the SE that it trains on."""
+
+    task_id: str
+    agent: AgentHyperparameters
+    se: SEHyperparameters
 
 
-def measure(
-    core: Core, task_id: str, preset: str, agent: str, changes: dict[str, int]
-) -> dict[str, Any]:
+def cases() -> dict[str, Case]:
+    """The cases by their labels. "Table 1" are the paper's optimized hyperparameters for the
+    task, "default" its default table; a label with sizes is the default with these. The last
+    ones lie in the ranges of varied hyperparameters."""
+    found = {
+        "CartPole, DDQN, Table 1": _case("CartPole-v0", "CartPole-v0", "ddqn"),
+        "Acrobot, DDQN, Table 1": _case("Acrobot-v1", "Acrobot-v1", "ddqn"),
+        "CartPole, DDQN, default (2 x 128)": _case("CartPole-v0", "", "ddqn"),
+        "CartPole, Dueling DDQN, default": _case("CartPole-v0", "", "dueling-ddqn"),
+        "CartPole, TD3, default": _case("CartPole-v0", "", "td3"),
+        "CartPole, DDQN, 1 x 42, batch 42": _sized(1, 42, 42),
+        "CartPole, DDQN, 1 x 384": _sized(1, 384),
+        "CartPole, DDQN, 3 x 384, batch 384": _sized(3, 384, 384),
+    }
+    for label, case in found.items():
+        _assert_labelled(label, case)
+    return found
+
+
+def _case(task_id: str, column: str, agent: str) -> Case:
+    """Of the recipe `paper`, its file for the task `column`; the default table if that is ''."""
+    hp = load_recipe("paper", column, (agent,))
+    return Case(task_id, hp.agents[0], hp.se)
+
+
+def _sized(layers: int, size: int, batch_size: int | None = None) -> Case:
+    """The default DDQN on CartPole with another network, and another batch size if given."""
+    case = _case("CartPole-v0", "", "ddqn")
+    changes: dict[str, Any] = {"hidden_layers": layers, "hidden_size": size}
+    if batch_size is not None:
+        changes["batch_size"] = batch_size
+    return replace(case, agent=replace(case.agent, **changes))
+
+
+def _assert_labelled(label: str, case: Case) -> None:
+    """A label says which hyperparameters are measured, in whatever way the case was made."""
+    task, agent, *sizes = label.split(", ")
+    name = agent.lower().replace(" ", "-")
+    assert case.task_id.startswith(f"{task}-"), label
+    assert case.agent.agent == name, label
+    column = case.task_id if sizes == ["Table 1"] else ""
+    recipe = load_recipe("paper", column, (name,))
+    expected: Any = recipe.agents[0]
+    if " x " in sizes[0]:
+        layers, size = sizes[0].removeprefix("default (").removesuffix(")").split(" x ")
+        shape = {"hidden_layers": int(layers), "hidden_size": int(size)}
+        if sizes[0].startswith("default"):
+            assert asdict(expected) == {**asdict(expected), **shape}, label
+        expected = replace(expected, **shape)
+    if sizes[1:]:
+        expected = replace(expected, batch_size=int(sizes[1].removeprefix("batch ")))
+    assert case.agent == expected, label
+    assert case.se == recipe.se, label
+
+
+def measure(core: Core, case: Case) -> dict[str, Any]:
     """Microseconds per step of both, their ratio over `REPEATS` pairs, and the bound."""
-    task = get_task(task_id)
-    preset_hp = load_preset(preset, task_id, agents=(agent,))
-    hp: Any = replace(preset_hp.agents[0], init_episodes=0, early_out_episodes=10**6)
-    hp = replace(hp, **changes)
-    architecture = Architecture.of(task, preset_hp.se)
-    se = kernel_form(
-        architecture, architecture.initialize(np.random.default_rng(0)) * np.float32(0.3)
-    )
+    task = get_task(case.task_id)
+    hp: Any = replace(case.agent, init_episodes=0, early_out_episodes=10**6)
+    architecture = Architecture.of(task, case.se)
+    psi = architecture.initialize(np.random.default_rng(0)) * np.float32(0.3)
+    se = SE(architecture, psi).kernel
     se.output_biases[-1] = -10.0
     env = environment(
         se,
@@ -83,7 +114,7 @@ def measure(
         0.0,
         task.initial_physics(np.random.default_rng(1), 100),
     )
-    registered = get_agent(agent)
+    registered = get_agent(hp.agent)
     assert registered.build_kernel is not None
     initial, loop = agent_seeds(0)
 
@@ -133,10 +164,10 @@ def main() -> None:
     print("| --- | --- | --- | --- | --- |")
     with threadpool_limits(1):
         core = measure_core()
-        for name, case in CASES.items():
-            result = results[name] = measure(core, *case)
+        for label, case in cases().items():
+            result = results[label] = measure(core, case)
             cells = [_cell(result[key]) for key in ("kernel_us", "torch_us", "ratio", "over_bound")]
-            print(f"| {name} | {' | '.join(cells)} |", flush=True)
+            print(f"| {label} | {' | '.join(cells)} |", flush=True)
     path = write_result(
         "inner_loop",
         "python -m benchmarks.speed.inner_loop",

@@ -23,11 +23,11 @@ from benchmarks.machine import spread, write_result
 from benchmarks.watched_command import PARTS
 from bilevel.agents import get_agent
 from bilevel.evaluation import EvaluationRequest, evaluate
-from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_preset
+from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_recipe
 from bilevel.kernels import training
 from bilevel.kernels.environment import environment
-from bilevel.synthetic_env import Architecture, StoredSE, kernel_form, load_se, save_se
-from bilevel.tasks import get_task
+from bilevel.synthetic_env import SE, Architecture, StoredSE, load_se, save_se
+from bilevel.tasks import Task, get_task
 
 REPEATS = 3
 
@@ -53,30 +53,32 @@ def starts(fresh: bool) -> dict[str, dict[str, float]]:
     return {part: spread([row[part] for row in rows[-REPEATS:]]) for part in rows[0]}
 
 
+def random_se(task: Task, hp: Hyperparameters) -> SE:
+    """Of these sizes."""
+    architecture = Architecture.of(task, hp.se)
+    return SE(architecture, architecture.initialize(np.random.default_rng(0)))
+
+
 def se_load_milliseconds() -> float:
-    """Of a file with the SE of the tuned CartPole run."""
-    task, hp = get_task("CartPole-v0"), load_preset("tuned", "CartPole-v0")
-    shape = Architecture.of(task, hp.se)
-    psi = shape.initialize(np.random.default_rng(0))
+    """Of a file with an SE of the paper's size for CartPole."""
+    task = get_task("CartPole-v0")
+    se = random_se(task, load_recipe("paper", task.id))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "se.safetensors"
-        se = StoredSE(shape, psi, task.id, task.step_limit, task.solved_reward, {})
-        save_se(se, path)
+        save_se(StoredSE(se, task.id, task.step_limit, task.solved_reward, {}), path)
         return _milliseconds(lambda: load_se(path), 200)
 
 
 def real_task_milliseconds(task_id: str) -> float:
     """Of the ten test episodes of the Table 1 agent on the real task, each as long as it
     may be: the agent is untrained, so the time is taken per step."""
-    task, hp = get_task(task_id), load_preset("tuned", task_id)
+    task, hp = get_task(task_id), load_recipe("paper", task_id)
     (agent_hp,) = hp.agents
     build = get_agent(agent_hp.agent).build_kernel
     assert build is not None
     agent = build(agent_hp, task.state_size, task.n_actions, np.random.default_rng(0))
-    shape = Architecture.of(task, hp.se)
-    psi = shape.initialize(np.random.default_rng(0))
     env = environment(
-        kernel_form(shape, psi),
+        random_se(task, hp).kernel,
         False,
         task.dynamics,
         task.state_size,
@@ -84,10 +86,8 @@ def real_task_milliseconds(task_id: str) -> float:
         task.solved_reward,
         task.initial_physics(np.random.default_rng(1), 100),
     )
-    returns = training.test_returns(agent, env, 100)
-    per_step = (
-        _milliseconds(lambda: training.test_returns(agent, env, 100), 5) / np.abs(returns).sum()
-    )
+    _, steps = training.test_returns(agent, env, 100)
+    per_step = _milliseconds(lambda: training.test_returns(agent, env, 100), 5) / int(steps)
     return float(per_step * task.step_limit * agent_hp.test_episodes)
 
 
@@ -104,9 +104,9 @@ class _Actor:
     def run(self, task_id: str, hp: Hyperparameters, seeds: int) -> float:
         """MiB after some evaluations."""
         task = get_task(task_id)
-        shape = Architecture.of(task, hp.se)
+        se = random_se(task, hp)
         for seed in range(seeds):
-            evaluate(task, shape, None, EvaluationRequest(0, seed, hp.agents[0], start_seed=seed))
+            evaluate(task, se, EvaluationRequest(0, seed, hp.agents[0]))
         return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
 
 
@@ -116,12 +116,12 @@ def actor_mebibytes() -> dict[str, float]:
 
     from cluster.ray_cluster import ray_cluster
 
-    tuned, large = load_preset("tuned", "CartPole-v0"), load_preset("default", "CartPole-v0")
+    table_1, large = load_recipe("paper", "CartPole-v0"), load_recipe("paper", "")
     (agent,) = large.agents
     assert isinstance(agent, DDQNHyperparameters)
     widest = replace(agent, hidden_layers=3, hidden_size=384, batch_size=384, max_episodes=15)
     cases = {
-        "CartPole, Table 1": (tuned, 4),
+        "CartPole, Table 1": (table_1, 4),
         "CartPole, 3 x 384, batch 384": (replace(large, agents=(widest,)), 1),
     }
     with ray_cluster("local"):

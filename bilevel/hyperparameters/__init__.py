@@ -1,4 +1,4 @@
-"""Frozen, validated hyperparameters, and the paper's tables as presets."""
+"""Frozen, validated hyperparameters, and recipes as data files."""
 
 from bilevel.hyperparameters.agents import (
     ACTIVATIONS,
@@ -17,11 +17,11 @@ from bilevel.hyperparameters.definitions import (
     NESHyperparameters,
     SEHyperparameters,
 )
-from bilevel.hyperparameters.presets import PRESETS, best_preset, load_preset
+from bilevel.hyperparameters.recipes import RECIPES, load_recipe
 
 __all__ = [
     "ACTIVATIONS",
-    "PRESETS",
+    "RECIPES",
     "SCORE_TRANSFORMS",
     "UPDATES",
     "VARIATIONS",
@@ -34,6 +34,5 @@ __all__ = [
     "TD3Hyperparameters",
     "agent_hyperparameters",
     "agent_names",
-    "best_preset",
-    "load_preset",
+    "load_recipe",
 ]

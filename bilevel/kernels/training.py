@@ -143,19 +143,22 @@ def train(agent, env, schedule, rng):
 
 @compiled
 def test_returns(agent, env, episodes):
-    """Returns (episodes,) of greedy episodes on the compiled real task (`EvaluateAgent`)."""
+    """Returns (episodes,) of greedy episodes on the compiled real task (`EvaluateAgent`), and
+    the steps made."""
     state = np.zeros(env.state_size, np.float32)
     next_state = np.zeros(env.state_size, np.float32)
     returns = np.zeros(episodes)
+    steps = 0
     for episode in range(episodes):
         reset(env, episode, state)
         for _ in range(env.step_limit):
             reward, _, over = step(env, state, greedy(agent, state), next_state)
             returns[episode] += reward
+            steps += 1
             if over:
                 break
             state[:] = next_state
-    return returns
+    return returns, steps
 
 
 @compiled

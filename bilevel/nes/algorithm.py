@@ -1,163 +1,214 @@
 """Natural evolution strategies over synthetic environments (paper, Algorithm 1).
 
-    psi  <- a random SE, or the best of some fitted to the task   # bilevel.nes.start
-    s, v <- 1, 0                                         # scale, velocity
-    repeat n_o times:                                    # generations
-        for each member i = 1 .. n_p:                    # ask: requests, in any order
+    theta <- a random SE, the best of some                      # bilevel.nes.start
+    repeat n_o times:                                           # generations
+        for each member i = 1 .. n_p:                           # ask: requests, in any order
             eps_i ~ N(0, sigma^2 I)
-            for SE in psi, psi + s eps_i, psi - s eps_i:
-                agent <- TrainAgent(fresh agent, SE)     # evaluation.evaluate
+            for SE in theta + eps_i, theta - eps_i:
+                agent <- TrainAgent(fresh agent, SE)            # evaluation.evaluate
                 F     <- EvaluateAgent(agent, real task)
-        s   <- adapted to the share of the score that psi +- s eps keep    # tell
-        v   <- momentum v + s UpdateSE({eps_i}, {F_i})
-        psi <- psi + v, or back to the best psi so far, with v = 0, if psi fell far below
+        theta <- theta + UpdateSE({eps_i}, {F_i})               # tell; bilevel.nes.rules
 
-Every random number is derived from (run seed, generation, member), so a request is
-the same whoever asks for it, and nothing random needs to be stored.
+Beside the members some agents are trained on theta itself, whose scores are the run's learning
+curve. theta are the coordinates of psi (`bilevel.synthetic_env.coordinates`); in the paper they
+are psi itself. A run that does not get going begins again from other random SEs.
+
+Every random number is derived from (run seed, purpose, attempt, generation, member), so a request
+is the same whoever asks for it, and nothing random needs to be stored.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
-from bilevel.evaluation import EvaluationRequest, EvaluationResult
-from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
-from bilevel.nes.generation import Generation
-from bilevel.nes.start import Evaluations, Fits, StartSearch
+from bilevel.agents.variation import draw_agent
+from bilevel.errors import InvalidInput
+from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, Perturbed
+from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters, NESHyperparameters
+from bilevel.nes.records import Finalist, GenerationRecord
+from bilevel.nes.rules import RULES, MemberScores, UpdateRule
+from bilevel.nes.start import StartRace
 from bilevel.nes.state import NESState
-from bilevel.nes.updates import adapted_scale, update_step
-from bilevel.synthetic_env import Architecture
+from bilevel.seeds import Purpose, derive
+from bilevel.synthetic_env import SEDistribution, coordinates
 from bilevel.tasks import Task
-
-#: Draws one of the agents by a seed, its hyperparameters varied as one of VARIATIONS says.
-AgentSampler = Callable[[tuple[AgentHyperparameters, ...], str, int], AgentHyperparameters]
-
-# What a derived seed is for; part of the seed, so never renumber.
-_PERTURBATION, _AGENT, _EVALUATION = range(1, 4)
-
-#: Stands where a seed has its generation, for the search of the start.
-_START = 2**32
 
 
 @dataclass(frozen=True)
 class NES:
     """An NES run as ask and tell; it evaluates nothing itself.
 
-    `sample_agent` is called once a member if the hyperparameters ask for varied or
-    for several agents; a mirrored pair shares the draw.
+        state = nes.init()
+        while not state.finished:
+            results = [evaluate(task, state.se, request) for request in nes.ask(state)]
+            state = nes.tell(state, results)
+
+    Raises InvalidInput for hyperparameters that do not fit together, or not the task.
     """
 
     task: Task
     hp: Hyperparameters
-    seed: int
-    sample_agent: AgentSampler | None = None
+    seed: int = 0
+
+    def __post_init__(self) -> None:
+        if self.rule.needs_pairs and not self.hp.nes.mirrored_sampling:
+            raise InvalidInput(
+                f"NES update {self.hp.nes.update!r} needs mirrored_sampling true; got false"
+            )
+        coordinates(self.task, self.hp.se, self.task.unit_scale)
 
     @property
-    def architecture(self) -> Architecture:
-        """Shape of the SEs."""
-        return Architecture.of(self.task, self.hp.se)
+    def rule(self) -> UpdateRule:
+        """The update rule."""
+        return RULES[self.hp.nes.update]
 
-    def _seed(self, *path: int) -> int:
-        word = np.random.SeedSequence([self.seed, *path]).generate_state(1, np.uint64)[0]
-        return int(word)
+    # -- init ----------------------------------------------------------------------
 
-    @property
-    def start_search(self) -> StartSearch:
-        """The search for the start."""
-        return StartSearch(
-            self.task,
-            self.architecture,
-            self.hp.nes,
-            lambda *path: self._seed(_START, *path),
-            lambda *path: self._agent(_START, *path),
-        )
+    def init(self) -> NESState:
+        """The state before anything is evaluated.
 
-    def start(self, evaluate: Evaluations | None = None, fits: Fits | None = None) -> NESState:
-        """The state before the first generation. `evaluate` answers the requests of the
-        search for it; where there is a single candidate it is not needed. `fits` makes the
-        fitted candidates, if not this process one after the other."""
-        return NESState.of(self.start_search.best(evaluate, fits))
+        It may make a few real steps for the scale of observations (`Task.observation_scale`); a
+        distilled start takes seconds and many more of them.
+        """
+        scale, real_steps = self.task.unit_scale, 0
+        if self.hp.se.structure == "exogenous":
+            scale = self.task.observation_scale(derive(self.seed, Purpose.OBSERVATIONS))
+            real_steps = scale.real_env_steps
+        space = coordinates(self.task, self.hp.se, scale)
+        sigma = np.full(space.size, self.hp.nes.std_dev, np.float32)
+        if self.hp.nes.start == "distilled":
+            from bilevel.distilled import distill
+
+            start = distill(self.task, space.architecture, derive(self.seed, Purpose.DISTILLED))
+            return NESState(
+                SEDistribution(space, start.se.psi, sigma),
+                scale,
+                real_env_steps=real_steps + start.real_env_steps,
+            )
+        origin = SEDistribution(space, np.zeros(space.size, np.float32), sigma)
+        return self._started(NESState(origin, scale, real_env_steps=real_steps), attempt=0)
+
+    def _started(self, state: NESState, attempt: int) -> NESState:
+        """The state with the candidates of an attempt, or, of one alone, at that."""
+        candidates = self.hp.nes.start_candidates
+        seeds = [derive(self.seed, Purpose.INITIAL, attempt, i) for i in range(candidates)]
+        race = StartRace.of(seeds)
+        state = replace(state, attempt=attempt, attempt_began=state.generation, race=race)
+        return self._at_winner(state)
+
+    def _at_winner(self, state: NESState) -> NESState:
+        assert state.race is not None
+        winner = state.race.winner
+        if winner is None:
+            return state
+        space = state.se.coordinates
+        theta = space.initialize(np.random.default_rng(winner))
+        return replace(state, se=replace(state.se, mean=theta), race=None)
+
+    # -- ask -----------------------------------------------------------------------
 
     def ask(self, state: NESState) -> list[EvaluationRequest]:
-        """The evaluations of the next generation: n_p on psi itself, n_p on
-        psi + eps_i, and with mirrored sampling n_p on psi - eps_i."""
-        agents = [self._agent(state.generation, i) for i in range(self.hp.nes.population_size)]
-        requests: list[EvaluationRequest] = []
-        for sign in (0, 1, -1) if self.hp.nes.mirrored_sampling else (0, 1):
-            for member, agent in enumerate(agents):
-                index = len(requests)
-                paired = self.hp.nes.update == "paired" and sign == -1
-                trial = index - self.hp.nes.population_size if paired else index
+        """The evaluations that come next: a round of the choice of a start, or a generation:
+        agents on theta itself, n_p on theta + eps_i, and with mirrored sampling n_p on
+        theta - eps_i."""
+        if state.race is not None:
+            return self._ask_race(state, state.race)
+        nes, when = self.hp.nes, (state.attempt, state.generation)
+        requests = [
+            self._request(i, Purpose.CENTRE, (*when, i), i, Centre())
+            for i in range(nes.centre_agents)
+        ]
+        for sign in (1, -1) if nes.mirrored_sampling else (1,):
+            for member, seed in enumerate(self._perturbations(state)):
+                on = Perturbed(seed, sign)
+                own = () if nes.shared_agent else (member, int(sign > 0))
                 requests.append(
-                    EvaluationRequest(
-                        index=index,
-                        seed=self._seed(state.generation, trial, _EVALUATION),
-                        agent=agent,
-                        sign=sign,
-                        perturbation_seed=self._seed(state.generation, member, _PERTURBATION),
-                        std_dev=state.scale * self.hp.nes.std_dev,
+                    self._request(
+                        len(requests), Purpose.MEMBER, (*when, *own), state.generation, on
                     )
                 )
         return requests
 
-    def _agent(self, *path: int) -> AgentHyperparameters:
-        agents, vary = self.hp.agents, self.hp.vary_agent
-        agent = agents[0]
-        if vary != "no" or len(agents) > 1:
-            assert self.sample_agent is not None
-            agent = self.sample_agent(agents, vary, self._seed(*path, _AGENT))
-        return replace(agent, max_episodes=min(agent.max_episodes, self.hp.nes.max_episodes))
+    def _perturbations(self, state: NESState) -> list[int]:
+        """Seeds of this generation's z, one a member."""
+        path = (Purpose.PERTURBATION, state.attempt, state.generation)
+        return [derive(self.seed, *path, i) for i in range(self.hp.nes.population_size)]
 
-    def tell(
-        self,
-        state: NESState,
-        results: Sequence[EvaluationResult],
-        seconds: float,
-        finished: float,
-        cores: int = 1,
-    ) -> NESState:
-        """The state after the generation that `ask(state)` asked for; its record is
-        the last of `records`. `results` may come in any order; they took `seconds` on
-        so many cores, until the unix time `finished`."""
-        nes, tried = self.hp.nes, Generation.of(self.task, self.hp.nes, results)
-        scale = adapted_scale(nes, state.scale, tried.retention)
-        eps = self._perturbations(state.generation)
-        velocity = np.float32(scale) * update_step(nes, eps, tried.members)
-        velocity += np.float32(nes.momentum) * state.velocity
-
-        record = tried.record(
-            generation=state.generation,
-            psi_norm=float(np.linalg.norm(state.psi)),
-            update_norm=float(np.linalg.norm(velocity)),
-            std_dev=state.scale * nes.std_dev,
-            generation_seconds=seconds,
-            cores=cores,
-            finished=finished,
-        )
-        current = state.as_finalist(tried.finalist(state.psi, state.generation))
-        solved_reward = self.task.solved_reward
-        finalists = state.with_finalist(current, solved_reward)
-        psi, best = state.psi + velocity, finalists[0]
-        if nes.fallback and best.surpasses(current, nes.fallback, solved_reward):
-            psi, velocity = best.psi, np.zeros_like(velocity)
-        solved = record.score_mean >= solved_reward
-        return NESState(
-            psi=psi,
-            velocity=velocity,
-            generation=state.generation + 1,
-            scale=scale,
-            solved_streak=state.solved_streak + 1 if solved else 0,
-            finalists=finalists,
-            records=(*state.records, record),
-        )
-
-    def _perturbations(self, generation: int) -> NDArray[np.float32]:
-        architecture, sigma = self.architecture, self.hp.nes.std_dev
-        return np.stack(
+    def _ask_race(self, state: NESState, race: StartRace) -> list[EvaluationRequest]:
+        paths = [(state.attempt, race.round, i) for i in range(race.agents)]
+        return race.requests(
             [
-                architecture.perturbation(self._seed(generation, member, _PERTURBATION), sigma)
-                for member in range(self.hp.nes.population_size)
+                (
+                    derive(self.seed, Purpose.START, *path),
+                    as_turn(self._agent(Purpose.START, path), self.hp.nes, path[-1]),
+                )
+                for path in paths
             ]
         )
+
+    def _request(
+        self, index: int, purpose: Purpose, path: tuple[int, ...], turn: int, on: Centre | Perturbed
+    ) -> EvaluationRequest:
+        agent = as_turn(self._agent(purpose, path), self.hp.nes, turn)
+        return EvaluationRequest(index, derive(self.seed, purpose, *path), agent, on)
+
+    def _agent(self, purpose: Purpose, path: tuple[int, ...]) -> AgentHyperparameters:
+        seed = derive(self.seed, Purpose.AGENT, int(purpose), *path)
+        return draw_agent(self.hp.agents, self.hp.vary_agent, seed)
+
+    # -- tell ----------------------------------------------------------------------
+
+    def tell(self, state: NESState, results: Sequence[EvaluationResult]) -> NESState:
+        """The state after what `ask(state)` asked for; `results` may come in any order. After a
+        generation, its record is the last of `records`."""
+        ordered = sorted(results, key=lambda result: result.index)
+        real_steps = state.real_env_steps + sum(result.real_env_steps for result in ordered)
+        state = replace(state, real_env_steps=real_steps)
+        if state.race is not None:
+            return self._at_winner(replace(state, race=state.race.after(ordered)))
+        nes, se = self.hp.nes, state.se
+        scores = self._member_scores(ordered)
+        z = np.stack([se.noise(seed) for seed in self._perturbations(state)])
+        step = self.rule.step(nes, se.std_dev, z, scores)
+        record = GenerationRecord.of(self.task, state, ordered, nes.centre_agents, step)
+        solved = record.score_mean >= self.task.solved_reward
+        streak = state.solved_streak + 1 if solved else 0
+        generation = state.generation + 1
+        state = replace(
+            state,
+            se=replace(se, mean=se.mean + step),
+            generation=generation,
+            solved_streak=streak,
+            finalists=state.with_finalist(Finalist.of(se.mean, record)),
+            records=(*state.records, record),
+        )
+        finished = state.solved_for_long(nes) or generation >= nes.generations
+        return self._restarted(replace(state, finished=finished))
+
+    def _member_scores(self, ordered: Sequence[EvaluationResult]) -> MemberScores:
+        scores = np.array([result.score for result in ordered])
+        centre, members = np.split(scores, [self.hp.nes.centre_agents])
+        plus, *minus = members.reshape(-1, self.hp.nes.population_size)
+        return MemberScores(centre, plus, minus[0] if minus else None)
+
+    def _restarted(self, state: NESState) -> NESState:
+        """The state begun again, if this attempt neither solved the task nor found a new best
+        SE for so many generations."""
+        limit = self.hp.nes.restart_after
+        attempt = [r.score_mean for r in state.records[state.attempt_began :]]
+        if not limit or state.finished or max(attempt) >= self.task.solved_reward:
+            return state
+        if len(attempt) - 1 - int(np.argmax(attempt)) < limit:
+            return state
+        return self._started(state, state.attempt + 1)
+
+
+def as_turn(
+    agent: AgentHyperparameters, nes: NESHyperparameters, turn: int
+) -> AgentHyperparameters:
+    """The agent as it trains in a turn of that number: in odd ones patiently, whatever its
+    returns, if `nes` has patient agents."""
+    if not nes.patient_episodes or turn % 2 == 0:
+        return agent
+    return replace(agent, max_episodes=nes.patient_episodes, early_out_difference=0.0)

@@ -1,7 +1,8 @@
 """Score transforms: member scores F (n,) to weights (n,), by name.
 
-The eight of the authors' code (`score_transform_type` 0 to 7), in their order. Ties
-share their mean rank, and a score that is not finite counts as the lowest.
+The eight of the authors' code (`score_transform_type` 0 to 7), in their order. A score that is
+not finite counts as the lowest. Equal scores share their mean rank, or (`ties` "order", as in the
+authors' code, which takes ranks from argsort) rank in the order of the members.
 """
 
 from collections.abc import Callable
@@ -20,51 +21,50 @@ def finite(scores: Scores) -> Scores:
     return np.where(good, scores, lowest)
 
 
-def linear(scores: Scores, average: float) -> Scores:
+def linear(scores: Scores, average: float, ties: str) -> Scores:
     """Lowest score 0, highest 1."""
     span = float(np.ptp(scores))
     return (scores - scores.min()) / span if span > 0 else np.zeros_like(scores)
 
 
-def rank(scores: Scores, average: float) -> Scores:
+def rank(scores: Scores, average: float, ties: str) -> Scores:
     """Lowest rank 0, highest 1."""
-    return (_ranks(scores) - 1) / max(scores.size - 1, 1)
+    return (_ranks(scores, ties) - 1) / max(scores.size - 1, 1)
 
 
-def nes(scores: Scores, average: float) -> Scores:
+def nes(scores: Scores, average: float, ties: str) -> Scores:
     """NES utilities (Wierstra et al., 2008) less their mean 1/n, highest 1."""
-    utilities = _log_rank_utilities(scores)
-    utilities = utilities / utilities.sum() - 1 / scores.size
-    highest = float(utilities.max())
-    return utilities / highest if highest > 0 else np.zeros_like(scores)
+    weights = utilities(scores, ties)
+    highest = float(weights.max())
+    return weights / highest if highest > 0 else np.zeros_like(scores)
 
 
-def nes_unnormalized(scores: Scores, average: float) -> Scores:
+def nes_unnormalized(scores: Scores, average: float, ties: str) -> Scores:
     """NES utilities without the baseline, highest 1."""
-    utilities = _log_rank_utilities(scores)
-    return utilities / float(utilities.max())
+    weights = _log_rank_utilities(scores, ties)
+    return weights / float(weights.max())
 
 
-def single_best(scores: Scores, average: float) -> Scores:
+def single_best(scores: Scores, average: float, ties: str) -> Scores:
     """1 for the best member, 0 for all others."""
     weights = np.zeros_like(scores)
     weights[scores.argmax()] = 1.0
     return weights
 
 
-def single_better_average(scores: Scores, average: float) -> Scores:
+def single_better_average(scores: Scores, average: float, ties: str) -> Scores:
     """1 for the best member if it is better than average, 0 for all others."""
-    return single_best(scores, average) * float(scores.max() > average)
+    return single_best(scores, average, ties) * float(scores.max() > average)
 
 
-def better_average(scores: Scores, average: float) -> Scores:
+def better_average(scores: Scores, average: float, ties: str) -> Scores:
     """How much better than average, highest 1; members below count nothing
     (the paper's choice, "better avg.")."""
     gain = np.maximum(scores - average, 0)
     return gain / gain.max() if gain.max() > 0 else gain
 
 
-def better_average_sum(scores: Scores, average: float) -> Scores:
+def better_average_sum(scores: Scores, average: float, ties: str) -> Scores:
     """How much better than average, summed to 1."""
     gain = np.maximum(scores - average, 0)
     return gain / gain.sum() if gain.sum() > 0 else gain
@@ -72,22 +72,29 @@ def better_average_sum(scores: Scores, average: float) -> Scores:
 
 def centred_rank(scores: Scores) -> Scores:
     """Ranks scaled to [-0.5, 0.5]; the utilities of the update `antithetic`."""
-    return rank(finite(scores), 0.0) - 0.5
+    return rank(finite(scores), 0.0, "mean") - 0.5
 
 
-def _ranks(scores: Scores) -> Scores:
-    """Ranks from 1 (lowest) to n; equal scores share their mean rank."""
-    ranks: Scores = rankdata(scores)
-    return ranks
+def utilities(scores: Scores, ties: str = "mean") -> Scores:
+    """NES utilities (Wierstra et al., 2008), summed to 1, less their mean 1/n."""
+    weights = _log_rank_utilities(scores, ties)
+    centred: Scores = weights / weights.sum() - 1 / scores.size
+    return centred
 
 
-def _log_rank_utilities(scores: Scores) -> Scores:
-    from_best = _ranks(-scores)
-    utilities: Scores = np.maximum(0.0, np.log(scores.size / 2 + 1) - np.log(from_best))
-    return utilities
+def _ranks(scores: Scores, ties: str) -> Scores:
+    """Ranks from 1 (lowest) to n."""
+    ranks: Scores = rankdata(scores, method="average" if ties == "mean" else "ordinal")
+    return ranks.astype(np.float64)
 
 
-_TRANSFORMS: dict[str, Callable[[Scores, float], Scores]] = {
+def _log_rank_utilities(scores: Scores, ties: str) -> Scores:
+    from_best = _ranks(-scores, ties)
+    weights: Scores = np.maximum(0.0, np.log(scores.size / 2 + 1) - np.log(from_best))
+    return weights
+
+
+_TRANSFORMS: dict[str, Callable[[Scores, float, str], Scores]] = {
     "linear": linear,
     "rank": rank,
     "nes": nes,
@@ -99,7 +106,7 @@ _TRANSFORMS: dict[str, Callable[[Scores, float], Scores]] = {
 }
 
 
-def transform(name: str, scores: Scores, average: float) -> Scores:
+def transform(name: str, scores: Scores, average: float, ties: str = "mean") -> Scores:
     """Weights (n,) of the members; `average` is the mean score of the unperturbed
     SE's evaluations, to which the "better average" transforms compare."""
-    return _TRANSFORMS[name](finite(scores), average)
+    return _TRANSFORMS[name](finite(scores), average, ties)

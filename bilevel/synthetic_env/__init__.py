@@ -1,12 +1,17 @@
 """Synthetic environments (SEs): three networks that stand in for a real task."""
 
-from bilevel.synthetic_env.architecture import Architecture, kernel_form
+from bilevel.synthetic_env.architecture import SE, Architecture, Psi
+from bilevel.synthetic_env.coordinates import Coordinates, SEDistribution, coordinates
 from bilevel.synthetic_env.storage import StoredSE, load_se, save_se, se_bytes
 
 __all__ = [
+    "SE",
     "Architecture",
+    "Coordinates",
+    "Psi",
+    "SEDistribution",
     "StoredSE",
-    "kernel_form",
+    "coordinates",
     "load_se",
     "save_se",
     "se_bytes",

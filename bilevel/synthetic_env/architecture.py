@@ -10,6 +10,7 @@ S, A     state size, number of actions
 P        length of psi
 """
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,23 +29,19 @@ NETWORKS = ("next_state", "reward", "done")
 #: PReLU keeps the slope it starts with.
 _SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": LRELU_SLOPE, "prelu": PRELU_INITIAL_SLOPE}
 
+Psi = NDArray[np.float32]
+
 
 @dataclass(frozen=True)
 class Architecture:
-    """Sizes of an SE's networks, and how long its episodes may be.
-
-    `reward_scale` multiplies the reward network's last layer in a fresh psi and in
-    perturbations; a given psi it does not change. `step_limit_share` is that of the real
-    task's step limit.
-    """
+    """Sizes of an SE's networks, and the steps after which its episodes are truncated."""
 
     state_size: int
     n_actions: int
     hidden_layers: int
     hidden_size: int
     activation: str
-    reward_scale: float = 1.0
-    step_limit_share: float = 1.0
+    step_limit: int
 
     @classmethod
     def of(cls, task: Task, hp: SEHyperparameters) -> "Architecture":
@@ -55,13 +52,8 @@ class Architecture:
             hp.hidden_layers,
             hp.hidden_size,
             hp.activation,
-            hp.reward_scale,
-            hp.step_limit_share,
+            hp.step_limit or task.step_limit,
         )
-
-    def step_limit(self, task: Task) -> int:
-        """Steps after which an episode on the SE ends if it has not before."""
-        return max(1, round(self.step_limit_share * task.step_limit))
 
     @property
     def slope(self) -> float:
@@ -90,38 +82,35 @@ class Architecture:
         """Length P of psi."""
         return sum(net.parameter_count for net in self.networks)
 
-    def split(
-        self, psi: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]]:
+    def split(self, psi: Psi) -> tuple[Psi, Psi, Psi]:
         """Views of psi (P,), one a network."""
         counts = [net.parameter_count for net in self.networks]
         next_state, reward, done = np.split(psi, np.cumsum(counts)[:-1])
         return next_state, reward, done
 
-    def initialize(self, rng: np.random.Generator) -> NDArray[np.float32]:
-        """A fresh psi (P,): uniform in +-1/sqrt(fan_in), the reward's last layer scaled."""
-        psi = np.concatenate([initial_parameters(net, rng) for net in self.networks])
-        return self._scale_rewards(psi)
-
-    def perturbation(self, seed: int, std_dev: float) -> NDArray[np.float32]:
-        """eps ~ N(0, std_dev^2 I), shape (P,), the reward's last layer scaled; the same for
-        the same seed everywhere."""
-        eps = np.random.default_rng(seed).standard_normal(self.parameter_count, np.float32)
-        return self._scale_rewards(eps * np.float32(std_dev))
-
-    def _scale_rewards(self, values: NDArray[np.float32]) -> NDArray[np.float32]:
-        """`values` (P,), changed in place."""
-        reward = self.networks[1]
-        last = self.split(values)[1][int(reward.offsets[-2]) :]
-        last *= np.float32(self.reward_scale)
-        return values
+    def initialize(self, rng: np.random.Generator) -> Psi:
+        """A fresh psi (P,), uniform in +-1/sqrt(fan_in)."""
+        return np.concatenate([initial_parameters(net, rng) for net in self.networks])
 
 
-def kernel_form(architecture: Architecture, psi: NDArray[np.float32]) -> SEKernel:
-    """psi (P,) arranged for the compiled step."""
-    return prepare(
-        architecture.networks,
-        architecture.split(np.ascontiguousarray(psi, np.float32)),
-        architecture.n_actions,
-        architecture.slope,
-    )
+@dataclass(frozen=True)
+class SE:
+    """A synthetic environment: its architecture and its parameters psi (P,)."""
+
+    architecture: Architecture
+    psi: Psi
+
+    @property
+    def kernel(self) -> SEKernel:
+        """The SE arranged for the compiled step."""
+        return prepare(
+            self.architecture.networks,
+            self.architecture.split(np.ascontiguousarray(self.psi, np.float32)),
+            self.architecture.n_actions,
+            self.architecture.slope,
+        )
+
+    @property
+    def digest(self) -> str:
+        """A short name of the parameters: equal for equal ones alone."""
+        return hashlib.sha256(self.psi.tobytes()).hexdigest()[:16]

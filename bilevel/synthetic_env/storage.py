@@ -6,7 +6,6 @@ executes nothing, and believes nothing: names, shapes, types, numbers and a chec
 are checked.
 """
 
-import hashlib
 import json
 import math
 from collections.abc import Mapping
@@ -23,14 +22,18 @@ from bilevel.durable import checksum, write_aside
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.kernels.mlp import layer_biases, layer_weights
-from bilevel.synthetic_env.architecture import NETWORKS, Architecture
+from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi
 from bilevel.tasks import MAX_STEP_LIMIT, Task, get_task
 
 #: What a header that is not what it should be may raise.
 _DAMAGE = (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError)
 
+#: State dimensions and actions that a file may claim.
+MAX_SPACE = 65536
+
 FORMAT = "bilevel-synthetic-environment"
-FORMAT_VERSION = 1
+#: 1 gave the step limit as a share of the task's, and had a scale of rewards; it is still read.
+FORMAT_VERSION = 2
 
 
 @dataclass(frozen=True)
@@ -41,12 +44,21 @@ class StoredSE:
     reward, all of the real task. `info` is free: hyperparameters, scores, versions.
     """
 
-    architecture: Architecture
-    psi: NDArray[np.float32]  # (P,)
+    se: SE
     task_id: str
     step_limit: int
     solved_reward: float
     info: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def architecture(self) -> Architecture:
+        """Of the SE."""
+        return self.se.architecture
+
+    @property
+    def psi(self) -> Psi:
+        """Of the SE, (P,)."""
+        return self.se.psi
 
     def task(self) -> Task:
         """The real task, on which its agents can be tested.
@@ -63,11 +75,6 @@ class StoredSE:
                 f"{task.state_size} and {task.n_actions}"
             )
         return task
-
-    @property
-    def digest(self) -> str:
-        """A short name of the SE's parameters: equal for equal ones alone."""
-        return hashlib.sha256(self.psi.tobytes()).hexdigest()[:16]
 
 
 def save_se(se: StoredSE, path: Path) -> None:
@@ -111,30 +118,18 @@ def load_se(path: Path) -> StoredSE:
     try:
         header = json.loads(metadata["se"])
         given = header.pop("sha256", None)  # other tools write none
-        if header["format"] != FORMAT or header["version"] != FORMAT_VERSION:
+        if header["format"] != FORMAT or header["version"] not in (1, FORMAT_VERSION):
             raise ValueError(f"format {header['format']!r}, version {header['version']!r}")
-        sizes = header["architecture"]
-        SEHyperparameters(
-            hidden_layers=sizes["hidden_layers"],
-            hidden_size=sizes["hidden_size"],
-            activation=sizes["activation"],
-            reward_scale=sizes.get("reward_scale", 1.0),
-            step_limit_share=sizes.get("step_limit_share", 1.0),
-        )
-        for name in ("state_size", "n_actions"):
-            if type(sizes[name]) is not int or not 1 <= sizes[name] <= 65536:
-                raise ValueError(f"{name} {sizes[name]!r}")
-        architecture = Architecture(**sizes)
+        step_limit, solved_reward = int(header["step_limit"]), float(header["solved_reward"])
+        if not (1 <= step_limit <= MAX_STEP_LIMIT and math.isfinite(solved_reward)):
+            raise ValueError(f"step limit {step_limit}, solved reward {solved_reward}")
+        architecture = _architecture(dict(header["architecture"]), header["version"], step_limit)
         psi = _flat(architecture, tensors)
         expected = checksum(json.dumps(header).encode(), psi.tobytes())
         if given not in (None, expected):
             raise ValueError("its checksum is wrong")
-        step_limit, solved_reward = int(header["step_limit"]), float(header["solved_reward"])
-        if not (1 <= step_limit <= MAX_STEP_LIMIT and math.isfinite(solved_reward)):
-            raise ValueError(f"step limit {step_limit}, solved reward {solved_reward}")
         return StoredSE(
-            architecture,
-            psi,
+            SE(architecture, psi),
             str(header["task"]),
             step_limit,
             solved_reward,
@@ -143,6 +138,27 @@ def load_se(path: Path) -> StoredSE:
     except _DAMAGE as error:
         reason = str(error) or type(error).__name__
         raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {reason}") from None
+
+
+def _architecture(sizes: dict[str, Any], version: int, task_limit: int) -> Architecture:
+    """The architecture that a header tells, checked. Raises ValueError and its like."""
+    if version == 1:
+        share = float(sizes.pop("step_limit_share", 1.0))
+        sizes.pop("reward_scale", None)
+        sizes["step_limit"] = max(1, round(share * task_limit))
+    SEHyperparameters(
+        structure="plain",
+        hidden_layers=sizes["hidden_layers"],
+        hidden_size=sizes["hidden_size"],
+        activation=sizes["activation"],
+        step_limit=sizes["step_limit"],
+    )
+    for name in ("state_size", "n_actions", "step_limit"):
+        if type(sizes[name]) is not int or not 1 <= sizes[name] <= MAX_STEP_LIMIT:
+            raise ValueError(f"{name} {sizes[name]!r}")
+    if max(sizes["state_size"], sizes["n_actions"]) > MAX_SPACE:
+        raise ValueError(f"{sizes['state_size']} states, {sizes['n_actions']} actions")
+    return Architecture(**sizes)
 
 
 def _tensors(

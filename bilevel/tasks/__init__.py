@@ -1,5 +1,5 @@
 """The real tasks and their fixed facts."""
 
-from bilevel.tasks.task import BUILT_IN_TASKS, MAX_STEP_LIMIT, Task, get_task
+from bilevel.tasks.task import BUILT_IN_TASKS, MAX_STEP_LIMIT, ObservationScale, Task, get_task
 
-__all__ = ["BUILT_IN_TASKS", "MAX_STEP_LIMIT", "Task", "get_task"]
+__all__ = ["BUILT_IN_TASKS", "MAX_STEP_LIMIT", "ObservationScale", "Task", "get_task"]

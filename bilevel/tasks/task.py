@@ -29,6 +29,19 @@ GYMNASIUM_INITIAL_STATES = 200
 MAX_STEP_LIMIT = 1_000_000
 
 
+#: Steps of random actions on the real task that tell the scale of its observations.
+SCALE_STEPS = 1000
+
+
+@dataclass(frozen=True)
+class ObservationScale:
+    """Mean and standard deviation (S,) of a task's observations under random actions."""
+
+    mean: NDArray[np.float32]
+    deviation: NDArray[np.float32]
+    real_env_steps: int  # that were made to learn them
+
+
 @dataclass(frozen=True)
 class Task:
     """Facts of a real task.
@@ -78,10 +91,36 @@ class Task:
         dynamics.observe(self.dynamics, physics, state)
         return state
 
-    def test_returns(self, policy: Policy, episodes: int, seed: int) -> NDArray[np.float64]:
-        """Returns (episodes,) of `policy` on gymnasium's own environment."""
+    @property
+    def unit_scale(self) -> ObservationScale:
+        """Mean 0 and standard deviation 1, where no scale is needed or known."""
+        zero = np.zeros(self.state_size, np.float32)
+        return ObservationScale(zero, np.ones_like(zero), 0)
+
+    def observation_scale(self, seed: int) -> ObservationScale:
+        """The scale of observations in episodes of random actions, SCALE_STEPS in all; an
+        observation that never changes has a standard deviation of 1."""
         env = self.make()
-        returns = np.zeros(episodes)
+        env.action_space.seed(seed % 2**31)
+        state, _ = env.reset(seed=seed % 2**31)
+        seen = []
+        for _ in range(SCALE_STEPS):
+            seen.append(state)
+            state, _, terminated, truncated, _ = env.step(env.action_space.sample())
+            if terminated or truncated:
+                state, _ = env.reset()
+        env.close()
+        deviation = np.std(seen, axis=0)
+        deviation = np.where(deviation > 0, deviation, 1.0)
+        mean = np.mean(seen, axis=0)
+        return ObservationScale(mean.astype(np.float32), deviation.astype(np.float32), SCALE_STEPS)
+
+    def test_returns(
+        self, policy: Policy, episodes: int, seed: int
+    ) -> tuple[NDArray[np.float64], int]:
+        """Returns (episodes,) of `policy` on gymnasium's own environment, and the steps made."""
+        env = self.make()
+        returns, steps = np.zeros(episodes), 0
         for episode in range(episodes):
             state, _ = env.reset(seed=seed if episode == 0 else None)
             over = False
@@ -89,9 +128,10 @@ class Task:
                 action = env.action_space.start + policy(np.asarray(state, np.float32))  # type: ignore[attr-defined]
                 state, reward, terminated, truncated, _ = env.step(action)
                 returns[episode] += float(reward)
+                steps += 1
                 over = terminated or truncated
         env.close()
-        return returns
+        return returns, steps
 
 
 BUILT_IN_TASKS = {

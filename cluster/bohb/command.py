@@ -3,7 +3,6 @@
 import math
 from dataclasses import dataclass, field
 
-from bilevel.nes import NESState
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal
 from cluster.bohb.report import StudyReport
@@ -13,9 +12,10 @@ from cluster.bohb.stopping import StudyStopper
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.tuning import run_trials
-from cluster.final import RACE, RETEST, Contender, agents_needed, choose_best, hand_over, score_anew
+from cluster.final import RACE, Contender, agents_needed, choose_best, hand_over, score_anew
 from cluster.interrupts import InterruptGuard
 from cluster.live_run import live_run
+from cluster.nes_loop import start_of
 from cluster.place import Place
 from cluster.pool import EvaluationPool
 from cluster.progress import Terminal, count, duration
@@ -28,9 +28,6 @@ from cluster.views import StudyViews
 #: Seconds of a time budget that are kept for the end: stopping the trials, scoring
 #: the best SE anew.
 _RESERVE = 60.0
-
-#: Names the agents that choose the start apart from all others that a study derives.
-_START = 0x5354_4152
 
 
 @dataclass(frozen=True)
@@ -108,7 +105,6 @@ class _UnderWay:
         try:
             with live_run(study.folder, self.brackets, views, self.tracker, self.terminal) as run:
                 try:
-                    self._choose_start(views, run.mirror)
                     code = self._to_the_end(views, run.mirror)
                 finally:
                     self.live.clear()
@@ -123,6 +119,7 @@ class _UnderWay:
         study = command.study
         line(
             f"{study.method_name} on {study.task.id}: study {study.name!r}, space {study.space}, "
+            f"{start_of(study.base.nes)}, rule {study.base.nes.update}, "
             f"population {study.base.nes.population_size}, "
             f"budgets {'/'.join(map(str, study.schedule.budgets))} generations, "
             f"{command.trials} trial(s) at a time with {command.workers_per_trial} worker(s) each"
@@ -132,35 +129,6 @@ class _UnderWay:
             line(f"time budget {duration(command.time_budget)}")
         if self.journal.results:
             line(f"going on: {len(self.journal.results)} results of this study count already")
-
-    def _choose_start(self, views: StudyViews, mirror: Mirror) -> None:
-        """Of some fitted SEs the one that fresh agents learn most on decides the seed of all
-        runs."""
-        study, terminal = self.command.study, self.terminal
-        if not study.fitted or study.read_start() is not None:
-            return
-        if study.start_file.exists():
-            terminal.line(f"damaged {str(study.start_file)!r}: the start is chosen again")
-        runs = [study.fitted_run(seed, study.base, study.folder) for seed in study.start_seeds]
-        steps = len(runs) + agents_needed(len(runs), RETEST)
-        terminal.bar("choosing the start", 0, steps, "fits and tests")
-        with self._pool() as pool:
-            seeds = [run.nes.start_search.fit_seeds[0] for run in runs]
-            psis = pool.fits(study.task, runs[0].nes.architecture, seeds, terminal.step)
-            starts = [
-                Contender(run.last_se(NESState.of(psi)), run.hp)
-                for run, psi in zip(runs, psis, strict=True)
-            ]
-            # Other agents than those that choose the best SE in the end.
-            seed = (study.seed, _START)
-            best = choose_best(study.task, starts, seed, pool, terminal.step)
-        number = next(number for number, start in enumerate(starts) if start is best)
-        study.write_start(number)
-        terminal.line(
-            f"all runs have the seed of fit {number + 1} of {len(runs)}, the one that fresh agents "
-            "learn most on"
-        )
-        mirror.mark(views.keys())  # of runs whose start was lost, there was no view
 
     def _pool(self) -> EvaluationPool:
         """As large as those of all trials together, before they begin or when they are over."""
@@ -251,7 +219,7 @@ class _UnderWay:
             if state is not None:
                 ses = run.finalists(state)
                 found += [
-                    (f.rank(run.task.solved_reward), Contender(se, run.hp))
+                    (f.rank, Contender(se, run.hp))
                     for f, se in zip(state.finalists, ses, strict=True)
                 ]
         found.sort(key=lambda pair: pair[0], reverse=True)

@@ -1,14 +1,12 @@
 """What a study is, wherever and however often it is run."""
 
-import json
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bilevel.durable import write_aside
-from bilevel.errors import InvalidInput, StorageFailure
+from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.tasks import Task
 from cluster.bohb.brackets import Schedule
@@ -55,58 +53,14 @@ class Study:
         """Names of the agents that evaluations draw from."""
         return tuple(hp.agent for hp in self.base.agents)
 
-    @property
-    def fitted(self) -> bool:
-        """Whether its runs start from SEs fitted to the task."""
-        return self.base.nes.start == "fitted"
-
-    @property
-    def start_file(self) -> Path:
-        """Holds the number of the start seed that all runs from fitted SEs share."""
-        return self.folder / "start.json"
-
-    @property
-    def start_seeds(self) -> list[int]:
-        """Seeds of runs from fitted SEs, of which one is chosen for all."""
-        return [self._seed(number) for number in range(self.base.nes.start_candidates)]
-
-    def read_start(self) -> int | None:
-        """Number of the seed that was chosen; None if none was, or the file is damaged."""
-        try:
-            number = json.loads(self.start_file.read_bytes())["number"]
-        except (OSError, ValueError, TypeError, KeyError, RecursionError):
-            return None
-        known = type(number) is int and 0 <= number < self.base.nes.start_candidates
-        return number if known else None
-
-    def write_start(self, number: int) -> None:
-        """All runs have that seed. Raises StorageFailure."""
-        write_aside(self.start_file, json.dumps({"number": number}).encode())
-
-    def fitted_run(self, seed: int, hp: Hyperparameters, folder: Path) -> NESRun:
-        """A run from the SE that is fitted by its seed."""
-        one = replace(hp, nes=replace(hp.nes, start_candidates=1))
-        return NESRun(self.task, one, seed, folder)
-
     def run(self, config_id: ConfigId, configuration: Configuration) -> NESRun:
-        """The NES run of a configuration; its seed is derived from the study's.
-
-        Runs from fitted SEs all have the same: they are fitted to the same steps and action
-        values, and what tells them apart is their configurations, not their agents (common
-        random numbers). Raises InvalidInput for a configuration that is not allowed,
-        StorageFailure where the seed's number should be on disk and is not.
+        """The NES run of a configuration; its seed is derived from the study's and the
+        configuration's id, so that no configuration owes its result to a start that others
+        have too. Raises InvalidInput for a configuration that is not allowed.
         """
         hp = to_hyperparameters(self.base, configuration)
         folder = self.folder / "configurations" / configuration_name(config_id)
-        if not self.fitted:
-            return NESRun(self.task, hp, self._seed(*config_id), folder)
-        number = self.read_start()
-        if number is None:
-            raise StorageFailure(
-                f"{str(self.start_file)!r} is missing or damaged: the same command chooses the "
-                "start again"
-            )
-        return self.fitted_run(self.start_seeds[number], hp, folder)
+        return NESRun(self.task, hp, self._seed(*config_id), folder)
 
     def _seed(self, *path: int) -> int:
         return int(np.random.SeedSequence([self.seed, *path]).generate_state(1)[0])

@@ -68,9 +68,10 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
             raise StorageFailure(f"node {node} does not see the folder {str(study.folder)!r}")
         told: list[str] = []
         run = study.run(tuple(job["id"]), job["configuration"])
-        state = self._state or run.open(self._pool, tell=told.append)
-        if state.generation < job["budget"]:
-            state = run.advance(state, self._pool)
+        state = self._state or run.open(told.append)
+        before = state.generation
+        while state.generation == before and before < job["budget"]:
+            state = run.advance(state, self._pool)  # the first also chooses the start
         self._state = state
         reached = state.generation >= job["budget"]
         return {

@@ -26,7 +26,11 @@ from cluster.home import LONGEST_NAME
     help="Fresh agents of each kind on each source.",
 )
 @vary_option
-@click.option("--preset", default="default", show_default=True, help="tuned or default.")
+@click.option(
+    "--recipe",
+    help="Train the agents of a recipe (paper, authors, default, distilled or a file); default: "
+    "those of the paper's default table.",
+)
 @click.option("--max-episodes", type=WholeNumber(min=1), help="Training episodes at most.")
 @click.option("--workers", type=WholeNumber(min=1), help="Actors; default all cores.")
 @click.option("--name", help="Of the evaluation; the same name goes on where it was.")
@@ -36,7 +40,7 @@ def evaluate(
     real: str | None,
     count: int,
     vary: str | None,
-    preset: str,
+    recipe: str | None,
     max_episodes: int | None,
     workers: int | None,
     name: str | None,
@@ -46,7 +50,7 @@ def evaluate(
 
     Several kinds, --agent ddqn,td3, are each trained --agents times.
     """
-    from bilevel.hyperparameters import VARIATIONS, load_preset
+    from bilevel.hyperparameters import VARIATIONS, load_recipe
     from bilevel.synthetic_env import StoredSE, load_se
 
     ses = _labelled(files)
@@ -68,7 +72,10 @@ def evaluate(
         )
         raise InvalidInput(f"sources of several tasks: {', '.join(facts_of)}")
     common = RunOptions(task=task.id, **options)
-    kinds = load_preset(preset, task.id, agents=common.the_agents()).agents
+    agents = common.the_agents() or ("ddqn",)
+    kinds = (
+        load_recipe("paper", "", agents) if recipe is None else load_recipe(recipe, task.id, agents)
+    ).agents
     if max_episodes is not None:
         kinds = tuple(replace(hp, max_episodes=max_episodes) for hp in kinds)
     vary = vary or "no"

@@ -4,7 +4,7 @@ import json
 import os
 import re
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -14,6 +14,7 @@ from bilevel.tasks import Task
 from cluster.home import Home
 
 if TYPE_CHECKING:
+    from bilevel.hyperparameters import Hyperparameters
     from cluster.place import Place
 
 _SECONDS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
@@ -119,9 +120,8 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--agent",
             "agents",
-            default="ddqn",
-            show_default=True,
-            help="Agent to train; several, comma-separated: each evaluation draws one.",
+            help="Agent to train: ddqn, dueling-ddqn, td3 or one of your own; several, "
+            "comma-separated: each evaluation draws one (default: the recipe's, ddqn).",
         ),
         agent_file_option,
         click.option(
@@ -142,10 +142,29 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Options that the commands which learn SEs have in common."""
-    population = click.option(
-        "--population", type=WholeNumber(min=1), help="NES members a generation."
-    )
-    return click.argument("task")(population(common_options(function)))
+    options = [
+        click.option(
+            "--recipe",
+            default="default",
+            show_default=True,
+            help="All hyperparameters of a run: default, paper, authors, distilled, or the path "
+            "of a recipe file (*.toml).",
+        ),
+        click.option(
+            "--set",
+            "settings",
+            type=Setting(),
+            multiple=True,
+            help="Replace a hyperparameter of the recipe, as nes.std_dev=0.1 or "
+            "ddqn.learning_rate=0.002; may be repeated.",
+        ),
+        vary_option,
+        click.option("--population", type=WholeNumber(min=1), help="NES members a generation."),
+    ]
+    function = common_options(function)
+    for option in reversed(options):
+        function = option(function)
+    return click.argument("task")(function)
 
 
 @dataclass(frozen=True)
@@ -154,7 +173,7 @@ class RunOptions:
 
     task: str
     seed: int
-    agents: str
+    agents: str | None
     agent_files: tuple[Path, ...]
     address: str | None
     tracking_uri: str | None
@@ -162,23 +181,46 @@ class RunOptions:
     solved_reward: float | None
     step_limit: int | None
     population: int | None = None
+    recipe: str = "default"
+    settings: tuple[tuple[str, Any], ...] = ()
+    vary: str | None = None
 
     def the_task(self) -> Task:
         from bilevel.tasks import get_task
 
         return get_task(self.task, self.solved_reward, self.step_limit)
 
-    def the_agents(self) -> tuple[str, ...]:
-        """Names of the agents, each of them known. Raises InvalidInput."""
+    def the_agents(self) -> tuple[str, ...] | None:
+        """Names of the agents, each of them known; None for the recipe's. Raises InvalidInput."""
         from bilevel.agents import get_agent
         from cluster.agent_files import load_agent_file
 
         for file in self.agent_files:
             load_agent_file(file)
+        if self.agents is None:
+            return None
         names = tuple(name.strip() for name in self.agents.split(","))
         for name in names:
             get_agent(name)
         return names
+
+    def the_hyperparameters(self, task: Task, agents: tuple[str, ...] | None) -> "Hyperparameters":
+        """Those of the recipe, with what the options replace. Raises InvalidInput."""
+        from bilevel.hyperparameters import load_recipe
+        from search_spaces import to_hyperparameters
+
+        hp = load_recipe(self.recipe, task.id, agents)
+        hp = replace(hp, vary_agent=self.vary or hp.vary_agent)
+        if self.population is not None:
+            hp = replace(hp, nes=replace(hp.nes, population_size=self.population))
+        return to_hyperparameters(hp, dict(self.settings))
+
+    @property
+    def suffix(self) -> str:
+        """What recipe, agents and variation add to a default name."""
+        recipe = Path(self.recipe).stem
+        agents = "" if self.agents is None else "-" + self.agents.replace(",", "-").replace(" ", "")
+        return f"-{recipe}{agents}" + (f"-{self.vary}" if self.vary else "")
 
     def the_place(self) -> "Place":
         """Home, MLflow and Ray cluster: given, or those that `up` has started. To be called
@@ -190,8 +232,3 @@ class RunOptions:
         from cluster.place import Place  # imports Ray, which reads what joining has set
 
         return Place(home, tracking_uri, address)
-
-
-def agent_suffix(agents: tuple[str, ...]) -> str:
-    """What the agents add to a default name: nothing for the paper's."""
-    return "" if agents == ("ddqn",) else f"-{'-'.join(agents)}"

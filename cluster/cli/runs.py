@@ -9,69 +9,41 @@ import click
 from cluster.cli.options import (
     Duration,
     RunOptions,
-    Setting,
     WholeNumber,
-    agent_suffix,
     run_options,
-    vary_option,
 )
 
 
 @click.command()
 @run_options
-@click.option("--preset", default=None, help="tuned (the paper's Table 1) or default.")
-@click.option("--update", default="paired", show_default=True, help="NES update rule.")
-@click.option("--generations", type=WholeNumber(min=1), help="At most; default 200.")
-@click.option("--workers", type=WholeNumber(min=1), help="Actors; default all cores.")
-@vary_option
-@click.option("--start-candidates", type=WholeNumber(min=1), help="SEs to choose from.")
 @click.option(
-    "--set",
-    "settings",
-    type=Setting(),
-    multiple=True,
-    help="A hyperparameter, as nes.step_price=0.02 or ddqn.learning_rate=0.002; may be repeated.",
+    "--generations",
+    type=WholeNumber(min=1),
+    help="Maximum number of generations (default: the recipe's).",
 )
+@click.option("--workers", type=WholeNumber(min=1), help="Actors (default: one a core).")
 @click.option(
     "--solved-for",
     type=WholeNumber(min=1),
-    default=2,
-    show_default=True,
-    help="Stop early once solved for so many generations in a row, and confirmed.",
+    help="Stop once solved for so many generations in a row, and confirmed (default: the recipe's; "
+    "paper and authors never stop early).",
 )
-@click.option("--name", help="Of the run; the same name goes on where it was.")
+@click.option("--name", help="Name of the run; an existing name resumes.")
 def nes(
-    preset: str | None,
-    update: str,
     generations: int | None,
     workers: int | None,
-    vary: str | None,
-    start_candidates: int | None,
-    settings: tuple[tuple[str, Any], ...],
-    solved_for: int,
+    solved_for: int | None,
     name: str | None,
     **options: Any,
 ) -> None:
     """One NES run on TASK (CartPole-v0, Acrobot-v1 or another gymnasium id)."""
-    from bilevel.hyperparameters import best_preset, load_preset
-    from search_spaces import to_hyperparameters
-
     common = RunOptions(**options)
     task = common.the_task()
-    agents = common.the_agents()
-    preset = preset or best_preset(task.id)
-    hp = load_preset(preset, task.id, update, agents)
-    changes: dict[str, Any] = {
-        "population_size": common.population,
-        "generations": generations,
-        "start_candidates": start_candidates,
-    }
-    changed = {key: value for key, value in changes.items() if value is not None}
-    hp = replace(hp, nes=replace(hp.nes, **changed), vary_agent=vary or hp.vary_agent)
-    hp = to_hyperparameters(hp, dict(settings))
-    if name is None:
-        varied = "" if vary is None else f"-{vary}"
-        name = f"nes-{preset}{agent_suffix(agents)}-{update}{varied}-seed{common.seed}"
+    hp = common.the_hyperparameters(task, common.the_agents())
+    wanted = {"generations": generations, "solved_for": solved_for}
+    changes: dict[str, Any] = {key: value for key, value in wanted.items() if value is not None}
+    hp = replace(hp, nes=replace(hp.nes, **changes))
+    name = name or f"nes{common.suffix}-seed{common.seed}"
 
     place = common.the_place()
     folder = place.home.run_folder(task.id, name)
@@ -80,7 +52,7 @@ def nes(
     from cluster.nes_loop import NESRun
 
     run = NESRun(task, hp, common.seed, folder)
-    run_nes(NESCommand(run, place, workers, solved_for))
+    run_nes(NESCommand(run, place, workers))
 
 
 @click.command()
@@ -114,7 +86,7 @@ def bohb(
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
     from bilevel.errors import one_of
-    from cluster.profiles import base_hyperparameters, get_method, get_profile
+    from cluster.profiles import get_method, get_profile, sized
     from search_spaces import SPACES
 
     common = RunOptions(**options)
@@ -126,13 +98,12 @@ def bohb(
         raise one_of("search space", space, SPACES)
     changes: dict[str, Any] = {
         "space": space,
-        "population": common.population,
         "brackets": brackets,
         "time_budget": time_budget,
     }
     size = replace(size, **{key: value for key, value in changes.items() if value is not None})
     place = common.the_place()
-    name = study or f"{method}-{profile}-{size.space}{agent_suffix(agents)}-seed{common.seed}"
+    name = study or f"{method}-{profile}-{size.space}{common.suffix}-seed{common.seed}"
     folder = place.home.run_folder(task.id, name)
 
     from cluster.bohb.brackets import Schedule
@@ -148,7 +119,7 @@ def bohb(
             common.seed,
             size.space,
             schedule,
-            base_hyperparameters(size, task, agents),
+            sized(common.the_hyperparameters(task, agents), size),
             method,
         ),
         place,

@@ -9,7 +9,7 @@ import numpy as np
 from bilevel.nes import NESState
 from bilevel.synthetic_env import se_bytes
 from cluster.final import BEST_FILE, LAST_FILE
-from cluster.nes_loop import NESRun
+from cluster.nes_loop import NESRun, start_of
 from cluster.run_folder import Begun, Final, Standing, finals
 from cluster.tracking import Document, Point, RegisteredSE, RunView
 from cluster.views import plots
@@ -83,8 +83,8 @@ class NESViews:
         points = generation_points(state)
         for end in ends:
             if state is not None and end.step <= state.generation:
-                fitness = [record.fitness_mean for record in state.records[: end.step]]
-                values = {"objective": float(np.mean(fitness)), "budget": float(end.step)}
+                scores = [record.score_mean for record in state.records[: end.step]]
+                values = {"objective": float(np.mean(scores)), "budget": float(end.step)}
                 points.append(Point(values, end.step, end.time))
             points.append(final_point(end))
         documents: list[Document] = []
@@ -121,9 +121,11 @@ class NESViews:
     def _description(self) -> str:
         run, nes = self.run, self.run.hp.nes
         return (
-            f"One NES run on **{run.task.id}** ({nes.update} update, population "
-            f"{nes.population_size}, step size {nes.step_size:g}, std. dev. {nes.std_dev:g}, seed "
-            f"{run.seed}). Per generation: `score_*`, `train_*` and `solved_fraction` are of "
+            f"One NES run on **{run.task.id}** {start_of(nes)} (rule `{nes.update}`, SE structure "
+            f"`{run.hp.se.structure}`, population {nes.population_size}, step size "
+            f"{nes.step_size:g}, std. dev. {nes.std_dev:g}, seed {run.seed}). `real_env_steps` "
+            "are all steps made on the real task so far. Per generation: `score_*`, `train_*` "
+            "and `solved_fraction` are of "
             "agents trained on the unperturbed SE. It stops early once the task has been solved "
             "for several generations in a row and fresh agents confirm it; `final_*` are of fresh "
             "agents trained on the best SE."

@@ -72,7 +72,7 @@ def objective_against_cost(points: Sequence[ResultPoint], task: Task, title: str
             spent, best, where="post", color=_ORANGE, label=f"incumbent, {largest} generations"
         )
     axes.set_xlabel("generations spent by the search (marker size: budget of the result)")
-    axes.set_ylabel("objective (mean fitness over the generations)")
+    axes.set_ylabel("objective (mean score over the generations)")
     axes.set_title(f"{title}, {task.id}")
     axes.legend(frameon=False, fontsize="small")
     axes.spines[["top", "right"]].set_visible(False)

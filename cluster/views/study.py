@@ -16,6 +16,7 @@ from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.study import KIND, Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.final import BEST_FILE
+from cluster.nes_loop import start_of
 from cluster.progress import last_line
 from cluster.run_folder import Begun, Standing, finals
 from cluster.tracking import Document, Point, RunView
@@ -143,12 +144,13 @@ class StudyViews:
     def _description(self) -> str:
         study = self.study
         return (
-            f"{study.method_name} over NES on **{study.task.id}**: search space `{study.space}`, "
+            f"{study.method_name} over NES on **{study.task.id}**, {start_of(study.base.nes)}, "
+            f"rule `{study.base.nes.update}`: search space `{study.space}`, "
             f"population {study.base.nes.population_size}, budgets {list(study.schedule.budgets)} "
             f"generations (eta 3), seed {study.seed}. Each child run is one configuration; a "
             "promoted one goes on in the same run. `objective` is the mean over the run's "
-            "generations of each generation's fitness (score, less what train steps cost), so "
-            "that soon and good both count; it is maximised. `final_*` are of fresh agents "
+            "generations of the mean score of agents trained on the unperturbed SE, so that soon "
+            "and good both count; it is maximised. `final_*` are of fresh agents "
             "trained on the best SE of all configurations."
         )
 

@@ -10,17 +10,18 @@ import numpy as np
 import pytest
 import torch
 
-from benchmarks.agents.transfer import documented_agent
 from bilevel import InvalidInput
 from bilevel.agents import agent as registry
 from bilevel.agents import get_agent, registered_agents
+from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
-from bilevel.hyperparameters import Hyperparameters, agent_hyperparameters, load_preset
-from bilevel.nes import NES, NESState
-from bilevel.synthetic_env import Architecture
+from bilevel.hyperparameters import Hyperparameters, agent_hyperparameters, load_recipe
+from bilevel.nes import NES
+from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task, get_task
 from cluster.agent_files import load_agent_file
-from search_spaces import draw_agent, search_space
+from search_spaces import search_space
+from tests.documents import documented_agent
 
 AGENTS = ("ddqn", "dueling-ddqn", "td3", "reinforce")
 
@@ -37,17 +38,17 @@ def _documented_agent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None
 
 
 def small(name: str, **changes: Any) -> Any:
-    (hp,) = load_preset("default", "CartPole-v0", agents=(name,)).agents
+    (hp,) = load_recipe("paper", "", (name,)).agents
     sizes = {"max_episodes": 14, "init_episodes": 2, "hidden_size": 8, "batch_size": 16}
     known = {spec.name for spec in fields(hp)}
     return replace(hp, **({k: v for k, v in sizes.items() if k in known} | changes))
 
 
 @pytest.fixture
-def se(cartpole: Task) -> tuple[Architecture, np.ndarray[Any, Any]]:
-    hp = load_preset("tuned", "CartPole-v0").se
+def se(cartpole: Task) -> SE:
+    hp = load_recipe("paper", "CartPole-v0").se
     architecture = Architecture.of(cartpole, replace(hp, hidden_size=8))
-    return architecture, architecture.initialize(np.random.default_rng(0))
+    return SE(architecture, architecture.initialize(np.random.default_rng(0)))
 
 
 def test_all_agents_are_registered() -> None:
@@ -85,9 +86,9 @@ class TestEveryAgent:
         assert outcome.train_steps == 400
 
     def test_numbers_that_diverge_score_worst(self, name: str, acrobot: Task, se: Any) -> None:
-        architecture = replace(se[0], state_size=6, n_actions=3)
+        architecture = replace(se.architecture, state_size=6, n_actions=3)
         psi = np.full(architecture.parameter_count, 1e20, np.float32)
-        outcome = train_and_test(acrobot, (architecture, psi), small(name), 0)
+        outcome = train_and_test(acrobot, SE(architecture, psi), small(name), 0)
         assert not outcome.finite
         assert set(outcome.test_returns) == {-500.0}
 
@@ -98,21 +99,52 @@ class TestEveryAgent:
         assert f"{name}.learning_rate" in search_space("full", (name,))
 
     def test_hyperparameters_survive_json(self, name: str) -> None:
-        hp = load_preset("default", "CartPole-v0", agents=(name,))
+        hp = load_recipe("paper", "", (name,))
         assert Hyperparameters.from_dict(hp.to_dict()) == hp
         with pytest.raises(InvalidInput, match="max_episodes"):
             agent_hyperparameters(name).from_dict({**vars(hp.agents[0]), "max_episodes": 0})
 
 
-def test_a_mixture_draws_an_agent_a_member_the_same_for_a_pair(cartpole: Task) -> None:
-    hp = load_preset("tuned", cartpole.id, agents=AGENTS)
-    nes = NES(cartpole, hp, 0, draw_agent)
-    psi = np.zeros(nes.architecture.parameter_count, np.float32)
-    requests = nes.ask(NESState(psi, psi))
-    kinds = [request.agent.agent for request in requests]
-    n = hp.nes.population_size
-    assert kinds[:n] == kinds[n : 2 * n] == kinds[2 * n :]
+def test_a_mixture_draws_an_agent_an_evaluation(cartpole: Task) -> None:
+    hp = load_recipe("paper", cartpole.id, AGENTS)
+    nes = NES(cartpole, hp, 0)
+    kinds = [request.agent.agent for request in nes.ask(nes.init())]
     assert set(kinds) == set(AGENTS)
+
+
+class TestVariation:
+    """Agents are drawn from the paper's ranges, by their seed alone."""
+
+    def test_the_ranges_are_filled_evenly_on_their_scales(self) -> None:
+        (hp,) = load_recipe("paper", "").agents
+        drawn = [vars(draw_agent((hp,), "all", seed)) for seed in range(600)]
+        rates = np.log([d["learning_rate"] for d in drawn])
+        sizes = np.log([d["hidden_size"] for d in drawn])
+        for values, low, high in ((rates, 1e-3 / 3, 3e-3), (sizes, 42, 384)):
+            assert np.exp(values.min()) >= low * 0.99
+            assert np.exp(values.max()) <= high * 1.01
+            middle = (values < np.log(low * high) / 2).mean()
+            assert 0.4 < middle < 0.6  # 600 draws: five standard errors
+        assert {d["hidden_layers"] for d in drawn} == {1, 2, 3}
+        assert {d["batch_size"] for d in drawn} <= set(range(42, 385))
+
+    def test_small_ones_are_cheap(self) -> None:
+        for name in ("ddqn", "td3"):
+            agents = load_recipe("paper", "", (name,)).agents
+            for seed in range(50):
+                assert draw_agent(agents, "small", seed).step_cost <= 400_000
+
+    def test_what_is_not_varied_stays(self) -> None:
+        (hp,) = load_recipe("paper", "").agents
+        drawn = draw_agent((hp,), "all", 3)
+        kept = {"learning_rate", "batch_size", "hidden_size", "hidden_layers"}
+        assert {k: v for k, v in vars(drawn).items() if k not in kept} == {
+            k: v for k, v in vars(hp).items() if k not in kept
+        }
+        assert draw_agent((hp,), "no", 3) is hp
+        assert draw_agent((hp,), "all", 3) == drawn != draw_agent((hp,), "all", 4)
+        with pytest.raises(InvalidInput, match="unknown variation of agents 'some'"):
+            draw_agent((hp,), "some", 0)
 
 
 def test_an_agent_without_a_name_or_file_is_told(tmp_path: Path) -> None:

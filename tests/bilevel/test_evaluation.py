@@ -3,49 +3,90 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bilevel.evaluation import EvaluationRequest, evaluate, request_psi, train_and_test
-from bilevel.hyperparameters import Hyperparameters
-from bilevel.synthetic_env import Architecture
+from bilevel.evaluation import (
+    Centre,
+    EvaluationRequest,
+    Initialized,
+    Perturbed,
+    RealTask,
+    TrainedOn,
+    evaluate,
+    requested_se,
+    train_and_test,
+)
+from bilevel.hyperparameters import Hyperparameters, load_recipe
+from bilevel.synthetic_env import SE, Architecture, SEDistribution, coordinates
 from bilevel.tasks import Task, get_task
 from tests.conftest import ddqn
 
 
-@pytest.fixture
-def architecture(cartpole: Task, small_hp: Hyperparameters) -> Architecture:
-    return Architecture.of(cartpole, small_hp.se)
+def around(task: Task, hp: Hyperparameters, seed: int = 0) -> SEDistribution:
+    """A search distribution around a random SE."""
+    space = coordinates(task, hp.se, task.unit_scale)
+    mean = space.initialize(np.random.default_rng(seed))
+    return SEDistribution(space, mean, np.full(space.size, 0.05, np.float32))
 
 
-def test_result_depends_on_the_request_alone(
-    cartpole: Task, architecture: Architecture, small_hp: Hyperparameters
-) -> None:
-    psi = architecture.initialize(np.random.default_rng(0))
-    requests = [
-        EvaluationRequest(i, 100 + i, small_hp.agents[0], sign, 7, 0.05)
-        for i, sign in enumerate((0, 1, -1, 1))
+def test_result_depends_on_the_request_alone(cartpole: Task, small_hp: Hyperparameters) -> None:
+    ses = around(cartpole, small_hp)
+    on: list[TrainedOn] = [
+        Centre(),
+        Perturbed(7, 1),
+        Perturbed(7, -1),
+        Initialized(3),
+        RealTask(),
     ]
-    forwards = [evaluate(cartpole, architecture, psi, r) for r in requests]
+    requests = [EvaluationRequest(i, 100 + i, small_hp.agents[0], one) for i, one in enumerate(on)]
+    forwards = [evaluate(cartpole, ses, r) for r in requests]
     np.random.seed(123)  # a global generator must not matter
-    backwards = [evaluate(cartpole, architecture, psi.copy(), r) for r in reversed(requests)]
+    again = around(cartpole, small_hp)
+    backwards = [evaluate(cartpole, again, r) for r in reversed(requests)]
     for one, two in zip(forwards, reversed(backwards), strict=True):
         assert replace(one, seconds=0.0) == replace(two, seconds=0.0)
     assert len({result.score for result in forwards}) > 1
 
 
-def test_signs_mirror_each_other(architecture: Architecture, small_hp: Hyperparameters) -> None:
-    psi = architecture.initialize(np.random.default_rng(0))
-    plus, minus, none = (
-        request_psi(architecture, psi, EvaluationRequest(0, 0, small_hp.agents[0], sign, 7, 0.05))
-        for sign in (1, -1, 0)
+def test_what_a_request_asks_for(cartpole: Task, small_hp: Hyperparameters) -> None:
+    ses = around(cartpole, small_hp)
+    centre, plus, minus = (
+        requested_se(ses, on) for on in (Centre(), Perturbed(7, 1), Perturbed(7, -1))
     )
-    np.testing.assert_array_equal(none, psi)
-    np.testing.assert_allclose(plus + minus, 2 * psi, atol=1e-6)
-    assert (plus - psi).std() == pytest.approx(0.05, rel=0.2)
+    assert centre is not None
+    assert plus is not None
+    assert minus is not None
+    np.testing.assert_allclose(plus.psi + minus.psi, 2 * centre.psi, atol=1e-6)
+    assert (plus.psi - centre.psi).std() == pytest.approx(0.05, rel=0.2)
+    one, same, other = (requested_se(ses, Initialized(seed)) for seed in (1, 1, 2))
+    assert one is not None
+    assert same is not None
+    assert other is not None
+    assert one.digest == same.digest != other.digest
+    assert requested_se(ses, RealTask()) is None
+    assert requested_se(centre, Centre()) is centre
+
+
+def test_steps_on_the_real_task_are_counted(cartpole: Task, small_hp: Hyperparameters) -> None:
+    """On CartPole the return of an episode is its length; on Acrobot its length, or one less."""
+    agent = replace(small_hp.agents[0], test_episodes=5)
+    for compiled in (True, False):
+        se = around(cartpole, small_hp).centre
+        outcome = train_and_test(cartpole, se, agent, 3, compiled)
+        assert outcome.real_env_steps == sum(outcome.test_returns)
+        real = train_and_test(cartpole, None, agent, 3, compiled)
+        assert real.real_env_steps == sum(real.test_returns) + real.train_steps
+    gymnasium = replace(cartpole, dynamics=0)
+    outcome = train_and_test(gymnasium, se, agent, 3)
+    assert outcome.real_env_steps == sum(outcome.test_returns)
+    acrobot = get_task("Acrobot-v1")
+    outcome = train_and_test(acrobot, around(acrobot, small_hp).centre, agent, 3)
+    ended = sum(value > -500 for value in outcome.test_returns)
+    assert outcome.real_env_steps == -sum(outcome.test_returns) + ended
 
 
 def test_divergence_scores_worst_and_is_told(acrobot: Task, small_hp: Hyperparameters) -> None:
     architecture = Architecture.of(acrobot, small_hp.se)
     psi = np.full(architecture.parameter_count, 1e20, np.float32)
-    result = evaluate(acrobot, architecture, psi, EvaluationRequest(0, 0, small_hp.agents[0]))
+    result = evaluate(acrobot, SE(architecture, psi), EvaluationRequest(0, 0, ddqn(small_hp)))
     assert not result.finite
     assert result.score == acrobot.worst_score == -500.0
 
@@ -57,7 +98,7 @@ def test_an_se_that_is_no_number_scores_worst(
     architecture = Architecture.of(acrobot, small_hp.se)
     psi = architecture.initialize(np.random.default_rng(0))
     psi[::50] = wrong
-    result = evaluate(acrobot, architecture, psi, EvaluationRequest(0, 0, ddqn(small_hp)))
+    result = evaluate(acrobot, SE(architecture, psi), EvaluationRequest(0, 0, ddqn(small_hp)))
     assert (result.finite, result.score) == (False, -500.0)
 
 
@@ -69,32 +110,30 @@ def test_an_se_whose_episodes_never_end_is_bounded_by_the_step_limit(
     architecture = Architecture.of(cartpole, small_hp.se)
     psi = np.zeros(architecture.parameter_count, np.float32)
     agent = replace(ddqn(small_hp), early_out_episodes=1000)
-    result = evaluate(cartpole, architecture, psi, EvaluationRequest(0, 0, agent))
+    result = evaluate(cartpole, SE(architecture, psi), EvaluationRequest(0, 0, agent))
     assert result.train_episodes == agent.max_episodes
     assert result.train_steps == agent.max_episodes * cartpole.step_limit
-    short = replace(architecture, step_limit_share=0.203)
-    assert short.step_limit(cartpole) == 41
+    short = SE(replace(architecture, step_limit=41), psi)
     for compiled in (True, False):
-        outcome = train_and_test(cartpole, (short, psi), agent, 0, compiled)
+        outcome = train_and_test(cartpole, short, agent, 0, compiled)
         assert outcome.train_steps == agent.max_episodes * 41
 
 
 def test_the_real_task_keeps_its_step_limit(cartpole: Task, small_hp: Hyperparameters) -> None:
     """A policy that balances the pole, on an SE whose episodes are short."""
-    architecture = replace(Architecture.of(cartpole, small_hp.se), step_limit_share=0.01)
+    architecture = replace(Architecture.of(cartpole, small_hp.se), step_limit=2)
     psi = architecture.initialize(np.random.default_rng(0))
     short = [
-        train_and_test(cartpole, (architecture, psi), ddqn(small_hp), seed).test_returns
+        train_and_test(cartpole, SE(architecture, psi), ddqn(small_hp), seed).test_returns
         for seed in range(3)
     ]
-    assert max(map(max, short)) > architecture.step_limit(cartpole) == 2
+    assert max(map(max, short)) > architecture.step_limit == 2
 
 
 def test_task_that_gymnasium_runs(small_hp: Hyperparameters) -> None:
     task = get_task("MountainCar-v0")
-    architecture = Architecture.of(task, small_hp.se)
-    request = EvaluationRequest(0, 3, small_hp.agents[0], start_seed=1)
-    one, two = (evaluate(task, architecture, None, request) for _ in range(2))
+    request = EvaluationRequest(0, 3, small_hp.agents[0], Initialized(1))
+    one, two = (evaluate(task, around(task, small_hp), request) for _ in range(2))
     assert replace(one, seconds=0.0) == replace(two, seconds=0.0)
     assert -200.0 <= one.score <= 0.0
 
@@ -107,7 +146,7 @@ def test_compiled_test_episodes_equal_gymnasiums(cartpole: Task, small_hp: Hyper
     agent = replace(small_hp.agents[0], test_episodes=50)
     by_gymnasium = replace(cartpole, dynamics=0)
     compiled, real = (
-        np.mean(train_and_test(task, (architecture, psi), agent, 5).test_returns)
+        np.mean(train_and_test(task, SE(architecture, psi), agent, 5).test_returns)
         for task in (cartpole, by_gymnasium)
     )
     assert compiled == pytest.approx(real, abs=1.5)
@@ -115,8 +154,6 @@ def test_compiled_test_episodes_equal_gymnasiums(cartpole: Task, small_hp: Hyper
 
 def test_learning_on_the_real_task_is_possible(cartpole: Task) -> None:
     """DDQN with the paper's default hyperparameters does learn CartPole itself."""
-    from bilevel.hyperparameters import load_preset
-
-    agent = replace(load_preset("default", "CartPole-v0").agents[0], max_episodes=300)
+    agent = replace(load_recipe("paper", "").agents[0], max_episodes=300)
     outcomes = [train_and_test(cartpole, None, agent, seed) for seed in range(2)]
     assert max(np.mean(outcome.test_returns) for outcome in outcomes) > 150

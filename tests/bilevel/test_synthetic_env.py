@@ -18,9 +18,9 @@ from bilevel import InvalidInput
 from bilevel.hyperparameters import ACTIVATIONS, SEHyperparameters
 from bilevel.kernels.synthetic_env import step
 from bilevel.synthetic_env import (
+    SE,
     Architecture,
     StoredSE,
-    kernel_form,
     load_se,
     save_se,
     se_bytes,
@@ -30,11 +30,17 @@ from bilevel.tasks import Task, get_task
 
 
 def make_se(task: Task, layers: int = 1, activation: str = "lrelu", seed: int = 0) -> StoredSE:
-    hp = SEHyperparameters(hidden_layers=layers, hidden_size=12, activation=activation)
+    hp = SEHyperparameters(
+        structure="plain",
+        hidden_layers=layers,
+        hidden_size=12,
+        activation=activation,
+        step_limit=0,
+    )
     architecture = Architecture.of(task, hp)
     psi = architecture.initialize(np.random.default_rng(seed))
     info = {"score_mean": 12.5}
-    return StoredSE(architecture, psi, task.id, task.step_limit, task.solved_reward, info)
+    return StoredSE(SE(architecture, psi), task.id, task.step_limit, task.solved_reward, info)
 
 
 @pytest.fixture
@@ -50,7 +56,7 @@ def se_file(tmp_path: Path, cartpole: Task) -> Path:
 def test_torch_module_gives_the_same_outputs(task_id: str, layers: int, activation: str) -> None:
     task = get_task(task_id)
     se = make_se(task, layers, activation)
-    kernel, module = kernel_form(se.architecture, se.psi), SEModule(se)
+    kernel, module = se.se.kernel, SEModule(se)
     rng = np.random.default_rng(2)
     states = rng.normal(0, 1, (20, task.state_size)).astype(np.float32)
     actions = rng.integers(0, task.n_actions, 20)
@@ -61,33 +67,6 @@ def test_torch_module_gives_the_same_outputs(task_id: str, layers: int, activati
         reward, done = step(kernel, states[i], int(actions[i]), out, work)
         np.testing.assert_allclose(out, next_states[i], atol=2e-6)
         np.testing.assert_allclose([reward, done], [rewards[i], dones[i]], atol=2e-6)
-
-
-def test_perturbation_is_a_function_of_its_seed(cartpole: Task) -> None:
-    architecture = make_se(cartpole).architecture
-    eps = architecture.perturbation(5, 0.5)
-    np.testing.assert_array_equal(eps, architecture.perturbation(5, 0.5))
-    assert not np.array_equal(eps, architecture.perturbation(6, 0.5))
-    assert eps.shape == (architecture.parameter_count,)
-    assert eps.std() == pytest.approx(0.5, rel=0.2)
-
-
-@pytest.mark.parametrize("layers", [1, 2])
-def test_initial_rewards_are_scaled_and_perturbed_alike(cartpole: Task, layers: int) -> None:
-    usual = SEHyperparameters(hidden_layers=layers, hidden_size=8, activation="prelu")
-    one, small = (
-        Architecture.of(cartpole, hp) for hp in (usual, replace(usual, reward_scale=0.25))
-    )
-    last = 8 + 1  # weights and bias of the only output
-    for values, values_of_small in (
-        (shape.initialize(np.random.default_rng(3)) for shape in (one, small)),
-        (shape.perturbation(3, 0.1) for shape in (one, small)),
-    ):
-        (next_state, reward, done), scaled = one.split(values), small.split(values_of_small)
-        np.testing.assert_array_equal(scaled[0], next_state)
-        np.testing.assert_array_equal(scaled[1][:-last], reward[:-last])
-        np.testing.assert_array_equal(scaled[1][-last:], 0.25 * reward[-last:])
-        np.testing.assert_array_equal(scaled[2], done)
 
 
 class TestFile:
@@ -105,6 +84,19 @@ class TestFile:
         se_file.write_bytes(content)
         with pytest.raises(InvalidInput, match="its checksum is wrong"):
             load_se(se_file)
+
+    def test_files_of_the_first_format_are_read(self, se_file: Path, cartpole: Task) -> None:
+        """They told the step limit as a share of the task's, and a scale of rewards."""
+        with safetensors.safe_open(se_file, framework="numpy") as file:
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+            header = json.loads(file.metadata()["se"])
+        del header["sha256"], header["architecture"]["step_limit"]
+        header["version"] = 1
+        header["architecture"] |= {"reward_scale": 0.5, "step_limit_share": 0.3}
+        safetensors.numpy.save_file(tensors, se_file, {"se": json.dumps(header)})
+        se = load_se(se_file)
+        assert se.architecture.step_limit == 60
+        np.testing.assert_array_equal(se.psi, make_se(cartpole).psi)
 
     def test_a_file_of_another_tool_without_checksum_is_read(self, se_file: Path) -> None:
         with safetensors.safe_open(se_file, framework="numpy") as file:
@@ -142,8 +134,9 @@ class TestFile:
             {"architecture": {"state_size": -1}},
             {"architecture": {"activation": "__import__"}},
             {"architecture": {"hidden_size": 13}},
-            {"architecture": {"reward_scale": 0.0}},
-            {"architecture": {"step_limit_share": 1.5}},
+            {"architecture": {"step_limit": 0}},
+            {"architecture": {"step_limit": 1.5}},
+            {"architecture": {"reward_scale": 1.0}},
             {"step_limit": "many"},
             {"step_limit": 0},
             {"solved_reward": float("nan")},
@@ -158,16 +151,6 @@ class TestFile:
         safetensors.numpy.save_file(tensors, se_file, {"se": json.dumps(header)})
         with pytest.raises(InvalidInput, match="damaged or not an SE file"):
             load_se(se_file)
-
-    @pytest.mark.parametrize("name", ["reward_scale", "step_limit_share"])
-    def test_a_file_from_before_it_had_that_is_read(self, name: str, se_file: Path) -> None:
-        with safetensors.safe_open(se_file, framework="numpy") as file:
-            header = json.loads(file.metadata()["se"])
-        del header["architecture"][name], header["sha256"]
-        tensors = safetensors.numpy.load_file(se_file)
-        expected = load_se(se_file)
-        safetensors.numpy.save_file(tensors, se_file, {"se": json.dumps(header)})
-        assert load_se(se_file).architecture == expected.architecture
 
     def test_foreign_safetensors(self, tmp_path: Path) -> None:
         path = tmp_path / "foreign.safetensors"
@@ -250,9 +233,9 @@ class TestGymEnv:
         self, cartpole: Task, tmp_path: Path
     ) -> None:
         se = make_se(cartpole)
-        short = replace(se.architecture, step_limit_share=0.02)
+        short = replace(se.architecture, step_limit=4)
         psi = np.zeros(short.parameter_count, np.float32)  # nothing ever ends
-        save_se(replace(se, architecture=short, psi=psi), tmp_path / "short.safetensors")
+        save_se(replace(se, se=SE(short, psi)), tmp_path / "short.safetensors")
         env = gymnasium.make("bilevel/SyntheticEnv-v0", path=tmp_path / "short.safetensors")
         env.reset(seed=1)
         ends = [env.step(np.int64(0))[2:4] for _ in range(4)]

@@ -32,8 +32,9 @@ def test_any_suitable_gymnasium_id() -> None:
 def test_given_values_come_first() -> None:
     task = get_task("CartPole-v1", solved_reward=150.0, step_limit=70)
     assert (task.solved_reward, task.step_limit) == (150.0, 70)
-    returns = task.test_returns(lambda state: 0, 3, seed=1)
+    returns, steps = task.test_returns(lambda state: 0, 3, seed=1)
     assert returns.shape == (3,)
+    assert steps == returns.sum()  # CartPole rewards every step
     assert (returns <= 70).all()
 
 
@@ -69,6 +70,6 @@ def test_actions_that_do_not_start_at_zero() -> None:
     gymnasium.register("test/Shifted-v0", make)
     try:
         task = get_task("test/Shifted-v0", solved_reward=100.0, step_limit=20)
-        assert task.test_returns(lambda state: 1, 1, seed=0)[0] > 1
+        assert task.test_returns(lambda state: 1, 1, seed=0)[1] > 1
     finally:
         del gymnasium.registry["test/Shifted-v0"]

@@ -13,7 +13,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bilevel import InvalidInput
-from bilevel.errors import StorageFailure
+from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import get_task
 from cluster.bohb.brackets import (
     Schedule,
@@ -25,9 +25,10 @@ from cluster.bohb.journal import Journal
 from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
-from cluster.profiles import METHODS, base_hyperparameters, get_profile
+from cluster.profiles import METHODS, get_profile, sized
 from cluster.run_folder import locked_settings
 from search_spaces import search_space
+from tests.studies import run_job
 
 #: Hyperband's.
 LADDER = Schedule((1, 3, 9), 3)
@@ -102,8 +103,8 @@ def loss_of(job: Job) -> float:
     from math import log
 
     values = job.configuration
-    step, share = values["nes.step_size"], values["se.step_limit_share"]
-    return log(step / 0.01) ** 2 + log(share / 0.3) ** 2 - 0.01 * job.budget
+    step, limit = values["nes.step_size"], values["se.step_limit"]
+    return log(step / 0.2) ** 2 + log(limit / 20) ** 2 - 0.01 * job.budget
 
 
 def new_search(folder: Path, brackets: int = 6, seed: int = 0) -> BracketSearch:
@@ -123,7 +124,7 @@ class TestStudy:
     @pytest.fixture
     def study(self, tmp_path: Path) -> Study:
         task = get_task("CartPole-v0")
-        base = base_hyperparameters(get_profile("local"), task)
+        base = sized(load_recipe("default", task.id), get_profile("local"))
         schedule = Schedule((1, 3), 2)
         study = Study(tmp_path / "study", task, 3, "core", schedule, base, "hyperband")
         with locked_settings(study.folder, study.settings()):
@@ -138,31 +139,40 @@ class TestStudy:
         jobs = run_to_end(BracketSearch.of(study, Journal(tmp_path), 12))
         assert any(job.model_based for job in jobs) == (method == "bohb")
 
-    def test_runs_from_fitted_ses_share_the_seed_that_was_chosen(self, study: Study) -> None:
-        assert len(set(study.start_seeds)) == study.base.nes.start_candidates == 4
-        study.write_start(2)
-        assert Study.read(study.folder).read_start() == 2
-        runs = [study.run((0, 0, n), {"se.hidden_size": 16 + n}) for n in range(3)]
-        assert {run.seed for run in runs} == {study.start_seeds[2]}
-        assert {run.hp.nes.start_candidates for run in runs} == {1}
-        assert [run.hp.se.hidden_size for run in runs] == [16, 17, 18]
-        assert replace(study, seed=4).start_seeds[2] != study.start_seeds[2]
+    def test_starts_are_each_runs_own(self, study: Study) -> None:
+        """By the seed of the study and the configuration's id."""
+        runs = [study.run((0, 0, number), {}) for number in range(3)]
+        assert len({run.seed for run in runs}) == 3
+        assert study.run((0, 0, 1), {"se.hidden_size": 16}).seed == runs[1].seed
+        assert replace(study, seed=4).run((0, 0, 1), {}).seed != runs[1].seed
 
-    def test_random_starts_are_each_runs_own(self, study: Study) -> None:
-        base = replace(study.base, nes=replace(study.base.nes, start="random"))
-        study = replace(study, base=base)
-        assert not study.fitted
-        seeds = {study.run((0, 0, number), {}).seed for number in range(3)}
-        assert len(seeds) == 3
+    def test_a_configuration_changes_what_it_names(self, study: Study) -> None:
+        hp = study.run((0, 0, 0), {"se.hidden_size": 16, "nes.population_size": 9}).hp
+        assert (hp.se.hidden_size, hp.nes.population_size) == (16, 9)
+        assert replace(hp, se=study.base.se, nes=study.base.nes) == study.base
+        assert replace(hp.nes, population_size=study.base.nes.population_size) == study.base.nes
 
-    @pytest.mark.parametrize("text", [None, "", "[]", '{"number": 4}', '{"number": true}', "\xff"])
-    def test_without_its_start_there_is_no_run(self, text: str | None, study: Study) -> None:
-        """Missing, or damaged."""
-        if text is not None:
-            study.start_file.write_bytes(text.encode("latin-1"))
-        assert study.read_start() is None
-        with pytest.raises(StorageFailure, match=r"start\.json' is missing or damaged"):
-            study.run((0, 0, 0), {})
+    def test_the_objective_is_the_mean_of_the_scores(self, study: Study) -> None:
+        job = Job((0, 0, 0), {"nes.population_size": 2}, 3, False, 0.0)
+        objective = run_job(study, job)
+        state = study.run(job.id, job.configuration).load()
+        assert state is not None
+        scores = [record.score_mean for record in state.records]
+        assert len(set(scores)) == 3
+        assert objective == pytest.approx(sum(scores) / 3)
+
+    def test_steps_on_the_real_task_are_counted_through(self, study: Study) -> None:
+        """Those of the scale of observations and of the choice of a start, too."""
+        job = Job((0, 0, 0), {"nes.population_size": 2}, 3, False, 0.0)
+        run_job(study, job)
+        run = study.run(job.id, job.configuration)
+        state, begun = run.load(), run.nes.init()
+        assert state is not None
+        assert begun.race is not None
+        before = begun.real_env_steps + 40 * begun.race.evaluations
+        evaluations = run.hp.nes.evaluations
+        counted = [record.real_env_steps for record in state.records]
+        assert counted == [before + 40 * evaluations * (n + 1) for n in range(3)]
 
 
 def test_a_trial_starts_without_what_proposes() -> None:

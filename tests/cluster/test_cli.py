@@ -1,6 +1,8 @@
 """The command line in processes of its own: help, bad input, nothing half-written."""
 
+import re
 import subprocess
+from importlib.resources import files
 from pathlib import Path
 
 import pytest
@@ -32,20 +34,40 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         (["nes", "Taxi-v4"], "allowed is a Box of one dimension"),
         (["nes", "MountainCarContinuous-v0"], "allowed is Discrete"),
         (["nes", "CartPole-v0", "--agent", "dqn"], "unknown agent 'dqn': allowed are ddqn"),
-        (["nes", "CartPole-v0", "--preset", "x"], "unknown preset 'x': allowed are tuned, default"),
-        (["nes", "CartPole-v0", "--update", "x"], "unknown update 'x': allowed are paired"),
+        (
+            ["nes", "CartPole-v0", "--recipe", "x"],
+            "unknown recipe 'x': allowed are default, paper, authors, distilled",
+        ),
+        (["bohb", "CartPole-v0", "--recipe", "x"], "unknown recipe 'x': allowed are default"),
+        (["evaluate", "--real", "CartPole-v0", "--recipe", "x"], "unknown recipe 'x': allowed are"),
+        (["nes", "CartPole-v0", "--recipe", "x.toml"], "cannot read the recipe 'x.toml': No such"),
         (["nes", "CartPole-v0", "--vary-hp", "x"], "unknown variation of agents 'x': allowed are"),
-        (["nes", "CartPole-v0", "--set", "nes.step_price=-1"], "step_price must be float, 0.0 to"),
-        (["nes", "CartPole-v0", "--set", "nes.step_price=x"], "float, 0.0 to 1.0; got 'x'"),
+        (["bohb", "CartPole-v0", "--vary-hp", "x"], "unknown variation of agents 'x': allowed are"),
+        (["nes", "CartPole-v0", "--set", "nes.update=x"], "unknown NES update 'x': allowed are snes, "),
+        (["nes", "CartPole-v0", "--set", "nes.std_dev=-1"], "std_dev must be float, 1e-06 to"),
+        (["bohb", "CartPole-v0", "--set", "nes.std_dev=x"], "float, 1e-06 to 10.0; got 'x'"),
         (
             ["nes", "CartPole-v0", "--set", "nes.price=1"],
-            "unknown hyperparameter 'nes.price': allowed are nes.step_size",
+            "unknown hyperparameter 'nes.price': allowed are nes.update",
+        ),
+        (
+            ["bohb", "CartPole-v0", "--set", "nes.price=1"],
+            "unknown hyperparameter 'nes.price': allowed are nes.update",
         ),
         (
             ["nes", "CartPole-v0", "--set", "td3.discount=1"],
             "'td3.discount': allowed are nes.*, se.*, ddqn.*",
         ),
-        (["nes", "CartPole-v0", "--set", "nes.momentum"], "'nes.momentum' is not a setting"),
+        (["nes", "CartPole-v0", "--set", "nes.std_dev"], "'nes.std_dev' is not a setting"),
+        (
+            ["nes", "CartPole-v0", "--set", "nes.mirrored_sampling=false"],
+            "NES update 'snes' needs mirrored_sampling true",
+        ),
+        (
+            ["nes", "CartPole-v0", "--set", "nes.start=distilled"],
+            "NES start 'distilled' needs the SE structure 'plain'",
+        ),
+        (["nes", "CartPole-v0", "--set", "se.hidden_size=7"], "needs a hidden_size of at least 8"),
         (
             ["evaluate", "--real", "CartPole-v0", "--vary-hp", "x"],
             "unknown variation of agents 'x': allowed are",
@@ -98,6 +120,42 @@ def test_bad_input_is_one_line_and_exit_code_2(args: list[str], told: str, tmp_p
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("nonsense", "is not a TOML file"),
+        ("[nes]\nstep_size = 1.0\n", "recipe 'my.toml' lacks"),
+        ('agents = ["ddqn"]\nnes = 3\n', "recipe 'my.toml'"),
+    ],
+)
+def test_a_file_that_is_no_recipe_is_told_in_one_line(
+    text: str, told: str, tmp_path: Path
+) -> None:
+    (tmp_path / "my.toml").write_text(text)
+    result = run_bilevel("nes", "CartPole-v0", "--recipe", "my.toml", cwd=tmp_path)
+    assert result.returncode == 2
+    assert told in result.stderr
+    assert result.stderr.count("\n") == 1
+    assert [path.name for path in tmp_path.iterdir()] == ["my.toml"]
+
+
+def test_a_recipe_of_the_users_own(tmp_path: Path) -> None:
+    """Its name is in the study's, as those of agents and variation are."""
+    text = (files("bilevel.hyperparameters.recipes") / "default-CartPole-v0.toml").read_text()
+    (tmp_path / "my.toml").write_text(text.replace('update = "snes"', 'update = "antithetic"'))
+    small = ("--profile", "smoke", "--dry-run", "--agent", "ddqn", "--vary-hp", "no")
+    result = run_bilevel("bohb", "CartPole-v0", "--recipe", "my.toml", *small, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "study 'bohb-smoke-core-my-ddqn-no-seed0'" in result.stdout
+    wrong = run_bilevel(
+        *("bohb", "CartPole-v0", "--recipe", "my.toml", *small),
+        *("--set", "nes.mirrored_sampling=false"),
+        cwd=tmp_path,
+    )
+    assert wrong.returncode == 2
+    assert "NES update 'antithetic' needs mirrored_sampling true" in wrong.stderr
+
+
 def test_a_damaged_database_is_told(tmp_path: Path) -> None:
     (tmp_path / "mlflow.db").write_text("garbage")
     result = run_bilevel("nes", "CartPole-v0", "--home", str(tmp_path), cwd=tmp_path)
@@ -107,35 +165,49 @@ def test_a_damaged_database_is_told(tmp_path: Path) -> None:
     assert not (tmp_path / "CartPole-v0").exists()
 
 
+def evaluations(cost: str) -> tuple[int, int]:
+    """Generations and evaluations of a study, as `--dry-run` tells them."""
+    found = re.search(r"(\d+) generations, (\d+) evaluations of about", cost)
+    assert found is not None, cost
+    return int(found[1]), int(found[2])
+
+
 @pytest.mark.parametrize(
-    ("method", "title", "rungs", "cost"),
+    ("method", "title", "rungs", "generations", "configurations"),
     [
-        ("bohb", "BOHB", "3 x 1 -> 1 x 3", "11 generations, 66 evaluations"),
-        ("hyperband", "Hyperband", "3 x 1 -> 1 x 3", "11 generations, 66 evaluations"),
-        ("random", "random search", "1 x 3", "6 generations, 36 evaluations"),
+        ("bohb", "BOHB", "3 x 1 -> 1 x 3", 11, 5),
+        ("hyperband", "Hyperband", "3 x 1 -> 1 x 3", 11, 5),
+        ("random", "random search", "1 x 3", 6, 2),
     ],
 )
 def test_dry_run_says_what_would_be_run_and_writes_nothing(
-    method: str, title: str, rungs: str, cost: str, tmp_path: Path
+    method: str, title: str, rungs: str, generations: int, configurations: int, tmp_path: Path
 ) -> None:
     arguments = ("CartPole-v0", "--profile", "smoke", "--dry-run", "--method", method)
     result = run_bilevel("bohb", *arguments, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
-    study = f"{method}-smoke-core-seed0"
+    study = f"{method}-smoke-core-default-seed0"
     assert result.stdout.startswith(f"{title} on CartPole-v0: study {study!r}")
     assert f"      0   {rungs}\n" in result.stdout
-    assert cost in result.stdout
+    # of every configuration two starts are tried; the space has the populations
+    begun, asked = 2 * configurations, evaluations(result.stdout)
+    assert asked[0] == generations
+    assert generations * (12 + 2 * 8) <= asked[1] - begun <= generations * (12 + 2 * 48)
     assert "the cluster can place it" in result.stdout
     assert list(tmp_path.iterdir()) == []
 
 
-def test_dry_run_counts_the_fits_of_starts(tmp_path: Path) -> None:
+def test_dry_run_counts_the_choice_of_starts(tmp_path: Path) -> None:
     """And brackets that all begin at the smallest budget."""
     arguments = ("--profile", "local", "--brackets", "3", "--dry-run")
-    result = run_bilevel("bohb", "CartPole-v0", *arguments, cwd=tmp_path)
-    assert result.returncode == 0, result.stderr
-    assert "      0   3 x 3 -> 1 x 9\n    ...   and so on\n" in result.stdout
-    # 32 agents on each of the SEs of which one decides where all configurations start
-    assert "3 brackets: 45 generations, 4 fitted starts of about" in result.stdout
-    assert f"{45 * 24 + 4 * 32} evaluations" in result.stdout
+    costs = []
+    for candidates in (1, 256):
+        changed = ("--set", f"nes.start_candidates={candidates}")
+        result = run_bilevel("bohb", "CartPole-v0", *arguments, *changed, cwd=tmp_path)
+        assert result.returncode == 0, result.stderr
+        assert "      0   3 x 5 -> 1 x 15\n    ...   and so on\n" in result.stdout
+        costs.append(evaluations(result.stdout))
+    assert costs[0][0] == costs[1][0] == 75
+    # each of three configurations a bracket tries 256 once, 32 on four agents, 8 on eight
+    assert costs[1][1] - costs[0][1] == 9 * (256 + 32 * 4 + 8 * 8)
     assert "time budget" not in result.stdout

@@ -6,70 +6,80 @@ from typing import cast
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import Hyperparameters
-from bilevel.synthetic_env import Architecture, StoredSE
+from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE
 from bilevel.tasks import Task
-from cluster.final import Contender, Round, agents_needed, choose_best, score_anew
+from cluster.final import Contender, Round, agents_needed, choose_best, confirmed, score_anew
 from cluster.pool import EvaluationPool
+from tests.conftest import ddqn
 
 
 class ByHand:
     """Stands for a pool: score and train steps of the SE whose parameters are all k."""
 
     def __init__(self, *outcomes: tuple[float, int]) -> None:
-        self.outcomes, self.seeds = outcomes, list[int]()
+        self.outcomes, self.asked = outcomes, list[EvaluationRequest]()
+
+    @property
+    def seeds(self) -> list[int]:
+        return [request.seed for request in self.asked]
 
     def run(
         self,
         task: Task,
-        architecture: Architecture,
-        psi: NDArray[np.float32],
+        se: SE | SEDistribution | None,
         requests: Sequence[EvaluationRequest],
-        on_result: Callable[[EvaluationResult], None],
+        on_result: Callable[[EvaluationResult], None] = lambda result: None,
     ) -> list[EvaluationResult]:
-        self.seeds += [request.seed for request in requests]
-        score, steps = self.outcomes[int(psi[0])]
+        assert isinstance(se, SE)
+        self.asked += requests
+        score, steps = self.outcomes[int(se.psi[0])]
         results = [
-            EvaluationResult((score,), steps, 10, np.isfinite(score), request.index, 0.01)
+            EvaluationResult(
+                test_returns=(self.score(score, request, len(requests)),),
+                train_steps=steps,
+                train_episodes=10,
+                real_env_steps=7,
+                finite=True,
+                index=request.index,
+                seconds=0.01,
+            )
             for request in reversed(requests)
         ]
         for result in results:
             on_result(result)
         return results
 
+    def score(self, score: float, request: EvaluationRequest, asked: int) -> float:
+        """Of a request, one of so many that are asked for together."""
+        return score
 
-def contenders(task: Task, hp: Hyperparameters, count: int, price: float) -> list[Contender]:
+
+def contenders(task: Task, hp: Hyperparameters, count: int) -> list[Contender]:
     shape = Architecture.of(task, hp.se)
-    hp = replace(hp, nes=replace(hp.nes, step_price=price))
-    psis = [np.full(shape.parameter_count, k, np.float32) for k in range(count)]
-    return [
-        Contender(StoredSE(shape, psi, task.id, task.step_limit, task.solved_reward), hp)
-        for psi in psis
-    ]
+    ses = [SE(shape, np.full(shape.parameter_count, k, np.float32)) for k in range(count)]
+    return [Contender(StoredSE(se, task.id, task.step_limit, task.solved_reward), hp) for se in ses]
 
 
 @pytest.mark.parametrize(
-    ("outcomes", "price", "expected"),
+    ("outcomes", "expected"),
     [
-        (((90.0, 1000), (100.0, 9000)), 0.0, 1),
-        (((90.0, 1000), (100.0, 9000)), 0.02, 1),
-        (((195.0, 1000), (200.0, 9000)), 0.02, 0),  # 191.1 and 164
-        (((194.0, 1000), (200.0, 9000)), 0.02, 1),  # the first does not solve the task
-        (((100.0, 9000), (100.0, 1000)), 0.0, 1),
-        (((np.nan, 10), (20.0, 1000)), 0.0, 1),
+        (((90.0, 1000), (100.0, 9000)), 1),
+        (((200.0, 9000), (195.0, 1000)), 0),  # both solve the task
+        (((100.0, 9000), (100.0, 1000)), 1),  # as good in fewer steps
+        (((100.0, 1000), (100.0, 1000)), 0),  # as good: what came first
+        (((0.0, 10), (20.0, 1000)), 1),
     ],
 )
 def test_the_best_is_chosen(
     cartpole: Task,
     small_hp: Hyperparameters,
     outcomes: tuple[tuple[float, int], ...],
-    price: float,
     expected: int,
 ) -> None:
-    entered = contenders(cartpole, small_hp, 2, price)
+    entered = contenders(cartpole, small_hp, 2)
     pool = cast(EvaluationPool, ByHand(*outcomes))
     assert choose_best(cartpole, entered, (1,), pool) is entered[expected]
 
@@ -79,7 +89,7 @@ def test_each_round_keeps_the_best(count: int, cartpole: Task, small_hp: Hyperpa
     """Who is left is tried on more agents, all on the same."""
     by_hand = ByHand(*((100.0 + (3 * k) % 5, 1000) for k in range(count)))
     pool = cast(EvaluationPool, by_hand)
-    entered = contenders(cartpole, small_hp, count, 0.0)
+    entered = contenders(cartpole, small_hp, count)
     rounds = (Round(4, 2), Round(2, 5))
     steps: list[int] = []
     best = choose_best(cartpole, entered, (1,), pool, lambda: steps.append(1), rounds)
@@ -97,13 +107,11 @@ def test_a_score_that_was_lucky_is_found_out(
     """More agents count, and beside them the first ones: two score 120, six `later`."""
 
     class Lucky(ByHand):
-        def run(self, task, architecture, psi, requests, on_result):  # type: ignore[no-untyped-def]
-            results = super().run(task, architecture, psi, requests, on_result)
-            fell = psi[0] == 0 and len(requests) == 6
-            return [replace(r, test_returns=(later,)) if fell else r for r in results]
+        def score(self, score: float, request: EvaluationRequest, asked: int) -> float:
+            return later if score == 120.0 and asked == 6 else score
 
     pool = cast(EvaluationPool, Lucky((120.0, 1000), (100.0, 1000)))
-    entered = contenders(cartpole, small_hp, 2, 0.0)
+    entered = contenders(cartpole, small_hp, 2)
     rounds = (Round(2, 2), Round(2, 8))
     assert choose_best(cartpole, entered, (1,), pool, rounds=rounds[:1]) is entered[0]
     assert choose_best(cartpole, entered, (1,), pool, rounds=rounds) is entered[expected]
@@ -112,11 +120,57 @@ def test_a_score_that_was_lucky_is_found_out(
 def test_the_final_score_has_seeds_of_its_own(cartpole: Task, small_hp: Hyperparameters) -> None:
     by_hand = ByHand((50.0, 1000), (60.0, 2000))
     pool = cast(EvaluationPool, by_hand)
-    best = choose_best(cartpole, contenders(cartpole, small_hp, 2, 0.0), (1,), pool)
+    best = choose_best(cartpole, contenders(cartpole, small_hp, 2), (1,), pool)
     chosen_by = set(by_hand.seeds)
-    by_hand.seeds.clear()
+    by_hand.asked.clear()
     score = score_anew(cartpole, best, 5, (1,), pool)
     assert (score.scores == 60.0).all()
     assert (score.train_steps == 2000).all()
     assert len(by_hand.seeds) == 5
     assert not chosen_by & set(by_hand.seeds)
+    assert score.real_env_steps == 5 * 7
+
+
+def test_agents_of_the_final_score_are_drawn_from_all_of_the_papers_ranges(
+    cartpole: Task, small_hp: Hyperparameters
+) -> None:
+    """And trained by the stopping rule, although NES has patient and small agents."""
+    hp = replace(small_hp, vary_agent="small", nes=replace(small_hp.nes, patient_episodes=99))
+    (contender,) = contenders(cartpole, hp, 1)
+    by_hand = ByHand((60.0, 2000))
+    score_anew(cartpole, contender, 40, (1,), cast(EvaluationPool, by_hand))
+    agents = [ddqn(replace(hp, agents=(request.agent,))) for request in by_hand.asked]
+    assert {agent.max_episodes for agent in agents} == {ddqn(small_hp).max_episodes}
+    assert {agent.early_out_difference for agent in agents} == {0.01}
+    assert max(agent.hidden_size for agent in agents) > 300
+
+
+@pytest.mark.parametrize(
+    ("impatient", "patient", "solved"),
+    [(200.0, 200.0, True), (200.0, 150.0, False), (150.0, 200.0, False)],
+)
+def test_what_is_confirmed_is_solved_by_patient_agents_too(
+    impatient: float, patient: float, solved: bool, cartpole: Task, small_hp: Hyperparameters
+) -> None:
+    class Patience(ByHand):
+        def score(self, score: float, request: EvaluationRequest, asked: int) -> float:
+            return patient if vars(request.agent)["max_episodes"] == 99 else score
+
+    hp = replace(small_hp, nes=replace(small_hp.nes, patient_episodes=99))
+    (contender,) = contenders(cartpole, hp, 1)
+    pool = Patience((impatient, 1000))
+    score, verdict = confirmed(cartpole, contender, 4, (1,), cast(EvaluationPool, pool))
+    assert verdict is solved
+    assert score.scores.tolist() == [impatient] * 4
+    assert len(pool.asked) == (4 if impatient < 195 else 8)
+
+
+def test_without_patient_agents_the_others_confirm_alone(
+    cartpole: Task, small_hp: Hyperparameters
+) -> None:
+    (contender,) = contenders(cartpole, small_hp, 1)
+    for score, expected in ((195.0, True), (194.0, False)):
+        pool = ByHand((score, 1000))
+        _, verdict = confirmed(cartpole, contender, 4, (1,), cast(EvaluationPool, pool))
+        assert verdict is expected
+        assert len(pool.asked) == 4

@@ -1,91 +1,149 @@
-"""The order in which a pool's actors get their requests."""
+"""In which batches and in which order a pool's actors get their requests."""
 
 from dataclasses import replace
-from typing import cast
 
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bilevel.evaluation import EvaluationRequest
-from bilevel.hyperparameters import DDQNHyperparameters, load_preset
-from cluster.request_queue import FitRequest, RequestQueue
+from bilevel.evaluation import Centre, EvaluationRequest, Perturbed, TrainedOn
+from bilevel.hyperparameters import load_recipe
+from cluster.request_queue import BATCHES, Batch, RequestQueue, batches
+from tests.conftest import ddqn
 
-AGENT = cast(DDQNHyperparameters, load_preset("tuned", "CartPole-v0").agents[0])
+AGENT = ddqn(load_recipe("paper", "CartPole-v0"))
 STEP = AGENT.step_cost / AGENT.batch_size
 
+MEMBER, MIRRORED, CENTRE = Perturbed(0, 1), Perturbed(0, -1), Centre()
 
-def requests(costs: list[int], signs: list[int]) -> list[EvaluationRequest]:
+
+def requests(costs: list[int], on: list[TrainedOn] | None = None) -> list[EvaluationRequest]:
     """One a cost, which is in proportion to the batch size."""
+    pairs = zip(costs, on or [MEMBER] * len(costs), strict=True)
     return [
-        EvaluationRequest(i, seed=i, agent=replace(AGENT, batch_size=cost), sign=sign)
-        for i, (cost, sign) in enumerate(zip(costs, signs, strict=True))
+        EvaluationRequest(i, seed=i, agent=replace(AGENT, batch_size=cost), on=where)
+        for i, (cost, where) in enumerate(pairs)
     ]
 
 
-some = st.lists(st.tuples(st.integers(1, 500), st.sampled_from((0, 1, -1))), max_size=60).map(
-    lambda pairs: requests([cost for cost, _ in pairs], [sign for _, sign in pairs])
+places = st.sampled_from((CENTRE, MEMBER, MIRRORED))
+some = st.lists(st.tuples(st.integers(1, 500), places), max_size=120).map(
+    lambda pairs: requests([cost for cost, _ in pairs], [on for _, on in pairs])
 )
 actors = st.integers(1, 9)
 
 
 class Course:
-    """Actors that end evaluations in an order drawn by hypothesis."""
+    """Actors that end or die in an order drawn by hypothesis."""
 
-    def __init__(self, queue: RequestQueue[EvaluationRequest], actors: int) -> None:
-        self.queue = queue
-        self.held: list[list[EvaluationRequest]] = [[] for _ in range(actors)]
-        self.order: list[int] = []
+    def __init__(self, asked: list[EvaluationRequest], actors: int) -> None:
+        self.queue = RequestQueue(asked, actors)
+        self.held: list[list[Batch]] = [[] for _ in range(actors)]
+        self.answered: list[int] = []
 
     def hand_out(self) -> None:
         for held in sorted(self.held, key=len):
-            while (request := self.queue.take(held)) is not None:
-                held.append(request)
-                self.order.append(request.index)
+            while (batch := self.queue.take(held)) is not None:
+                held.append(batch)
 
     def busy(self) -> list[int]:
         return [i for i, held in enumerate(self.held) if held]
+
+    def end(self, actor: int) -> None:
+        batch = self.held[actor].pop(0)
+        self.answered += [request.index for request in batch.requests]
+
+    def die(self, actor: int) -> None:
+        self.queue.put_back(self.held[actor])
+        self.held[actor] = []
+
+
+class TestBatches:
+    @given(some, actors)
+    def test_every_request_is_in_exactly_one(self, asked: list[EvaluationRequest], n: int) -> None:
+        divided = batches(asked, n)
+        indices = [request.index for batch in divided for request in batch.requests]
+        assert sorted(indices) == list(range(len(asked)))
+        assert [batch.index for batch in divided] == list(range(len(divided)))
+        assert all(batch.requests for batch in divided)
+
+    @given(some, actors)
+    def test_longest_first_then_those_on_the_centre_last(
+        self, asked: list[EvaluationRequest], n: int
+    ) -> None:
+        ordered = [request for batch in batches(asked, n) for request in batch.requests]
+        keys = [
+            (-request.agent.step_cost, request.on == CENTRE, request.index) for request in ordered
+        ]
+        assert keys == sorted(keys)
+
+    @given(some, actors)
+    def test_no_batch_is_much_longer_than_its_share(
+        self, asked: list[EvaluationRequest], n: int
+    ) -> None:
+        """It is as short as whole requests let it be."""
+        divided = batches(asked, n)
+        assert len(divided) <= n * BATCHES
+        share = sum(request.agent.step_cost for request in asked) / (n * BATCHES)
+        for batch in divided:
+            without_last = batch.cost - batch.requests[-1].agent.step_cost
+            assert without_last <= share * (1 + 1e-9)
+
+    @pytest.mark.parametrize("n", [1, 2, 8])
+    def test_many_equal_requests_are_divided_equally(self, n: int) -> None:
+        divided = batches(requests([100] * (3 * n * BATCHES)), n)
+        assert [len(batch.requests) for batch in divided] == [3] * (n * BATCHES)
+
+    def test_few_requests_are_batches_of_one(self) -> None:
+        assert [len(batch.requests) for batch in batches(requests([100] * 7), 2)] == [1] * 7
 
 
 @given(some, actors, st.data())
 def test_each_is_answered_once_and_nobody_idles_while_one_waits(
     asked: list[EvaluationRequest], n: int, data: st.DataObject
 ) -> None:
-    course = Course(RequestQueue(asked, n), n)
-    answered = []
+    course = Course(asked, n)
     course.hand_out()
     while busy := course.busy():
         assert len(busy) == n or not course.queue
-        ends = data.draw(st.sampled_from(busy))
-        answered.append(course.held[ends].pop(0).index)
+        course.end(data.draw(st.sampled_from(busy)))
         course.hand_out()
-    assert sorted(answered) == [request.index for request in asked]
+    assert sorted(course.answered) == [request.index for request in asked]
 
 
-@given(some, actors)
-def test_longest_first_then_those_on_psi_last(asked: list[EvaluationRequest], n: int) -> None:
-    queue = RequestQueue(asked, n)
-    taken = [request for _ in asked if (request := queue.take([])) is not None]
-    keys = [(-request.agent.step_cost, request.sign == 0, request.index) for request in taken]
-    assert keys == sorted(keys)
+@given(some, actors, st.data())
+def test_what_dead_actors_held_is_answered_once_too(
+    asked: list[EvaluationRequest], n: int, data: st.DataObject
+) -> None:
+    course, deaths = Course(asked, n), 0
+    course.hand_out()
+    while busy := course.busy():
+        actor = data.draw(st.sampled_from(busy))
+        if deaths < 5 and data.draw(st.booleans()):
+            course.die(actor)
+            deaths += 1
+        else:
+            course.end(actor)
+        course.hand_out()
+    assert sorted(course.answered) == [request.index for request in asked]
 
 
 @given(st.lists(st.integers(1, 500), min_size=1, max_size=60), actors)
 def test_early_only_while_all_stay_busy(costs: list[int], n: int) -> None:
-    """What is left keeps everybody busy for longer than the early request has to wait."""
-    queue = RequestQueue(requests(costs, [1] * len(costs)), n)
+    """What is left keeps everybody busy for longer than the early batch has to wait."""
+    queue = RequestQueue(requests(costs), n)
     held = queue.take([])
     assert held is not None
-    waiting = sorted(costs, reverse=True)[1:]
+    waiting = sum(costs) * STEP - held.cost
     early = queue.take([held])
     if early is not None:
-        assert sum(waiting) / n * STEP > held.agent.step_cost + early.agent.step_cost
+        assert waiting / n > held.cost + early.cost
         assert queue.take([held, early]) is None
 
 
 @pytest.mark.parametrize("n", [1, 2, 8])
 def test_the_last_ones_go_to_whoever_is_free(n: int) -> None:
-    queue = RequestQueue(requests([100] * 48, [1] * 48), n)
+    queue = RequestQueue(requests([100] * 480), n)
     held = queue.take([])
     assert held is not None
     early = 0
@@ -96,17 +154,25 @@ def test_the_last_ones_go_to_whoever_is_free(n: int) -> None:
 
 
 def test_what_a_dead_actor_held_comes_first_again() -> None:
-    queue = RequestQueue(requests([3, 2, 1, 1, 1], [1] * 5), 1)
+    queue = RequestQueue(requests([3, 2, 1, 1, 1]), 1)
     held = [queue.take([]), queue.take([])]
-    dead = [request for request in held if request is not None]
-    assert [request.index for request in dead] == [0, 1]
+    dead = [batch for batch in held if batch is not None]
+    assert [batch.index for batch in dead] == [0, 1]
     queue.put_back(dead)
-    taken = [request.index for _ in range(5) if (request := queue.take([])) is not None]
+    taken = [batch.index for _ in range(5) if (batch := queue.take([])) is not None]
     assert taken == [0, 1, 2, 3, 4]
     assert queue.take([]) is None
 
 
-def test_fits_are_handed_out_in_turn() -> None:
-    asked = [FitRequest(number, seed=100 - number) for number in range(5)]
-    queue = RequestQueue(asked, 2)
-    assert [queue.take([]) for _ in asked] == asked
+def test_put_back_counts_as_waiting_again() -> None:
+    """Whether an actor gets a batch early is then what it was before."""
+    queue, other = (RequestQueue(requests([100] * 64), 2) for _ in range(2))
+    first = queue.take([])
+    assert first is not None
+    queue.put_back([first])
+    for one in (queue, other):
+        held = one.take([])
+        assert held == first
+        while one.take([held]) is not None:
+            pass
+    assert len(queue) == len(other)

@@ -6,20 +6,16 @@ import pytest
 from scipy.stats import kstest
 
 from bilevel import InvalidInput
+from bilevel.agents.variation import SMALL, draw_agent
 from bilevel.hyperparameters import (
     AgentHyperparameters,
     DDQNHyperparameters,
     Hyperparameters,
-    load_preset,
+    load_recipe,
 )
-from search_spaces import (
-    SPACES,
-    agent_variation_space,
-    draw_agent,
-    search_space,
-    to_hyperparameters,
-)
-from search_spaces.agent_variation import SMALL
+from bilevel.nes import NES
+from bilevel.tasks import get_task
+from search_spaces import SPACES, search_space, to_hyperparameters
 from tests.conftest import ddqn
 
 SAMPLES = 300
@@ -44,7 +40,7 @@ TABLE_1 = {
 
 
 def base(space: str) -> Hyperparameters:
-    return load_preset("tuned", "CartPole-v0", SPACES[space])
+    return load_recipe(SPACES[space], "CartPole-v0")
 
 
 def drawn(space: str) -> list[Hyperparameters]:
@@ -80,14 +76,31 @@ def test_full_is_table_1() -> None:
     assert len({hp.se.activation for hp in hps}) == len({ddqn(hp).activation for hp in hps}) == 4
 
 
-def test_core_is_small_and_for_the_paired_update() -> None:
+def test_core_is_small_and_for_the_default_recipe() -> None:
     space = search_space("core")
-    assert len(space) == 6
-    # what is drawn anew for every member is nothing to search
-    varied = set(agent_variation_space(ddqn(base("core"))))
+    assert len(space) == 8
+    # what is drawn anew for every generation is nothing to search
+    agent = ddqn(base("core"))
+    drawn_anew = draw_agent((agent,), "all", 0)
+    varied = {
+        spec.name
+        for spec in fields(agent)
+        if getattr(agent, spec.name) != getattr(drawn_anew, spec.name)
+    }
+    assert {"learning_rate", "batch_size", "hidden_size"} <= varied
     assert not {name.removeprefix("ddqn.") for name in space} & varied
-    assert all(hp.nes.update == "paired" for hp in drawn("core"))
-    assert {16 <= hp.se.hidden_size <= 128 for hp in drawn("core")} == {True}
+    hps = drawn("core")
+    assert all(hp.nes.update == "snes" for hp in hps)
+    assert all(12 <= hp.se.hidden_size <= 64 for hp in hps)
+
+
+@pytest.mark.parametrize("task", ["CartPole-v0", "Acrobot-v1"])
+@pytest.mark.parametrize("space", SPACES)
+def test_every_sample_is_a_run(space: str, task: str) -> None:
+    """Of its recipe: its SEs can be built, and its update rule is given what it needs."""
+    recipe = load_recipe(SPACES[space], task)
+    for sample in search_space(space, seed=1).sample_configuration(50):
+        NES(get_task(task), to_hyperparameters(recipe, dict(sample)))
 
 
 def test_numpy_scalars_are_taken() -> None:
@@ -124,14 +137,14 @@ class TestOtherAgents:
     @pytest.mark.parametrize("space", SPACES)
     def test_every_sample_builds_valid_hyperparameters(self, space: str) -> None:
         agents = ("dueling-ddqn", "td3")
-        hp = load_preset("tuned", "CartPole-v0", SPACES[space], agents)
+        hp = load_recipe(SPACES[space], "CartPole-v0", agents)
         for sample in search_space(space, agents, seed=0).sample_configuration(50):
             built = to_hyperparameters(hp, dict(sample))
             assert Hyperparameters.from_dict(built.to_dict()) == built
 
 
 def test_several_agents_are_drawn_about_equally() -> None:
-    hp = load_preset("default", "CartPole-v0", agents=("ddqn", "dueling-ddqn", "td3"))
+    hp = load_recipe("default", "CartPole-v0", agents=("ddqn", "dueling-ddqn", "td3"))
     names = [draw_agent(hp.agents, "all", seed).agent for seed in range(300)]
     assert all(70 < names.count(name) < 130 for name in ("ddqn", "dueling-ddqn", "td3"))
     rates = [vars(draw_agent(hp.agents[2:], "all", s))["learning_rate"] for s in range(100)]
@@ -141,8 +154,8 @@ def test_several_agents_are_drawn_about_equally() -> None:
 class TestAgentVariation:
     @pytest.mark.parametrize("name", ["ddqn", "dueling-ddqn", "td3"])
     def test_small_agents_are_the_cheap_ones_of_the_paper(self, name: str) -> None:
-        agents = load_preset("default", "CartPole-v0", agents=(name,)).agents
-        drawn = [draw_agent(agents, "small", seed) for seed in range(SAMPLES)]
+        agents = load_recipe("default", "CartPole-v0", agents=(name,)).agents
+        drawn = [draw_agent(agents, "small", seed) for seed in range(4 * SAMPLES)]
         assert max(hp.step_cost for hp in drawn) <= SMALL
         assert {vars(hp)["hidden_layers"] for hp in drawn} == {1, 2, 3}
         rates = np.log([vars(hp)["learning_rate"] for hp in drawn])
@@ -153,12 +166,12 @@ class TestAgentVariation:
         assert draw_agent((AgentHyperparameters(),), "small", 0) == AgentHyperparameters()
 
     def test_another_variation_is_refused(self) -> None:
-        agents = load_preset("default", "CartPole-v0").agents
+        agents = load_recipe("default", "CartPole-v0").agents
         with pytest.raises(InvalidInput, match="allowed are no, small, all"):
             draw_agent(agents, "some", 0)
 
     def test_ranges_of_the_paper(self) -> None:
-        agent = ddqn(load_preset("default", "CartPole-v0"))
+        agent = ddqn(load_recipe("default", "CartPole-v0"))
         agents = [draw_agent((agent,), "all", seed) for seed in range(SAMPLES)]
         for name, low, high in (
             ("learning_rate", 1e-3 / 3, 3e-3),

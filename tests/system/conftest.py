@@ -3,12 +3,15 @@
 import os
 import subprocess
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 import mlflow
 import pytest
 import ray
 
+from bilevel.nes import NESState
 from cluster.ray_cluster import ray_cluster
 from tests.commands import BILEVEL
 
@@ -30,6 +33,24 @@ def _of_ray() -> dict[str, str]:
 def client(home: Path) -> mlflow.MlflowClient:
     uri = f"sqlite:///{home}/mlflow.db"
     return mlflow.MlflowClient(uri, registry_uri=uri)
+
+
+#: Fields of a generation's record that are measured.
+_TIMES = (
+    "evaluation_seconds",
+    "env_steps_per_second",
+    "generation_seconds",
+    "core_utilisation",
+    "finished",
+)
+
+
+def untimed(state: NESState) -> list[dict[str, Any]]:
+    """A run's records, less the measured times."""
+    return [
+        {name: value for name, value in asdict(record).items() if name not in _TIMES}
+        for record in state.records
+    ]
 
 
 def run_until(line: str, *args: str | Path) -> subprocess.Popen[str]:

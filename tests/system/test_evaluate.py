@@ -3,6 +3,7 @@ MLflow, killed for real."""
 
 import json
 import os
+import re
 import signal
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.agents.transfer import documented_agent
 from bilevel.hyperparameters import SEHyperparameters
-from bilevel.nes import NESState
-from bilevel.synthetic_env import Architecture, StoredSE, save_se
+from bilevel.synthetic_env import SE, Architecture, StoredSE, save_se
 from bilevel.tasks import get_task
+from cluster.nes_loop import NESRun
 from tests.commands import run_bilevel
+from tests.documents import documented_agent
 from tests.system.conftest import client, run_until
 
 pytestmark = pytest.mark.timeout(280)
@@ -26,11 +27,13 @@ FEW = ("--max-episodes", "13", "--name", "few")
 @pytest.fixture
 def se_file(tmp_path: Path) -> Path:
     task = get_task("CartPole-v0")
-    hp = SEHyperparameters(hidden_layers=1, hidden_size=16, activation="lrelu")
+    hp = SEHyperparameters(
+        structure="plain", hidden_layers=1, hidden_size=16, activation="lrelu", step_limit=0
+    )
     architecture = Architecture.of(task, hp)
-    psi = architecture.initialize(np.random.default_rng(0))
+    se = SE(architecture, architecture.initialize(np.random.default_rng(0)))
     path = tmp_path / "my_se.safetensors"
-    save_se(StoredSE(architecture, psi, task.id, task.step_limit, task.solved_reward), path)
+    save_se(StoredSE(se, task.id, task.step_limit, task.solved_reward), path)
     return path
 
 
@@ -89,22 +92,33 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path) -> 
     assert {"report.json", "violins.png", "results.jsonl"} <= names
 
 
+def documented_agent() -> str:
+    """The code of docs/agents.md."""
+    text = (Path(__file__).parents[2] / "docs" / "agents.md").read_text()
+    found = re.search(r"```python\n(.*?)```", text, re.DOTALL)
+    assert found is not None
+    return found[1]
+
+
 def test_an_agent_of_the_users_own_in_nes(tmp_path: Path) -> None:
     """The agent of docs/agents.md, in a mixture, on actors that import its file."""
     file = tmp_path / "reinforce.py"
     file.write_text(documented_agent())
     chosen: tuple[str | Path, ...] = ("--agent", "ddqn,reinforce", "--agent-file", file)
-    size = ("--population", "2", "--start-candidates", "1", "--set", "ddqn.max_episodes=13")
-    small = ("--preset", "default", "--set", "nes.start=random", *size)
+    small = (
+        *("--population", "2", "--set", "nes.start_candidates=1", "--set", "nes.centre_agents=2"),
+        *("--set", "ddqn.max_episodes=13", "--vary-hp", "no"),
+    )
     common = ("nes", "CartPole-v0", *chosen, *small, "--generations", "1", "--name", "mixed")
-    psis = []
+    thetas = []
     for workers in ("1", "2"):
         result = run_bilevel(*common, "--workers", workers, "--home", tmp_path / workers)
         assert result.returncode == 0, result.stderr
         assert "generation   0   score" in result.stdout
-        state = tmp_path / workers / "CartPole-v0" / "mixed" / "state.safetensors"
-        psis.append(NESState.load(state).psi)
-    np.testing.assert_array_equal(psis[0], psis[1])
+        state = NESRun.read(tmp_path / workers / "CartPole-v0" / "mixed").load()
+        assert state is not None
+        thetas.append(state.se.mean)
+    np.testing.assert_array_equal(thetas[0], thetas[1])
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import os
 import signal
-from dataclasses import asdict
 from pathlib import Path
 
 import gymnasium
@@ -13,22 +12,29 @@ import pytest
 
 import bilevel  # noqa: F401  (registers the environment)
 from bilevel.nes import NESState
+from cluster.nes_loop import NESRun
 from tests.commands import run_bilevel
-from tests.system.conftest import client, run_until
+from tests.system.conftest import client, run_until, untimed
 
 pytestmark = pytest.mark.timeout(280)
 
 SMALL = (
-    *("nes", "CartPole-v0", "--population", "2", "--start-candidates", "2", "--name", "run"),
-    *("--set", "nes.start=random", "--set", "nes.momentum=0.7", "--set", "ddqn.max_episodes=13"),
+    *("nes", "CartPole-v0", "--population", "2", "--name", "run"),
+    *("--set", "nes.start_candidates=2", "--set", "nes.centre_agents=2"),
+    *("--set", "nes.patient_episodes=15", "--set", "ddqn.max_episodes=13"),
 )
+
+
+def state_of(home: Path) -> NESState:
+    """The run's checkpoint."""
+    state = NESRun.read(home / "CartPole-v0" / "run").load()
+    assert state is not None
+    return state
 
 
 def scores(home: Path) -> list[dict[str, float]]:
     """The run's records, less the measured times."""
-    state = NESState.load(home / "CartPole-v0" / "run" / "state.safetensors")
-    times = {"env_steps_per_second", "generation_seconds", "core_utilisation", "finished"}
-    return [{k: v for k, v in asdict(r).items() if k not in times} for r in state.records]
+    return untimed(state_of(home))
 
 
 def test_a_run_its_tracking_and_its_continuation(
@@ -43,7 +49,7 @@ def test_a_run_its_tracking_and_its_continuation(
     assert "going on after generation 1" in longer.stdout
     assert "generation   0" not in longer.stdout
 
-    refused = run_bilevel(*SMALL, "--update", "paper", "--home", tmp_path)
+    refused = run_bilevel(*SMALL, "--set", "nes.update=paper", "--home", tmp_path)
     assert refused.returncode == 2
     assert "'run' was begun with nes = " in refused.stderr
     assert refused.stderr.count("\n") == 1
@@ -54,7 +60,8 @@ def test_a_run_its_tracking_and_its_continuation(
     (tracked,) = mlflow_client.search_runs([experiment.experiment_id])
     assert tracked.info.status == "FINISHED"
     assert tracked.data.params["nes.population_size"] == "2"
-    assert tracked.data.params["nes.momentum"] == "0.7"
+    assert tracked.data.params["nes.patient_episodes"] == "15"
+    assert tracked.data.params["se.structure"] == "exogenous"
     assert tracked.data.params["vary_agent"] == "small"
     assert tracked.data.params["agents.ddqn.batch_size"] == "128"
     for name, values in {
@@ -64,8 +71,12 @@ def test_a_run_its_tracking_and_its_continuation(
             history = mlflow_client.get_metric_history(tracked.info.run_id, name)
             assert [metric.step for metric in history] == [0, 1, 2], name
             assert [metric.value for metric in history] == values, name
-    fitness = [record["fitness_mean"] for record in scores(tmp_path)]
-    assert tracked.data.metrics["objective"] == pytest.approx(np.mean(fitness))
+    means = [record["score_mean"] for record in scores(tmp_path)]
+    assert tracked.data.metrics["objective"] == pytest.approx(np.mean(means))
+    steps = [record["real_env_steps"] for record in scores(tmp_path)]
+    assert 1000 < steps[0] < steps[1] < steps[2]  # a thousand gave the scale of observations
+    assert f"{int(steps[1])} steps on the real task" in result.stdout
+    assert f"{int(steps[2])} steps on the real task" in longer.stdout
     shares = mlflow_client.get_metric_history(tracked.info.run_id, "core_utilisation")
     assert all(0 < metric.value < 1 for metric in shares)
     names = {file.path for file in mlflow_client.list_artifacts(tracked.info.run_id)}
@@ -111,9 +122,7 @@ def test_killed_in_the_middle_it_goes_on(
     again = run_bilevel(*SMALL, "--generations", "12", "--workers", "1", "--home", parts)
     assert again.returncode == 0, again.stderr
     assert scores(parts) == scores(whole)
-    files = [home / "CartPole-v0" / "run" / "best_se.safetensors" for home in (whole, parts)]
-    states = [NESState.load(file.with_name("state.safetensors")) for file in files]
-    np.testing.assert_array_equal(states[0].psi, states[1].psi)
+    np.testing.assert_array_equal(state_of(whole).se.mean, state_of(parts).se.mean)
 
     mlflow_client = client(parts)
     experiment = mlflow_client.get_experiment_by_name("CartPole-v0")
@@ -124,10 +133,37 @@ def test_killed_in_the_middle_it_goes_on(
     assert [metric.step for metric in history] == list(range(12))
 
 
+EASY = ("--solved-reward", "5", "--solved-for", "2", "--generations", "9")
+
+
 def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path) -> None:
-    easy = ("--solved-reward", "5", "--solved-for", "2", "--generations", "9")
-    result = run_bilevel(*SMALL, *easy, "--home", tmp_path)
+    result = run_bilevel(*SMALL, *EASY, "--home", tmp_path)
     assert result.returncode == 0, result.stderr
-    assert "with 32 others: solved" in result.stdout
+    assert "with 16 others: solved" in result.stdout
     assert "solved and stayed solved: 2 generations" in result.stdout
     assert "10 of 10 agents do" in result.stdout
+
+
+def test_it_begins_again_from_other_starts(tmp_path: Path) -> None:
+    """Where nobody solves the task, one generation without a new best SE is enough."""
+    hard = ("--solved-reward", "999", "--set", "nes.restart_after=1", "--generations", "6")
+    result = run_bilevel(*SMALL, *hard, "--home", tmp_path)
+    assert result.returncode == 0, result.stderr
+    attempts = [int(record["attempt"]) for record in scores(tmp_path)]
+    assert attempts == sorted(attempts)
+    assert attempts[-1] >= 1
+    told = result.stdout.count("no new best SE for 1 generations: attempt")
+    assert told >= attempts[-1]
+    assert result.stdout.count("choosing a start among 2 random SEs") == told + 1
+
+
+def test_the_default_name_tells_recipe_agents_and_variation(tmp_path: Path) -> None:
+    small = [word for word in SMALL if word not in ("--name", "run")]
+    chosen = ("--recipe", "paper", "--agent", "td3", "--vary-hp", "small")
+    few = ("--generations", "1", "--set", "td3.max_episodes=12", "--seed", "3")
+    words = [word.replace("ddqn", "td3") for word in small]
+    result = run_bilevel(*words, *chosen, *few, "--home", tmp_path)
+    assert result.returncode == 0, result.stderr
+    run = NESRun.read(tmp_path / "CartPole-v0" / "nes-paper-td3-small-seed3")
+    assert (run.hp.nes.update, run.hp.se.structure) == ("paper", "plain")
+    assert run.load() is not None

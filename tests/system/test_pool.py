@@ -15,8 +15,7 @@ import ray
 from bilevel.evaluation import EvaluationResult, evaluate
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
-from bilevel.synthetic_env import Architecture
-from bilevel.synthetic_env.fitted import fitted_psi
+from bilevel.synthetic_env import SE
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool
 from tests.conftest import ddqn
@@ -52,15 +51,15 @@ def parent(pid: int) -> int:
 
 def test_any_number_of_actors_gives_what_a_loop_gives(nes: NES, small_hp: Hyperparameters) -> None:
     """Agents differ, so that they are handed out in another order than asked for."""
-    state = nes.start()
+    state = nes.init()
     requests = [
         replace(r, agent=replace(ddqn(small_hp), batch_size=8 * (1 + r.index)))
         for r in nes.ask(state)
     ]
-    looped = [evaluate(nes.task, nes.architecture, state.psi, r) for r in requests]
+    looped = [evaluate(nes.task, state.se, r) for r in requests]
     for workers in (1, 2):
         with EvaluationPool(workers) as pool:
-            results = pool.run(nes.task, nes.architecture, state.psi, requests)
+            results = pool.run(nes.task, state.se, requests)
             assert pool.kernel_seconds == pytest.approx(sum(r.seconds for r in results))
         assert without_times(results) == without_times(looped)
 
@@ -69,10 +68,10 @@ def test_killed_actors_are_replaced_and_nothing_is_lost(
     nes: NES, small_hp: Hyperparameters
 ) -> None:
     agent = replace(ddqn(small_hp), max_episodes=60, hidden_size=64, batch_size=128)
-    state = nes.start()
+    state = nes.init()
     requests = [replace(r, agent=agent) for r in nes.ask(state) * 3]
     requests = [replace(r, index=i) for i, r in enumerate(requests)]
-    looped = [evaluate(nes.task, nes.architecture, state.psi, r) for r in requests]
+    looped = [evaluate(nes.task, state.se, r) for r in requests]
     killed: list[int] = []
     over = threading.Event()
 
@@ -83,33 +82,47 @@ def test_killed_actors_are_replaced_and_nothing_is_lost(
                 killed.append(pid)
 
     with EvaluationPool(2) as pool:
-        pool.run(nes.task, nes.architecture, state.psi, requests[:2])  # both are up
+        pool.run(nes.task, state.se, requests[:2])  # both are up
         killer = threading.Thread(target=kill_some)
         killer.start()
-        results = pool.run(nes.task, nes.architecture, state.psi, requests)
+        results = pool.run(nes.task, state.se, requests)
         over.set()
         killer.join()
     assert killed
     assert without_times(results) == without_times(looped)
 
 
-def test_fits_are_the_same_wherever_they_are_made(cartpole: Task) -> None:
-    """Killed at the end of the first one, the actors are replaced and make what was lost."""
-    cartpole = replace(cartpole, solved_reward=5.0)  # so that anybody may teach
-    architecture, seeds = Architecture(4, 2, 1, 8, "lrelu"), [4, 5, 6]
-    ended: list[int] = []
+def test_one_se_is_evaluated_as_a_distribution_at_its_centre(nes: NES) -> None:
+    state = nes.init()
+    requests = nes.ask(state)[: nes.hp.nes.centre_agents]
+    with EvaluationPool(1) as pool:
+        results = [pool.run(nes.task, se, requests) for se in (state.se, state.se.centre)]
+    assert without_times(results[0]) == without_times(results[1])
 
-    def kill_all() -> None:
-        ended.append(len(ended))
-        for pid in worker_pids() if len(ended) == 1 else ():
-            os.kill(pid, signal.SIGKILL)
 
+def test_the_choice_of_a_start_is_what_a_loop_makes_of_it(
+    cartpole: Task, small_hp: Hyperparameters
+) -> None:
+    """Killed once they are up, the actors are replaced and make what was lost."""
+    nes = NES(cartpole, replace(small_hp, nes=replace(small_hp.nes, start_candidates=9)), 1)
+    pooled = looped = nes.init()
     with EvaluationPool(2) as pool:
-        fitted = pool.fits(cartpole, architecture, seeds, kill_all)
-    assert all(psi.flags.writeable for psi in fitted)
-    assert ended == [0, 1, 2]
-    for psi, seed in zip(fitted, seeds, strict=True):
-        np.testing.assert_array_equal(psi, fitted_psi(cartpole, architecture, seed))
+        while not looped.started:
+            results = [evaluate(cartpole, looped.se, r) for r in nes.ask(looped)]
+            looped = nes.tell(looped, results)
+            answered: list[int] = []
+
+            def kill_all(result: EvaluationResult, answered: list[int] = answered) -> None:
+                answered.append(result.index)
+                for pid in worker_pids() if len(answered) == 1 else ():
+                    with contextlib.suppress(ProcessLookupError):
+                        os.kill(pid, signal.SIGKILL)
+
+            results = pool.run(cartpole, pooled.se, nes.ask(pooled), kill_all)
+            assert sorted(answered) == list(range(len(results)))
+            pooled = nes.tell(pooled, results)
+            assert pooled.race == looped.race
+    np.testing.assert_array_equal(pooled.se.mean, looped.se.mean)
 
 
 def test_a_request_that_kills_every_actor_is_given_up(nes: NES) -> None:
@@ -117,20 +130,22 @@ def test_a_request_that_kills_every_actor_is_given_up(nes: NES) -> None:
         def __reduce__(self):  # type: ignore[no-untyped-def]
             return os._exit, (1,)
 
-    psi = nes.start().psi.view(Poison)
+    state = nes.init()
+    se = SE(state.se.centre.architecture, state.se.centre.psi.view(Poison))
     with EvaluationPool(1) as pool, pytest.raises(RuntimeError, match="5 actors died on"):
-        pool.run(nes.task, nes.architecture, psi, nes.ask(nes.start())[:1])
+        pool.run(nes.task, se, nes.ask(state)[:1])
 
 
 def test_an_error_in_an_evaluation_is_the_callers(nes: NES) -> None:
-    wrong = nes.start().psi[:5]
+    state = nes.init()
+    wrong = SE(state.se.centre.architecture, state.se.centre.psi[:5])
     with EvaluationPool(1) as pool, pytest.raises(ray.exceptions.RayTaskError):
-        pool.run(nes.task, nes.architecture, wrong, nes.ask(nes.start())[:1])
+        pool.run(nes.task, wrong, nes.ask(state)[:1])
 
 
 def test_the_pool_is_gone_afterwards(nes: NES) -> None:
     with EvaluationPool(2) as pool:
-        pool.run(nes.task, nes.architecture, None, [])
+        pool.run(nes.task, None, [])
         assert pool.size == 2
     deadline = time.monotonic() + 20
     cores = ray.cluster_resources()["CPU"]

@@ -9,13 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from benchmarks.faults.outcome import disagreements
-from benchmarks.faults.tracking import Server
 from cluster.home import Home
 from cluster.ports import free_port
 from cluster.progress import Terminal
 from cluster.sync import sync
 from tests.studies import make_study
+from tests.system.mlflow_shown import Server, disagreements
 
 #: Where Debian's package puts what only the server's owner calls.
 _DEBIAN = sorted(Path("/usr/lib/postgresql").glob("*/bin"))

@@ -12,11 +12,11 @@ from pathlib import Path
 import psutil
 import pytest
 
-from benchmarks.faults.outcome import disagreements
 from cluster.home import Home
 from cluster.ports import free_port, listening
 from cluster.services import services
 from tests.commands import BILEVEL, run_bilevel
+from tests.system.mlflow_shown import disagreements
 
 pytestmark = pytest.mark.timeout(290)
 

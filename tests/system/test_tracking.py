@@ -14,10 +14,9 @@ from pathlib import Path
 import mlflow
 import pytest
 
-from benchmarks.faults.outcome import disagreements
-from benchmarks.faults.tracking import Server
 from bilevel import InvalidInput
-from bilevel.nes import NESState
+from cluster.bohb.journal import Journal
+from cluster.bohb.study import Study
 from cluster.home import Home
 from cluster.progress import Terminal
 from cluster.run_folder import Begun, held
@@ -26,6 +25,7 @@ from cluster.tracking import Mirror, Tracker
 from cluster.tracking.tracker import _IMPORT
 from cluster.views import StudyViews, views_of
 from tests.studies import make_study
+from tests.system.mlflow_shown import Server, disagreements
 
 pytestmark = pytest.mark.timeout(120)
 
@@ -147,7 +147,10 @@ def test_a_configuration_that_was_run_again_replaces_what_mlflow_has(
     """After a damaged checkpoint: the same scores, but other times."""
     sync(folder, home, home.database_uri, Terminal())
     path = min(folder.glob("configurations/*/state.safetensors"))
-    state = NESState.load(path)
+    journal = Journal(folder)
+    line = min(journal.configs, key=lambda line: line.id)
+    state = Study.read(folder).run(line.id, line.configuration).load()
+    assert state is not None
     later = tuple(replace(r, finished=r.finished + 9, generation_seconds=7) for r in state.records)
     replace(state, records=later).save(path)
     assert disagreements(folder, home.database_uri) != []

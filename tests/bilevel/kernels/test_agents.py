@@ -20,13 +20,13 @@ from bilevel.hyperparameters import (
     DDQNHyperparameters,
     SEHyperparameters,
     TD3Hyperparameters,
-    load_preset,
+    load_recipe,
 )
 from bilevel.kernels import ddqn, td3, training
 from bilevel.kernels.environment import Environment, environment
 from bilevel.kernels.random import SplitMix64
 from bilevel.kernels.stopping import CONVERGED, NOT_FINITE, converged, solved
-from bilevel.synthetic_env import Architecture, kernel_form
+from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task
 
 BUILT_IN = ("ddqn", "dueling-ddqn", "td3")
@@ -36,7 +36,7 @@ SEED = 3
 
 def small(agent: str, **changes: Any) -> Any:
     """Small hyperparameters of a built-in agent."""
-    (hp,) = load_preset("default", "CartPole-v0", agents=(agent,)).agents
+    (hp,) = load_recipe("paper", "", (agent,)).agents
     sizes = {"max_episodes": 13, "init_episodes": 1, "batch_size": 16, "hidden_size": 8}
     return replace(hp, **(sizes | {"learning_rate": 1e-3, "test_episodes": 2} | changes))
 
@@ -178,11 +178,13 @@ class TestGumbelSoftmax:
 
 
 def se_environment(task: Task, seed: int, episodes: int, step_limit: int) -> Environment:
-    se_hp = SEHyperparameters(hidden_layers=1, hidden_size=16, activation="lrelu")
+    se_hp = SEHyperparameters(
+        structure="plain", hidden_layers=1, hidden_size=16, activation="lrelu", step_limit=0
+    )
     architecture = Architecture.of(task, se_hp)
     psi = architecture.initialize(np.random.default_rng(seed))
     physics = task.initial_physics(np.random.default_rng(seed + 1), episodes)
-    se = kernel_form(architecture, psi)
+    se = SE(architecture, psi).kernel
     return environment(
         se, True, task.dynamics, task.state_size, step_limit, task.solved_reward, physics
     )

@@ -13,21 +13,21 @@ import sys
 from dataclasses import replace
 import numpy as np
 from bilevel.evaluation import train_and_test
-from bilevel.hyperparameters import load_preset
+from bilevel.hyperparameters import load_recipe
 from bilevel.kernels import training
-from bilevel.synthetic_env import Architecture
+from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import get_task
 
 task = get_task("CartPole-v0")
 for name in sys.argv[1:]:
-    hp = load_preset("default", task.id, agents=(name,))
+    hp = load_recipe("paper", "", (name,))
     agent = replace(hp.agents[0], max_episodes=6, init_episodes=1, hidden_size=31, batch_size=50)
     architecture = Architecture.of(task, hp.se)
     psi = architecture.initialize(np.random.default_rng(0))
     kept = []
     train = training.train
     training.train = lambda kernel, *others: (kept.append(kernel), train(kernel, *others))[1]
-    train_and_test(task, (architecture, psi), agent, 3)
+    train_and_test(task, SE(architecture, psi), agent, 3)
     training.train = train
     if name == "td3":
         print(name, kept[0].phi.online.tobytes().hex()[:200])

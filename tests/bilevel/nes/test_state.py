@@ -13,14 +13,20 @@ from hypothesis import strategies as st
 
 from bilevel import InvalidInput
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
-from bilevel.hyperparameters import Hyperparameters, load_preset
+from bilevel.hyperparameters import Hyperparameters, SEHyperparameters, load_recipe
 from bilevel.nes import NES, NESState
 from bilevel.nes.state import _checksum
 from bilevel.tasks import Task, get_task
 
+CARTPOLE = get_task("CartPole-v0")
+
 
 def answer(request: EvaluationRequest, score: float) -> EvaluationResult:
-    return EvaluationResult((score,), 100, 10, True, index=request.index, seconds=0.01)
+    return EvaluationResult((score,), 100, 10, 20, True, index=request.index, seconds=0.01)
+
+
+def after(nes: NES, state: NESState) -> NESState:
+    return nes.tell(state, [answer(r, float(r.index)) for r in nes.ask(state)])
 
 
 @pytest.fixture
@@ -29,112 +35,128 @@ def nes(cartpole: Task, small_hp: Hyperparameters) -> NES:
 
 
 @pytest.fixture(scope="module")
-def saved(tmp_path_factory: pytest.TempPathFactory) -> bytes:
-    """A checkpoint after one generation."""
-    hp = load_preset("tuned", "CartPole-v0", "antithetic")
-    hp = replace(
-        hp,
-        nes=replace(hp.nes, population_size=2, start_candidates=1),
-        se=replace(hp.se, hidden_size=4),
+def default() -> NES:
+    """A small run of the default recipe, whose state has a scale of observations."""
+    hp = load_recipe("default", CARTPOLE.id)
+    return NES(
+        CARTPOLE,
+        replace(
+            hp,
+            nes=replace(hp.nes, population_size=2, start_candidates=3, centre_agents=2),
+            se=replace(hp.se, hidden_size=8),
+        ),
     )
-    nes = NES(get_task("CartPole-v0"), hp, 0)
-    state = nes.start()
+
+
+@pytest.fixture(scope="module")
+def saved(default: NES, tmp_path_factory: pytest.TempPathFactory) -> bytes:
+    """A checkpoint after one generation."""
+    state = default.init()
+    while not state.records:
+        state = after(default, state)
     path = tmp_path_factory.mktemp("saved") / "state"
-    nes.tell(state, [answer(r, float(r.index)) for r in nes.ask(state)], 1.0, 5.0).save(path)
+    state.save(path)
     return path.read_bytes()
 
 
-def test_round_trip(nes: NES, tmp_path: Path) -> None:
-    state = nes.start()
-    results = [answer(r, float(r.index)) for r in nes.ask(state)]
-    state = nes.tell(state, results, 1.0, 0.0)
+def load(path: Path, nes: NES) -> NESState:
+    return NESState.load(path, nes.task, nes.hp.se)
+
+
+@pytest.mark.parametrize("steps", [0, 1, 2, 3, 4])
+def test_a_loaded_run_goes_on_as_the_other_would(steps: int, default: NES, tmp_path: Path) -> None:
+    """While the start is being chosen as well as between generations."""
+    state = default.init()
+    for _ in range(steps):
+        state = after(default, state)
     state.save(tmp_path / "state")
-    loaded = NESState.load(tmp_path / "state")
-    assert loaded.records == state.records
-    assert [f.rank(1.0) for f in loaded.finalists] == [f.rank(1.0) for f in state.finalists]
-    np.testing.assert_array_equal(loaded.finalists[0].psi, state.finalists[0].psi)
-    assert (loaded.generation, loaded.best_score) == (1, 1.0)
-    np.testing.assert_array_equal(loaded.psi, state.psi)
-    assert nes.ask(loaded) == nes.ask(state)
-
-
-def test_a_loaded_run_goes_on_as_the_other_would(nes: NES, tmp_path: Path) -> None:
-    """Also where the next step depends on the last: momentum, and what was adapted."""
-    own = replace(nes.hp.nes, momentum=0.8, retention=0.7)
-    nes = replace(nes, hp=replace(nes.hp, nes=own))
-
-    def after(state: NESState) -> NESState:
-        results = [answer(r, float(r.index)) for r in nes.ask(state)]
-        return nes.tell(state, results, 1.0, 0.0)
-
-    state = after(nes.start())
-    state.save(tmp_path / "state")
-    loaded = NESState.load(tmp_path / "state")
-    assert loaded.scale == state.scale != 1.0
-    np.testing.assert_array_equal(after(loaded).psi, after(state).psi)
-    assert after(loaded).records == after(state).records
+    loaded = load(tmp_path / "state", default)
+    assert default.ask(loaded) == default.ask(state)
+    assert (loaded.race, loaded.records) == (state.race, state.records)
+    assert loaded.real_env_steps == state.real_env_steps
+    assert [f.rank for f in loaded.finalists] == [f.rank for f in state.finalists]
+    np.testing.assert_array_equal(loaded.best.psi, state.best.psi)
+    np.testing.assert_array_equal(
+        after(default, loaded).se.centre.psi, after(default, state).se.centre.psi
+    )
 
 
 @pytest.mark.parametrize("content", [b"", b"nonsense", b"\x08\0\0\0\0\0\0\0{}      "])
-def test_damage_is_told(content: bytes, tmp_path: Path) -> None:
+def test_damage_is_told(content: bytes, tmp_path: Path, nes: NES) -> None:
     (tmp_path / "state").write_bytes(content)
     with pytest.raises(InvalidInput, match="damaged checkpoint"):
-        NESState.load(tmp_path / "state")
+        load(tmp_path / "state", nes)
+
+
+def test_a_checkpoint_of_other_ses_is_refused(saved: bytes, default: NES, tmp_path: Path) -> None:
+    (tmp_path / "state").write_bytes(saved)
+    other: SEHyperparameters = replace(default.hp.se, hidden_size=9)
+    with pytest.raises(InvalidInput, match="parts do not fit together"):
+        NESState.load(tmp_path / "state", default.task, other)
 
 
 @given(data=st.data())
 @settings(max_examples=200)
 def test_one_wrong_byte_is_told_or_harmless(
-    data: st.DataObject, saved: bytes, tmp_path_factory: pytest.TempPathFactory
+    data: st.DataObject, saved: bytes, default: NES, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
     path = tmp_path_factory.mktemp("damaged") / "state"
     path.write_bytes(saved)
-    whole = NESState.load(path)
+    whole = load(path, default)
     content = bytearray(saved)
     content[data.draw(st.integers(0, len(content) - 1))] = data.draw(st.integers(0, 255))
     path.write_bytes(content)
     with contextlib.suppress(InvalidInput):
-        read = NESState.load(path)
-        np.testing.assert_array_equal(read.psi, whole.psi)
+        read = load(path, default)
+        np.testing.assert_array_equal(read.se.mean, whole.se.mean)
         assert read.records == whole.records
 
 
 @given(content=st.binary(max_size=200))
-def test_any_bytes_are_refused(content: bytes, tmp_path_factory: pytest.TempPathFactory) -> None:
+def test_any_bytes_are_refused(
+    content: bytes, default: NES, tmp_path_factory: pytest.TempPathFactory
+) -> None:
     path = tmp_path_factory.mktemp("foreign") / "state"
     path.write_bytes(content)
     with pytest.raises(InvalidInput, match="damaged checkpoint"):
-        NESState.load(path)
+        load(path, default)
 
 
 @pytest.mark.parametrize(
-    "header",
+    "changes",
     [
-        "[]",
-        "7",
-        "{}",
-        "[" * 100_000,
-        '{"generation": Infinity, "scale": 1, "solved_streak": 0, "finalists": [], "records": []}',
-        '{"generation": 1, "scale": 1, "solved_streak": 0, "finalists": [], "records": []}',
-        '{"generation": 1, "scale": 1, "solved_streak": 0, "finalists": [], "records": [{"x": 1}]}',
-        '{"generation": 0, "scale": 1, "solved_streak": 0, "finalists": [{"generation": 0}],'
-        ' "records": []}',
-        '{"generation": 0, "scale": 0, "solved_streak": 0, "finalists": [], "records": []}',
-        '{"generation": 0, "scale": Infinity, "solved_streak": 0, "finalists": [], "records": []}',
+        {"generation": float("inf")},
+        {"generation": 2},
+        {"records": [{"x": 1}]},
+        {"finalists": [{"generation": 0}]},
+        {"race": {"seeds": 1}},
+        {"colour": "red"},
     ],
 )
-def test_a_wrong_header_with_a_right_checksum_is_refused(header: str, tmp_path: Path) -> None:
-    tensors = {"psi": np.zeros(3, np.float32)}
-    if header.startswith("{"):
-        parsed = json.loads(header)
-        parsed["sha256"] = _checksum(json.dumps(parsed), tensors)
-        header = json.dumps(parsed)
+def test_a_wrong_header_with_a_right_checksum_is_refused(
+    changes: dict[str, object], saved: bytes, default: NES, tmp_path: Path
+) -> None:
+    (tmp_path / "whole").write_bytes(saved)
+    with safetensors.safe_open(tmp_path / "whole", framework="numpy") as file:
+        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        header = json.loads(file.metadata()["nes"])
+    del header["sha256"]
+    header |= changes
+    header["sha256"] = _checksum(json.dumps(header), tensors)
+    safetensors.numpy.save_file(tensors, tmp_path / "state", {"nes": json.dumps(header)})
+    with pytest.raises(InvalidInput, match="damaged checkpoint"):
+        load(tmp_path / "state", default)
+
+
+@pytest.mark.parametrize("header", ["[]", "7", "{}", "[" * 100_000])
+def test_no_header_is_refused(header: str, default: NES, tmp_path: Path) -> None:
+    tensors = {"theta": np.zeros(3, np.float32)}
     safetensors.numpy.save_file(tensors, tmp_path / "state", {"nes": header})
     with pytest.raises(InvalidInput, match="damaged checkpoint"):
-        NESState.load(tmp_path / "state")
+        load(tmp_path / "state", default)
 
 
-def test_a_pickle_is_not_executed(tmp_path: Path) -> None:
+def test_a_pickle_is_not_executed(tmp_path: Path, default: NES) -> None:
     class Bomb:
         def __reduce__(self):  # type: ignore[no-untyped-def]
             return Path.touch, (tmp_path / "executed",)
@@ -142,8 +164,8 @@ def test_a_pickle_is_not_executed(tmp_path: Path) -> None:
     for content in (pickle.dumps(Bomb()), b"\x80\x04" + pickle.dumps(Bomb())):
         (tmp_path / "state").write_bytes(content)
         with pytest.raises(InvalidInput, match="damaged checkpoint"):
-            NESState.load(tmp_path / "state")
+            load(tmp_path / "state", default)
     torch.save(Bomb(), tmp_path / "state")
     with pytest.raises(InvalidInput, match="damaged checkpoint"):
-        NESState.load(tmp_path / "state")
+        load(tmp_path / "state", default)
     assert not (tmp_path / "executed").exists()

@@ -1,0 +1,199 @@
+"""SEs that NES learns from random starts, over seeds: how many solve the task, in which time, and
+what they teach agents that they were not learned with.
+
+    python -m benchmarks.nes.seeds CartPole-v0 --seeds 0 1 2 --agents 6 --sb3 3 --home FOLDER
+
+Each seed is one `bilevel nes TASK --seed SEED`, run as a user runs it, on all cores; the seconds
+are those of the whole command. On the best SE of the first seeds (`--taught` of them) fresh agents
+of every kind are trained, their hyperparameters drawn from all of the paper's ranges, and with
+`--sb3` agents of Stable-Baselines3, which know nothing of this project. Results are written seed by
+seed to `results/nes_seeds_TASK.json`; the same command goes on with what is missing.
+"""
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from concurrent.futures import ProcessPoolExecutor
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.machine import NotMeasured, read_result, write_result
+from bilevel.agents.variation import draw_agent
+from bilevel.evaluation import train_and_test
+from bilevel.hyperparameters import load_recipe
+from bilevel.seeds import Purpose, derive
+from bilevel.synthetic_env import load_se
+from cluster.final import BEST_FILE
+from cluster.nes_loop import NESRun
+from cluster.run_folder import finals
+
+#: Kinds of agents that are trained on an SE.
+AGENTS = ("ddqn", "dueling-ddqn", "td3")
+
+#: Environment steps of a Stable-Baselines3 agent on the SE.
+SB3_STEPS = 10_000
+
+
+def run_seed(task: str, seed: int, recipe: str, home: Path) -> dict[str, Any]:
+    """One run, and what came of it."""
+    folder = home / task / f"{recipe}-seed{seed}"
+    command = [str(Path(sys.executable).with_name("bilevel")), "nes", task, "--seed", str(seed)]
+    command += ["--recipe", recipe, "--home", str(home), "--name", folder.name]
+    began = time.time()
+    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
+    seconds = time.time() - began
+    run = NESRun.read(folder)
+    state, final = run.load(), finals(folder)[-1].metrics
+    assert state is not None
+    records = state.records
+    solved = [r.generation for r in records if r.score_mean >= run.task.solved_reward]
+    return {
+        "seed": seed,
+        "seconds": round(seconds, 1),
+        "generations": len(records),
+        "attempts": state.attempt + 1,
+        "first_solved_generation": solved[0] if solved else None,
+        "final_score": round(final["final_score_mean"], 1),
+        "final_train_steps": round(final["final_train_steps_mean"]),
+        "solved": bool(final["final_score_mean"] >= run.task.solved_reward),
+        "real_env_steps": state.real_env_steps,
+        "core_utilisation": round(float(np.median([r.core_utilisation for r in records])), 3),
+    }
+
+
+def teach(path: Path, kind: str, number: int) -> tuple[float, int]:
+    """Score and train steps of a fresh agent, drawn from all of the paper's ranges."""
+    se = load_se(path)
+    base = load_recipe("paper", "", [kind]).agents
+    agent = draw_agent(base, "all", derive(number, Purpose.AGENT))
+    outcome = train_and_test(se.task(), se.se, agent, derive(number, Purpose.FINAL))
+    return outcome.score, outcome.train_steps
+
+
+def teach_sb3(path: Path, kind: str, seed: int) -> float:
+    """Mean return on the real task of a Stable-Baselines3 agent that was trained on the SE.
+
+    Hyperparameters are those of RL Baselines3 Zoo for CartPole, the discount .99 for both.
+    """
+    import gymnasium
+    import torch
+    from stable_baselines3 import DQN, PPO
+    from stable_baselines3.common.env_util import make_vec_env
+    from stable_baselines3.common.evaluation import evaluate_policy
+
+    import bilevel  # noqa: F401  (registers the environment)
+
+    torch.set_num_threads(1)
+
+    def se() -> Any:
+        return gymnasium.make("bilevel/SyntheticEnv-v0", path=path)
+
+    if kind == "DQN":
+        agent: Any = DQN(
+            "MlpPolicy",
+            se(),
+            learning_rate=2.3e-3,
+            batch_size=64,
+            buffer_size=100_000,
+            learning_starts=1000,
+            gamma=0.99,
+            target_update_interval=10,
+            train_freq=256,
+            gradient_steps=128,
+            exploration_fraction=0.16,
+            exploration_final_eps=0.04,
+            policy_kwargs={"net_arch": [256, 256]},
+            seed=seed,
+            device="cpu",
+        )
+    else:
+        agent = PPO(
+            "MlpPolicy",
+            make_vec_env(se, n_envs=8, seed=seed),
+            n_steps=32,
+            batch_size=256,
+            gae_lambda=0.8,
+            gamma=0.99,
+            n_epochs=20,
+            ent_coef=0.0,
+            learning_rate=lambda left: 1e-3 * left,
+            clip_range=lambda left: 0.2 * left,
+            seed=seed,
+            device="cpu",
+        )
+    agent.learn(SB3_STEPS)
+    env = gymnasium.wrappers.RecordEpisodeStatistics(load_se(path).task().make())
+    env.reset(seed=seed)
+    returns, _ = evaluate_policy(
+        agent, env, n_eval_episodes=20, warn=False, return_episode_rewards=True
+    )
+    return float(np.mean(returns))
+
+
+def taught(path: Path, agents: int, sb3: int) -> dict[str, Any]:
+    """What the SE teaches, agent by agent."""
+    found: dict[str, Any] = {}
+    with ProcessPoolExecutor(os.cpu_count()) as pool:
+        jobs = {
+            kind: [pool.submit(teach, path, kind, number) for number in range(agents)]
+            for kind in AGENTS
+        }
+        others = {
+            kind: [pool.submit(teach_sb3, path, kind, seed) for seed in range(sb3)]
+            for kind in (("DQN", "PPO") if sb3 else ())
+        }
+        for kind, futures in jobs.items():
+            results = [future.result() for future in futures]
+            found[kind] = {
+                "scores": [round(score, 1) for score, _ in results],
+                "train_steps": [steps for _, steps in results],
+            }
+        for kind, waiting in others.items():
+            found[f"sb3 {kind}"] = {"scores": [round(f.result(), 1) for f in waiting]}
+    return found
+
+
+def main() -> None:
+    """Measure what is missing."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("task")
+    parser.add_argument("--seeds", type=int, nargs="+", required=True)
+    parser.add_argument("--recipe", default="default")
+    parser.add_argument("--taught", type=int, default=5, help="seeds whose SEs are taught with")
+    parser.add_argument("--agents", type=int, default=6, help="fresh agents of each kind")
+    parser.add_argument("--sb3", type=int, default=0, help="Stable-Baselines3 agents of each kind")
+    parser.add_argument("--home", type=Path, required=True)
+    options = parser.parse_args()
+    name = f"nes_seeds_{options.task}"
+    if options.recipe != "default":
+        name += f"_{options.recipe}"
+    try:
+        runs = {run["seed"]: run for run in read_result(name)["runs"]}
+    except NotMeasured:
+        runs = {}
+    command = (
+        f"python -m benchmarks.nes.seeds {options.task} --recipe {options.recipe} --seeds "
+        f"{' '.join(map(str, options.seeds))} --taught {options.taught} --agents "
+        f"{options.agents} --sb3 {options.sb3} --home FOLDER"
+    )
+
+    def keep(run: dict[str, Any]) -> None:
+        runs[run["seed"]] = run
+        write_result(name, command, {"runs": [runs[seed] for seed in sorted(runs)]})
+        print(run, flush=True)
+
+    for seed in options.seeds:
+        if seed not in runs:
+            keep(run_seed(options.task, seed, options.recipe, options.home))
+    for seed in options.seeds[: options.taught]:
+        if "taught" not in runs[seed]:
+            path = options.home / options.task / f"{options.recipe}-seed{seed}" / BEST_FILE
+            keep({**runs[seed], "taught": taught(path, options.agents, options.sb3)})
+
+
+if __name__ == "__main__":
+    main()

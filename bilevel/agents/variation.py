@@ -1,0 +1,63 @@
+"""Hyperparameter variation of the inner loop's agents (paper, Table "HP variation").
+
+NES draws a fresh agent for each evaluation from these ranges, when asked to vary,
+so that the SE does not overfit to one agent.
+"""
+
+from dataclasses import fields, replace
+
+import numpy as np
+
+from bilevel.errors import one_of
+from bilevel.hyperparameters import VARIATIONS, AgentHyperparameters
+
+#: The default learning rates (paper, Table "Default HPs"): a third to three times of
+#: it is drawn. The table of ranges gives that of DDQN and Dueling DDQN; TD3's is the
+#: same around its own default, as in the authors' code.
+_LEARNING_RATE = {"ddqn": 1e-3, "dueling-ddqn": 1e-3, "td3": 5e-4}
+
+#: Hidden units and batch size, drawn on the log scale; hidden layers.
+SIZES, LAYERS = (42, 384), (1, 3)
+
+#: Multiplications of a gradient step (`AgentHyperparameters.step_cost`) up to which an
+#: agent is small: four times those of the paper's tuned agent for CartPole.
+SMALL = 400_000.0
+
+#: Draws among which a small agent is looked for; nearly every second one is.
+_DRAWS = 32
+
+
+def draw_agent(
+    agents: tuple[AgentHyperparameters, ...], vary: str, seed: int
+) -> AgentHyperparameters:
+    """One of the agents, learning rate, batch size, hidden size and hidden layers (those of them
+    that it has) drawn anew as one of VARIATIONS says; by `seed` alone. Of agents none of which is
+    small, the one that costs least is taken.
+
+    Raises InvalidInput for another variation.
+    """
+    if vary not in VARIATIONS:
+        raise one_of("variation of agents", vary, VARIATIONS)
+    if len(agents) == 1 and vary == "no":
+        return agents[0]
+    rng = np.random.default_rng(seed)
+    agent = agents[int(rng.integers(len(agents)))] if len(agents) > 1 else agents[0]
+    if vary == "no":
+        return agent
+    drawn = [_varied(agent, rng)]
+    while vary == "small" and drawn[-1].step_cost > SMALL and len(drawn) < _DRAWS:
+        drawn.append(_varied(agent, rng))
+    return drawn[-1] if vary == "all" else min(drawn, key=lambda hp: max(hp.step_cost, SMALL))
+
+
+def _varied(agent: AgentHyperparameters, rng: np.random.Generator) -> AgentHyperparameters:
+    learning_rate = _LEARNING_RATE.get(agent.agent, getattr(agent, "learning_rate", 1.0))
+    low, high = SIZES
+    values = {
+        "learning_rate": float(learning_rate * 3 ** rng.uniform(-1, 1)),
+        "batch_size": round(low * (high / low) ** rng.uniform()),
+        "hidden_size": round(low * (high / low) ** rng.uniform()),
+        "hidden_layers": int(rng.integers(LAYERS[0], LAYERS[1] + 1)),
+    }
+    known = {spec.name for spec in fields(agent)}
+    return replace(agent, **{name: value for name, value in values.items() if name in known})

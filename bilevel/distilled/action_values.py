@@ -1,0 +1,105 @@
+"""Action values of a real task, learned from recorded steps alone."""
+
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.distilled.transitions import Transitions
+from bilevel.evaluation import real_returns
+from bilevel.hyperparameters import DDQNHyperparameters
+from bilevel.kernels import ddqn
+from bilevel.kernels.offline import learn_offline
+from bilevel.tasks import Task
+
+#: Snapshots of Q, the gradient steps between them, and the test episodes of each.
+SNAPSHOTS, SNAPSHOT_STEPS, TESTS = 40, 500, 10
+
+#: Keeps what is divided by away from zero.
+SMALL = 1e-6
+
+#: The agent whose Q-network learns.
+_LEARNER = DDQNHyperparameters(
+    init_episodes=0,
+    batch_size=256,
+    learning_rate=5e-4,
+    target_update_rate=0.01,
+    discount=0.99,
+    initial_epsilon=1.0,
+    minimal_epsilon=0.01,
+    epsilon_decay=0.9,
+    hidden_layers=2,
+    hidden_size=64,
+    activation="relu",
+    replay_capacity=1,
+    max_episodes=1,
+    early_out_episodes=1,
+    early_out_difference=0.01,
+    test_episodes=TESTS,
+)
+
+
+@dataclass(frozen=True)
+class ActionValues:
+    """Q(s, a), and what its greedy policy scored on the real task."""
+
+    agent: ddqn.DDQNKernel
+    score: float
+    real_env_steps: int = 0  # of the tests of all snapshots
+
+    @classmethod
+    def learned(cls, task: Task, data: Transitions, seed: int) -> Self:
+        """By double Q-learning; the first snapshot that solves the task, or the best.
+
+        What Q-learning on a fixed set of steps knows is good at one time and bad a little
+        later, so its snapshots are tested on the real task.
+        """
+        learning, testing = (int(w) for w in np.random.SeedSequence(seed).generate_state(2))
+        mean, scale = data.states.mean(axis=0), data.states.std(axis=0) + SMALL
+        states, next_states = ((s - mean) / scale for s in (data.states, data.next_states))
+        rewards = data.rewards * (1 - _LEARNER.discount)  # values are then of their size
+        columns = [states, next_states, rewards, data.ends, data.actions]
+        memory = np.ascontiguousarray(np.column_stack(columns), np.float32)
+        hp, rng = replace(_LEARNER, replay_capacity=len(memory)), np.random.default_rng(learning)
+        agent = ddqn.new_agent(hp, task.state_size, task.n_actions, rng)
+        draws = np.array([learning], np.uint64)
+        best = cls(agent._replace(theta=of_raw_states(agent, mean, scale)), -np.inf)
+        tested = 0
+        for _ in range(SNAPSHOTS):
+            learn_offline(agent, memory, SNAPSHOT_STEPS, draws)
+            if not np.isfinite(agent.theta).all():
+                break
+            snapshot = agent._replace(theta=of_raw_states(agent, mean, scale))
+            returns, steps = real_returns(task, snapshot, TESTS, testing)
+            score, tested = float(returns.mean()), tested + steps
+            if score > best.score:
+                best = cls(snapshot, score)
+            if score >= task.solved_reward:
+                break
+        return replace(best, real_env_steps=tested)
+
+    def greedy(self, state: NDArray[np.float32]) -> int:
+        """The action of the highest value in a state (S,)."""
+        return int(ddqn.greedy_action(self.agent, state))
+
+    def advantages(self, states: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Q(s, a) - mean_a' Q(s, a') (N, A) in states (N, S), brought to unit scale."""
+        x = np.ascontiguousarray(states.T)
+        h = np.empty((_LEARNER.hidden_layers, _LEARNER.hidden_size, len(states)), np.float32)
+        q = np.empty((self.agent.q.shape[0], len(states)), np.float32)
+        ddqn.action_values(self.agent, self.agent.theta, x, h, np.empty_like(h), q)
+        above: NDArray[np.float32] = (q - q.mean(axis=0)).T
+        above /= above.std() + np.float32(SMALL)
+        return above
+
+
+def of_raw_states(
+    agent: ddqn.DDQNKernel, mean: NDArray[np.float32], scale: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """theta of the same network before it, (s - mean) / scale being part of its first layer."""
+    theta, (inputs, units) = agent.theta.copy(), agent.net.shapes[0]
+    weights = theta[: units * inputs].reshape(units, inputs)
+    weights /= scale
+    theta[units * inputs : units * (inputs + 1)] -= weights @ mean
+    return theta

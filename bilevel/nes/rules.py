@@ -1,0 +1,107 @@
+"""UpdateSE (paper, Algorithm 1): the next search distribution from the members' scores, by name.
+
+symbol   shape     meaning
+------   -------   ----------------------------------------------------------
+theta    (D,)      coordinates of the unperturbed SE (in the paper psi itself)
+sigma    (D,)      standard deviation of perturbations, one number in the paper
+z        (n, D)    standard normal; eps = sigma * z
+F        (n,)      scores of theta + eps (`plus`) and theta - eps (`minus`)
+n_p      -         population size n
+
+rule          theta + ...
+-----------   -------------------------------------------------------------------
+snes          alpha * sigma * sum_i (u_i+ - u_i-) z_i, u the utilities of the ranks of all 2n
+              scores: separable NES (Schaul et al., 2011), sigma left as it is
+antithetic    alpha * mean_i (u_i+ - u_i-) z_i, u the centred ranks of all 2n scores: the
+              textbook estimator (Salimans et al., 2017)
+paper         alpha / (n_p sigma) * sum_i w_i eps_i = alpha * mean_i w_i z_i
+authors       alpha * sum_i w_i eps_i: the authors' code, which does not divide
+
+In the last two, w are the transformed scores, and mirrored sampling is the authors': of each
+pair the better sign is kept, with its score, and the other is dropped.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.hyperparameters import NESHyperparameters
+from bilevel.nes.transforms import centred_rank, finite, transform, utilities
+
+Scores = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class MemberScores:
+    """Scores of one generation."""
+
+    centre: Scores  # (m,) agents trained on the unperturbed SE
+    plus: Scores  # (n,)
+    minus: Scores | None  # (n,), None without mirrored sampling
+
+
+@dataclass(frozen=True)
+class UpdateRule:
+    """A rule: the weights of the members' z, and the length of the step.
+
+    `weights` gives the (n,) weights of the z_i. `scale` tells what alpha is multiplied by, given
+    n and sigma (D,).
+    """
+
+    weights: Callable[[NESHyperparameters, MemberScores], Scores]
+    scale: Callable[[int, NDArray[np.float32]], NDArray[np.float32] | float]
+    needs_pairs: bool = False  # works with mirrored sampling alone
+
+    def step(
+        self,
+        hp: NESHyperparameters,
+        sigma: NDArray[np.float32],
+        z: NDArray[np.float32],
+        scores: MemberScores,
+    ) -> NDArray[np.float32]:
+        """What is added to theta, (D,)."""
+        direction = self.weights(hp, scores) @ z
+        step: NDArray[np.float32] = (hp.step_size * self.scale(len(z), sigma) * direction).astype(
+            np.float32
+        )
+        return step
+
+
+def _both(scores: MemberScores) -> Scores:
+    assert scores.minus is not None
+    return finite(np.concatenate([scores.plus, scores.minus]))
+
+
+def _difference(values: Scores) -> Scores:
+    plus, minus = np.split(values, 2)
+    difference: Scores = plus - minus
+    return difference
+
+
+def _utilities(hp: NESHyperparameters, scores: MemberScores) -> Scores:
+    return _difference(utilities(_both(scores)))
+
+
+def _centred_ranks(hp: NESHyperparameters, scores: MemberScores) -> Scores:
+    return _difference(centred_rank(_both(scores)))
+
+
+def _better_sign(hp: NESHyperparameters, scores: MemberScores) -> Scores:
+    average = float(finite(scores.centre).mean())
+    if scores.minus is None:
+        return transform(hp.score_transform, scores.plus, average, hp.ties)
+    plus, minus = np.split(_both(scores), 2)
+    sign = np.where(minus > plus, -1.0, 1.0)
+    weights = transform(hp.score_transform, np.maximum(plus, minus), average, hp.ties)
+    signed: Scores = sign * weights
+    return signed
+
+
+RULES = {
+    "snes": UpdateRule(_utilities, lambda n, sigma: sigma, needs_pairs=True),
+    "antithetic": UpdateRule(_centred_ranks, lambda n, sigma: 1 / n, needs_pairs=True),
+    "paper": UpdateRule(_better_sign, lambda n, sigma: 1 / n),
+    "authors": UpdateRule(_better_sign, lambda n, sigma: sigma),
+}

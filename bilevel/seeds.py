@@ -1,0 +1,27 @@
+"""Seeds are derived here, and nowhere else: from a run's seed, a purpose, and a path of numbers
+that tell which seed of that purpose it is."""
+
+from enum import IntEnum
+
+import numpy as np
+
+
+class Purpose(IntEnum):
+    """What a derived seed is for. The numbers are part of the seeds: never renumber."""
+
+    OBSERVATIONS = 0  # episodes of random actions that give the scale of observations
+    INITIAL = 1  # parameters of a random SE
+    START = 2  # evaluations that choose among random SEs
+    PERTURBATION = 3  # eps of a member
+    CENTRE = 4  # evaluations of the unperturbed SE
+    MEMBER = 5  # evaluations of perturbed SEs
+    AGENT = 6  # hyperparameters of an agent
+    DISTILLED = 7  # an SE distilled from offline action values
+    RETEST = 8  # evaluations that choose the best SE at the end of a run
+    FINAL = 9  # evaluations that score the chosen SE
+
+
+def derive(root: int, purpose: Purpose, *path: int) -> int:
+    """A seed of 64 bits, the same for the same arguments everywhere."""
+    words = np.random.SeedSequence([root, int(purpose), *path]).generate_state(1, np.uint64)
+    return int(words[0])

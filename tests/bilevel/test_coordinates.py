@@ -1,0 +1,125 @@
+"""Exogenous SEs are plain MLPs with the structure that their docstring promises."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+
+from bilevel.errors import InvalidInput
+from bilevel.hyperparameters import SEHyperparameters, load_recipe
+from bilevel.synthetic_env import SE, SEDistribution, StoredSE, coordinates, load_se, save_se
+from bilevel.synthetic_env.torch_module import SEModule
+from bilevel.tasks import get_task
+
+TASKS = ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"]
+
+
+def distribution(task_id: str, seed: int = 0) -> SEDistribution:
+    """Around a random SE that NES has moved a little."""
+    task = get_task(task_id)
+    space = coordinates(task, load_recipe("default", task_id).se, task.observation_scale(1))
+    rng = np.random.default_rng(seed)
+    mean = space.initialize(rng) + 0.3 * rng.standard_normal(space.size, np.float32)
+    return SEDistribution(space, mean, np.full(space.size, 0.1, np.float32))
+
+
+def answers(task_id: str, se: SE, states: np.ndarray) -> list[np.ndarray]:
+    """Next states, rewards and raw done of states (n, S) for every action, (n, A, ...) each."""
+    task = get_task(task_id)
+    module = SEModule(StoredSE(se, task.id, task.step_limit, task.solved_reward))
+    columns = []
+    for action in range(task.n_actions):
+        actions = torch.full((len(states),), action)
+        columns.append([o.numpy() for o in module(torch.from_numpy(states), actions)])
+    return [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]
+
+
+@pytest.mark.parametrize("task_id", TASKS)
+@pytest.mark.parametrize("seed", [0, 1])
+def test_what_the_structure_promises(task_id: str, seed: int) -> None:
+    task = get_task(task_id)
+    scale = task.observation_scale(1)
+    rng = np.random.default_rng(seed)
+    noise = rng.standard_normal((50, task.state_size)).astype(np.float32)
+    states = scale.mean + scale.deviation * noise
+    states = np.vstack([scale.mean[None], states]).astype(np.float32)
+    se = distribution(task_id, seed).centre
+    next_states, rewards, _ = answers(task_id, se, states)
+    spread = np.abs(next_states - next_states[:, :1]).max(axis=0)
+    assert (spread <= 1e-3 * scale.deviation).all()  # whatever the action
+    size = np.abs(rewards).max()
+    assert size > 0.01
+    np.testing.assert_allclose(rewards.mean(axis=1), 0, atol=1e-3 * size + 1e-4)
+    np.testing.assert_allclose(rewards[0], 0, atol=1e-3 * size + 1e-4)  # at the mean observation
+    assert np.ptp(rewards.argmax(axis=1)) > 0  # no action is the best everywhere
+
+
+@pytest.mark.parametrize("task_id", TASKS)
+def test_episodes_end_outside_the_box_of_usual_observations(task_id: str) -> None:
+    task = get_task(task_id)
+    scale = task.observation_scale(1)
+    space = coordinates(task, load_recipe("default", task_id).se, scale)
+    se = SEDistribution(space, space.initialize(np.random.default_rng(0)), np.zeros(0)).centre  # type: ignore[arg-type]
+    inside = scale.mean + 0.5 * scale.deviation
+    for component in range(task.state_size):
+        for side in (-1, 1):
+            outside = inside.copy()
+            outside[component] = scale.mean[component] + side * 2.5 * scale.deviation[component]
+            states = np.stack([inside, outside]).astype(np.float32)
+            _, _, dones = answers(task_id, se, states)
+            assert (dones[0] < 0.5).all()
+            assert (dones[1] > 0.5).all()
+
+
+def test_the_file_is_that_of_a_plain_se(tmp_path_factory: pytest.TempPathFactory) -> None:
+    task, path = get_task("CartPole-v0"), tmp_path_factory.mktemp("se") / "se.safetensors"
+    se = distribution(task.id).centre
+    save_se(StoredSE(se, task.id, task.step_limit, task.solved_reward), path)
+    loaded = load_se(path)
+    assert loaded.architecture == se.architecture
+    np.testing.assert_array_equal(loaded.psi, se.psi)
+    assert loaded.architecture.step_limit == 30
+
+
+def test_perturbations_are_mirrored_and_reproducible() -> None:
+    around = distribution("CartPole-v0")
+    assert around.coordinates.size == around.mean.size
+    noise = around.noise(7)
+    np.testing.assert_array_equal(noise, around.noise(7))
+    up = around.at(around.mean + around.std_dev * noise).psi
+    np.testing.assert_allclose(around.perturbed(7, 1).psi, up, rtol=1e-6)
+    assert not np.array_equal(around.perturbed(7, -1).psi, up)
+
+
+def test_plain_coordinates_are_the_parameters() -> None:
+    task = get_task("CartPole-v0")
+    space = coordinates(task, load_recipe("paper", task.id).se, task.unit_scale)
+    theta = space.initialize(np.random.default_rng(0))
+    assert space.psi(theta) is theta
+    assert space.size == space.architecture.parameter_count
+    assert space.architecture.step_limit == task.step_limit
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"hidden_size": 7}, "hidden_size of at least 8"),
+        ({"activation": "relu"}, "activation tanh"),
+        ({"hidden_layers": 2}, "hidden_layers 1"),
+    ],
+)
+def test_networks_that_cannot_hold_the_structure(changes: dict[str, object], message: str) -> None:
+    task = get_task("CartPole-v0")
+    hp: SEHyperparameters = replace(load_recipe("default", task.id).se, **changes)  # type: ignore[arg-type]
+    with pytest.raises(InvalidInput, match=message):
+        coordinates(task, hp, task.unit_scale)
+
+
+def test_the_scale_of_observations_is_that_of_random_episodes() -> None:
+    task = get_task("CartPole-v0")
+    one, two, other = (task.observation_scale(seed) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(one.deviation, two.deviation)
+    assert not np.array_equal(one.deviation, other.deviation)
+    assert one.real_env_steps == 1000
+    assert 0.3 < one.deviation[1] < 0.9  # a cart's velocity in units a second

@@ -1,0 +1,53 @@
+"""The supervised baseline: off by default, and its real steps are counted."""
+
+import numpy as np
+import pytest
+
+from bilevel import distilled
+from bilevel.distilled import distill
+from bilevel.distilled.transitions import Transitions
+from bilevel.hyperparameters import load_recipe
+from bilevel.nes import NES
+from bilevel.synthetic_env import Architecture
+from bilevel.tasks import Task
+
+
+@pytest.fixture
+def short(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A distillation of moments, too short to teach anything."""
+    monkeypatch.setattr(distilled, "RANDOM_STEPS", 300)
+    monkeypatch.setattr(distilled, "POLICY_STEPS", 200)
+    monkeypatch.setattr(distilled, "FIT_STEPS", 20)
+    monkeypatch.setattr("bilevel.distilled.action_values.SNAPSHOTS", 2)
+    monkeypatch.setattr("bilevel.distilled.action_values.SNAPSHOT_STEPS", 5)
+
+
+@pytest.mark.usefixtures("short")
+def test_a_distilled_start_is_a_function_of_its_seed_and_counts_its_steps(cartpole: Task) -> None:
+    architecture = Architecture.of(cartpole, load_recipe("distilled", cartpole.id).se)
+    one, same, other = (distill(cartpole, architecture, seed) for seed in (1, 1, 2))
+    np.testing.assert_array_equal(one.se.psi, same.se.psi)
+    assert one.real_env_steps == same.real_env_steps
+    assert not np.array_equal(one.se.psi, other.se.psi)
+    # 500 recorded; four Q, two snapshots of each at most, ten episodes of 8 to 200 steps.
+    assert 500 + 4 * 10 * 8 <= one.real_env_steps <= 500 + 8 * 10 * 200
+
+
+@pytest.mark.usefixtures("short")
+def test_nes_begins_there_with_that_recipe_alone(cartpole: Task) -> None:
+    state = NES(cartpole, load_recipe("distilled", cartpole.id), 3).init()
+    assert state.race is None
+    assert state.real_env_steps > 500
+    default = NES(cartpole, load_recipe("default", cartpole.id), 3).init()
+    assert default.real_env_steps == 1000
+    assert default.race is not None
+
+
+def test_rewarded_survival_makes_a_continuing_task(cartpole: Task, acrobot: Task) -> None:
+    data = Transitions.recorded(cartpole, 200, 0)
+    assert data.reward_survival
+    assert data.ends.sum() > 0
+    assert data.of_continuing_task().ends.sum() == 0
+    assert not Transitions.recorded(acrobot, 200, 0).reward_survival
+    both = data + Transitions.recorded(cartpole, 100, 1)
+    assert len(both.states) == 300

@@ -1,0 +1,118 @@
+"""Every recipe that is shipped is complete, and what its name says."""
+
+from importlib.resources import files
+from pathlib import Path
+
+import pytest
+
+from bilevel.errors import InvalidInput
+from bilevel.hyperparameters import RECIPES, Hyperparameters, agent_names, load_recipe
+from bilevel.nes import NES
+from bilevel.tasks import get_task
+
+FILES = sorted(
+    path.name
+    for path in files("bilevel.hyperparameters.recipes").iterdir()
+    if path.name.endswith(".toml")
+)
+TASKS = ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"]
+
+
+def test_each_recipe_has_a_file_for_both_tasks_and_for_any_other() -> None:
+    endings = ("-Acrobot-v1.toml", "-CartPole-v0.toml", ".toml")
+    assert sorted(f"{name}{ending}" for name in RECIPES for ending in endings) == FILES
+
+
+@pytest.mark.parametrize("name", RECIPES)
+@pytest.mark.parametrize("task_id", TASKS)
+def test_a_run_can_be_built_from_it(name: str, task_id: str) -> None:
+    hp = load_recipe(name, task_id, agent_names()[:3])
+    NES(get_task(task_id), hp)
+    assert Hyperparameters.from_dict(hp.to_dict()) == hp
+
+
+@pytest.mark.parametrize("file", FILES)
+def test_a_file_is_complete(file: str, tmp_path: Path) -> None:
+    """Without any one of its lines it is refused, and the message names what is missing."""
+    lines = files("bilevel.hyperparameters.recipes").joinpath(file).read_text().splitlines()
+    section = ""
+    for number, line in enumerate(lines):
+        section = line.strip("[]") if line.startswith("[") else section
+        key = line.split(" = ")[0]
+        if section not in ("nes", "se", "ddqn") or " = " not in line:
+            continue
+        if section == "ddqn" and key in OPTIONAL:
+            continue
+        path = tmp_path / "cut.toml"
+        path.write_text("\n".join(lines[:number] + lines[number + 1 :]))
+        with pytest.raises(InvalidInput, match=key):
+            load_recipe(str(path), "CartPole-v0")
+
+
+#: Fields of every agent that have a default of their own (an agent of one's own needs none).
+OPTIONAL = (
+    "init_episodes",
+    "max_episodes",
+    "early_out_episodes",
+    "early_out_difference",
+    "test_episodes",
+    "replay_capacity",
+)
+
+
+def test_paper_holds_table_1() -> None:
+    cartpole, acrobot = (load_recipe("paper", task) for task in TASKS[:2])
+    assert (cartpole.nes.step_size, cartpole.nes.std_dev) == (0.148, 0.0124)
+    assert (cartpole.se.hidden_size, cartpole.agents[0].batch_size) == (83, 199)  # type: ignore[attr-defined]
+    assert (acrobot.nes.step_size, acrobot.nes.std_dev) == (0.727, 0.0114)
+    assert (acrobot.se.hidden_size, acrobot.se.activation) == (167, "prelu")
+    for hp in (cartpole, acrobot):
+        assert (hp.nes.update, hp.nes.score_transform) == ("paper", "better-average")
+        assert (hp.nes.population_size, hp.nes.generations) == (16, 200)
+        assert (hp.nes.start_candidates, hp.nes.solved_for, hp.se.step_limit) == (1, 0, 0)
+
+
+def test_authors_differ_in_rule_transform_and_ties_alone() -> None:
+    for task, transform in zip(
+        TASKS, ("nes-unnormalized",) * 2 + ("better-average-sum",), strict=True
+    ):
+        paper, authors = load_recipe("paper", task), load_recipe("authors", task)
+        assert (authors.nes.update, authors.nes.ties) == ("authors", "order")
+        assert authors.nes.score_transform == transform
+        assert authors.se == paper.se
+        assert authors.agents == paper.agents
+
+
+def test_only_distilled_learns_from_more_than_scores() -> None:
+    for name in RECIPES:
+        for task in TASKS:
+            assert (load_recipe(name, task).nes.start == "distilled") is (name == "distilled")
+
+
+def test_a_recipe_of_ones_own(tmp_path: Path) -> None:
+    text = files("bilevel.hyperparameters.recipes").joinpath("default.toml").read_text()
+    path = tmp_path / "mine.toml"
+    path.write_text(text.replace("std_dev = 0.1", "std_dev = 0.3"))
+    assert load_recipe(str(path), "CartPole-v0").nes.std_dev == 0.3
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("not toml", "not a TOML file"),
+        ("[nes]", "lacks 'agents'"),
+        ('agents = ["ddqn"]\nvary_agent = "no"\nnes = 3\nse = 4', "recipe"),
+    ],
+)
+def test_a_file_that_is_no_recipe(content: str, message: str, tmp_path: Path) -> None:
+    path = tmp_path / "broken.toml"
+    path.write_text(content)
+    with pytest.raises(InvalidInput, match=message):
+        load_recipe(str(path), "CartPole-v0")
+
+
+def test_an_unknown_recipe() -> None:
+    with pytest.raises(InvalidInput, match="unknown recipe 'tuned': allowed are default, paper"):
+        load_recipe("tuned", "CartPole-v0")
+    with pytest.raises(InvalidInput, match="cannot read the recipe"):
+        load_recipe("missing.toml", "CartPole-v0")

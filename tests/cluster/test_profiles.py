@@ -1,0 +1,40 @@
+"""What a search's profile makes of a recipe."""
+
+from dataclasses import replace
+
+import pytest
+
+from bilevel.hyperparameters import RECIPES, load_recipe
+from cluster.profiles import PROFILES, get_profile, sized
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+@pytest.mark.parametrize("profile", PROFILES)
+def test_a_profile_leaves_the_recipe_otherwise_alone(profile: str, recipe: str) -> None:
+    hp, size = load_recipe(recipe, "CartPole-v0"), get_profile(profile)
+    made = sized(hp, size)
+    changed = ("generations", "solved_for", "restart_after", "population_size", "start_candidates")
+    before = {name: getattr(hp.nes, name) for name in changed}
+    assert replace(made, nes=replace(made.nes, **before)) == hp
+
+
+@pytest.mark.parametrize("recipe", RECIPES)
+@pytest.mark.parametrize("profile", PROFILES)
+def test_runs_of_a_search_are_equally_long(profile: str, recipe: str) -> None:
+    """None of them stops early or begins again."""
+    size = get_profile(profile)
+    nes = sized(load_recipe(recipe, "CartPole-v0"), size).nes
+    assert (nes.generations, nes.solved_for, nes.restart_after) == (size.largest_budget, 0, 0)
+
+
+def test_population_and_start_candidates_are_the_profiles_if_it_has_any() -> None:
+    hp = load_recipe("default", "CartPole-v0")
+    smoke, local = (sized(hp, get_profile(name)).nes for name in ("smoke", "local"))
+    assert (smoke.population_size, smoke.start_candidates) == (2, 2)
+    assert local.population_size == hp.nes.population_size
+    assert local.start_candidates == hp.nes.start_candidates
+
+
+def test_a_distilled_start_has_no_candidates_to_choose_among() -> None:
+    hp = load_recipe("distilled", "CartPole-v0")
+    assert sized(hp, get_profile("smoke")).nes.start_candidates == hp.nes.start_candidates

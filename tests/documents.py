@@ -1,0 +1,13 @@
+"""What tests read from the documents."""
+
+import re
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent
+
+
+def documented_agent() -> str:
+    """The agent of one's own that docs/agents.md walks through."""
+    found = re.search(r"```python\n(.*?)```", (ROOT / "docs" / "agents.md").read_text(), re.DOTALL)
+    assert found is not None
+    return found[1]

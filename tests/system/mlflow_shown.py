@@ -1,0 +1,118 @@
+"""What MLflow shows, against what is on disk; and an MLflow server that may be killed."""
+
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import mlflow
+import psutil
+
+from cluster.home import Home
+from cluster.mlflow_server import mlflow_server
+from cluster.ports import free_port, listening
+from cluster.run_folder import Begun
+from cluster.tracking import RunView
+from cluster.views import views_of
+
+
+def disagreements(folder: Path, tracking_uri: str) -> list[str]:
+    """Where MLflow shows anything else than what is on disk: a run that is missing, there
+    twice or left running, a point missing, added or doubled, a file missing."""
+    client = mlflow.MlflowClient(tracking_uri, registry_uri=tracking_uri)
+    experiment = client.get_experiment_by_name(folder.parent.name)
+    if experiment is None:
+        return ["no experiment"]
+    views, found = views_of(folder), []
+    identity = Begun.read(folder).identity
+    keys = views.keys()
+    for key in keys:
+        view = views.view(key)
+        runs = client.search_runs([experiment.experiment_id], f"tags.`bilevel.key` = '{key}'")
+        if len(runs) != 1:
+            found.append(f"{view.name}: {len(runs)} runs")
+        else:
+            found += _of_run(client, runs[0], view)
+    runs = client.search_runs([experiment.experiment_id], f"tags.`bilevel.key` LIKE '{identity}%'")
+    if len(runs) > len(keys):
+        found.append(f"{len(runs)} runs instead of {len(keys)}")
+    return found
+
+
+def _of_run(client: mlflow.MlflowClient, run: mlflow.entities.Run, view: RunView) -> list[str]:
+    found = []
+    if run.info.status != view.status or view.status == "RUNNING":
+        found.append(f"{view.name}: {run.info.status} instead of {view.status}")
+    expected: dict[str, list[tuple[int, float]]] = {}
+    for point in view.points:
+        for name, value in point.values.items():
+            expected.setdefault(name, []).append((point.step, float(value)))
+    if set(run.data.metrics) != set(expected):
+        found.append(f"{view.name}: other metrics")
+    for name, series in expected.items():
+        history = client.get_metric_history(run.info.run_id, name)
+        if sorted((m.step, m.value) for m in history) != sorted(series):
+            found.append(f"{view.name}: {name} has steps {[m.step for m in history]}")
+    stored = {file.path for file in client.list_artifacts(run.info.run_id)}
+    lacking = {document.path.split("/")[0] for document in view.documents} - stored
+    if lacking:
+        found.append(f"{view.name}: lacks {sorted(lacking)}")
+    return found
+
+
+class Server:
+    """An MLflow server on a home of its own; a context manager that ends it.
+
+    With a `backend` it is set up as docs/cluster.md has it for several nodes: on that
+    database, and with artifacts that go through the server.
+    """
+
+    def __init__(self, folder: Path, backend: str | None = None) -> None:
+        self._home = Home(folder)
+        self._backend = backend
+        self._home.prepare()
+        self._port = free_port()
+        self._process: psutil.Popen | None = None
+
+    @property
+    def uri(self) -> str:
+        """Where it answers."""
+        return f"http://127.0.0.1:{self._port}"
+
+    def start(self) -> None:
+        """Returns once it answers."""
+        command, environment = mlflow_server(self._home, "127.0.0.1", self._port)
+        if self._backend is not None:
+            command = [*command[: command.index("--backend-store-uri")]]
+            command += ["--backend-store-uri", self._backend]
+            command += ["--artifacts-destination", str(self._home.artifacts)]
+        with (self._home.folder / "server.log").open("a") as log:
+            self._process = psutil.Popen(
+                [str(Path(sys.executable).with_name(command[0])), *command[1:]],
+                stdout=log,
+                stderr=subprocess.STDOUT,
+                env={**os.environ, **environment},
+                start_new_session=True,
+            )
+        deadline = time.monotonic() + 90
+        while not listening("127.0.0.1", self._port):
+            if time.monotonic() > deadline:
+                raise TimeoutError("the MLflow server does not come up")
+            time.sleep(0.1)
+
+    def kill(self) -> None:
+        """At once (SIGKILL), in the middle of whatever it does."""
+        if self._process is not None:
+            family = [self._process, *self._process.children(recursive=True)]
+            for process in family:
+                process.kill()
+            psutil.wait_procs(family, 30)
+            self._process = None
+
+    def __enter__(self) -> "Server":
+        self.start()
+        return self
+
+    def __exit__(self, *exc: object) -> None:
+        self.kill()
