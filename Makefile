@@ -31,7 +31,7 @@ bohb-cartpole: $(INSTALLED) ## BOHB over NES on CartPole-v0, local Ray, results 
 bohb-acrobot: $(INSTALLED) ## The same on Acrobot-v1
 	@$(BIN)/bilevel bohb Acrobot-v1 $(ARGS)
 
-nes-cartpole: $(INSTALLED) ## One NES run on CartPole-v0 with tuned hyperparameters: an SE in minutes
+nes-cartpole: $(INSTALLED) ## One NES run on CartPole-v0: an SE in minutes
 	@$(BIN)/bilevel nes CartPole-v0 $(ARGS)
 
 nes-acrobot: $(INSTALLED) ## The same on Acrobot-v1

@@ -96,8 +96,8 @@ class _UnderWay:
         run, line = self.run, self.terminal.line
         nes = run.hp.nes
         line(
-            f"NES on {run.task.id}: {start_of(nes)}, rule {nes.update}, SE structure "
-            f"{run.hp.se.structure}, population {nes.population_size}, at most "
+            f"NES on {run.task.id}: recipe {run.hp.recipe}, {start_of(nes)}, rule {nes.update}, "
+            f"SE structure {run.hp.se.structure}, population {nes.population_size}, at most "
             f"{nes.generations} generations, {self.pool.size} worker(s), seed {run.seed}"
         )
         line(f"folder {run.folder}; to look at it: {self.tracker.address}")
@@ -166,7 +166,7 @@ class _UnderWay:
         seed = (run.seed, state.generation)
         self.terminal.bar("confirming", 0, 1, "")
         scores = confirmed(run.task, best, CONFIRMING_AGENTS, seed, self.pool)
-        solved = all(score.scores.mean() >= run.task.solved_reward for score in scores.values())
+        solved = all(score.solved for score in scores.values())
         told = " and ".join(f"{s.scores.mean():.1f} with {kind}" for kind, s in scores.items())
         verdict = "solved" if solved else "not yet solved, going on"
         self.terminal.line(f"the best SE scores {told}: {verdict}")

@@ -23,6 +23,7 @@ class Profile:
     lets it run through all its brackets.
     """
 
+    recipe: str
     space: str
     population: int | None  # None: the recipe's
     smallest_budget: int  # generations of the lowest rung
@@ -36,11 +37,11 @@ class Profile:
 
 PROFILES = {
     # All three layers, small: to see that it works.
-    "smoke": Profile("core", 2, 1, 3, None, 2, 2, None, 4),
+    "smoke": Profile("default", "core", 2, 1, 3, None, 2, 2, None, 4),
     # A good configuration on a laptop, in half an hour.
-    "local": Profile("core", None, 5, 15, 1, None, ENDLESS, 30 * 60.0, 10),
-    # The paper's scale (Table "Fixed hyperparameters"); with --recipe paper its method, too.
-    "paper": Profile("full", 16, 7, 200, None, None, 12, None, 10),
+    "local": Profile("default", "core", None, 5, 15, 1, None, ENDLESS, 30 * 60.0, 10),
+    # The paper's scale (Table "Fixed hyperparameters").
+    "paper": Profile("paper", "full", 16, 7, 200, None, None, 12, None, 10),
 }
 
 

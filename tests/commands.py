@@ -35,9 +35,7 @@ def run_bilevel(
     with tempfile.TemporaryDirectory() as folder:
         out, errors = Path(folder) / "out", Path(folder) / "errors"
         where = str(cwd or Path.cwd())
-        process = _SERVER.Process(
-            target=_run, args=(words, out, errors, where, dict(os.environ))
-        )
+        process = _SERVER.Process(target=_run, args=(words, out, errors, where, dict(os.environ)))
         process.start()
         process.join(timeout)
         alive = process.is_alive()

@@ -101,6 +101,7 @@ class Hyperparameters:
     se: SEHyperparameters
     agents: tuple[AgentHyperparameters, ...]
     vary_agent: str  # of VARIATIONS
+    recipe: str  # the name of the recipe that they were read from, whatever was replaced since
 
     def __post_init__(self) -> None:
         if self.vary_agent not in VARIATIONS:
@@ -121,6 +122,7 @@ class Hyperparameters:
             "se": asdict(self.se),
             "agents": {hp.agent: asdict(hp) for hp in self.agents},
             "vary_agent": self.vary_agent,
+            "recipe": self.recipe,
         }
 
     @classmethod
@@ -135,6 +137,7 @@ class Hyperparameters:
                     for name, fields in values["agents"].items()
                 ),
                 vary_agent=values["vary_agent"],
+                recipe=str(values["recipe"]),
             )
         except (KeyError, TypeError, AttributeError) as error:
             raise InvalidInput(f"hyperparameters lack the section {error}") from None

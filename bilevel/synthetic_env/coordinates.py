@@ -110,7 +110,7 @@ class PlainCoordinates:
 #: Factor by which one step spreads states near the mean observation: the spectral radius to which
 #: V W is scaled. Above 1, an episode leaves the narrow region in which the task's own episodes
 #: start, and at last the box: its length follows from this factor.
-SPREAD = 1.2
+SPREAD = 1.12
 #: How far next states lie from the mean observation where tanh saturates, in units of c.
 RANGE = 3.0
 #: Half-width of the box in a random SE, in units of c, and how steeply done rises at its sides.
@@ -124,7 +124,7 @@ BIAS = 0.3
 #: perturbations change them as many times less: what an episode is like stays, what it rewards
 #: is learned. Where both move alike, runs drift to episodes of a few steps, after which agents
 #: that learn slowly stop too early.
-INERTIA = 3.0
+INERTIA = 4.0
 #: A unit at this distance from zero is saturated: tanh(20) is 1 in float32. One-hot inputs times
 #: it switch units on, and so express in a plain MLP a reward with one output an action.
 SATURATED = 20.0

@@ -119,8 +119,8 @@ class _UnderWay:
         study = command.study
         line(
             f"{study.method_name} on {study.task.id}: study {study.name!r}, space {study.space}, "
-            f"{start_of(study.base.nes)}, rule {study.base.nes.update}, "
-            f"population {study.base.nes.population_size}, "
+            f"recipe {study.base.recipe}, {start_of(study.base.nes)}, "
+            f"rule {study.base.nes.update}, population {study.base.nes.population_size}, "
             f"budgets {'/'.join(map(str, study.schedule.budgets))} generations, "
             f"{command.trials} trial(s) at a time with {command.workers_per_trial} worker(s) each"
         )

@@ -145,10 +145,8 @@ def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
     options = [
         click.option(
             "--recipe",
-            default="default",
-            show_default=True,
             help="All hyperparameters of a run: default, paper, authors, distilled, or the path "
-            "of a recipe file (*.toml).",
+            "of a recipe file (*.toml); default: default, in the profile paper: paper.",
         ),
         click.option(
             "--set",
@@ -181,7 +179,7 @@ class RunOptions:
     solved_reward: float | None
     step_limit: int | None
     population: int | None = None
-    recipe: str = "default"
+    recipe: str | None = None
     settings: tuple[tuple[str, Any], ...] = ()
     vary: str | None = None
 
@@ -204,21 +202,19 @@ class RunOptions:
             get_agent(name)
         return names
 
-    def the_hyperparameters(self, task: Task, agents: tuple[str, ...] | None) -> "Hyperparameters":
+    def the_hyperparameters(self, task: Task, usual_recipe: str = "default") -> "Hyperparameters":
         """Those of the recipe, with what the options replace. Raises InvalidInput."""
         from bilevel.hyperparameters import load_recipe
         from search_spaces import to_hyperparameters
 
-        hp = load_recipe(self.recipe, task.id, agents)
+        hp = load_recipe(self.recipe or usual_recipe, task.id, self.the_agents())
         hp = replace(hp, vary_agent=self.vary or hp.vary_agent)
         if self.population is not None:
             hp = replace(hp, nes=replace(hp.nes, population_size=self.population))
         return to_hyperparameters(hp, dict(self.settings))
 
-    @property
-    def suffix(self) -> str:
+    def suffix(self, recipe: str) -> str:
         """What recipe, agents and variation add to a default name."""
-        recipe = Path(self.recipe).stem
         agents = "" if self.agents is None else "-" + self.agents.replace(",", "-").replace(" ", "")
         return f"-{recipe}{agents}" + (f"-{self.vary}" if self.vary else "")
 

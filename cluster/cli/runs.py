@@ -39,11 +39,11 @@ def nes(
     """One NES run on TASK (CartPole-v0, Acrobot-v1 or another gymnasium id)."""
     common = RunOptions(**options)
     task = common.the_task()
-    hp = common.the_hyperparameters(task, common.the_agents())
+    hp = common.the_hyperparameters(task)
     wanted = {"generations": generations, "solved_for": solved_for}
     changes: dict[str, Any] = {key: value for key, value in wanted.items() if value is not None}
     hp = replace(hp, nes=replace(hp.nes, **changes))
-    name = name or f"nes{common.suffix}-seed{common.seed}"
+    name = name or f"nes{common.suffix(hp.recipe)}-seed{common.seed}"
 
     place = common.the_place()
     folder = place.home.run_folder(task.id, name)
@@ -85,13 +85,12 @@ def bohb(
     **options: Any,
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
-    from bilevel.errors import one_of
+    from bilevel.errors import InvalidInput, one_of
     from cluster.profiles import get_method, get_profile, sized
     from search_spaces import SPACES
 
     common = RunOptions(**options)
     task = common.the_task()
-    agents = common.the_agents()
     get_method(method)
     size = get_profile(profile)
     if space is not None and space not in SPACES:
@@ -102,8 +101,14 @@ def bohb(
         "time_budget": time_budget,
     }
     size = replace(size, **{key: value for key, value in changes.items() if value is not None})
+    hp = sized(common.the_hyperparameters(task, size.recipe), size)
+    if size.space == "full" and hp.se.structure != "plain":
+        raise InvalidInput(
+            f"the space 'full' is one of plain SEs, the recipe {hp.recipe!r} has "
+            f"{hp.se.structure} ones: allowed are --recipe paper, authors or distilled"
+        )
     place = common.the_place()
-    name = study or f"{method}-{profile}-{size.space}{common.suffix}-seed{common.seed}"
+    name = study or f"{method}-{profile}-{size.space}{common.suffix(hp.recipe)}-seed{common.seed}"
     folder = place.home.run_folder(task.id, name)
 
     from cluster.bohb.brackets import Schedule
@@ -119,7 +124,7 @@ def bohb(
             common.seed,
             size.space,
             schedule,
-            sized(common.the_hyperparameters(task, agents), size),
+            hp,
             method,
         ),
         place,

@@ -121,12 +121,12 @@ class NESViews:
     def _description(self) -> str:
         run, nes = self.run, self.run.hp.nes
         return (
-            f"One NES run on **{run.task.id}** {start_of(nes)} (rule `{nes.update}`, SE structure "
-            f"`{run.hp.se.structure}`, population {nes.population_size}, step size "
-            f"{nes.step_size:g}, std. dev. {nes.std_dev:g}, seed {run.seed}). `real_env_steps` "
-            "are all steps made on the real task so far. Per generation: `score_*`, `train_*` "
-            "and `solved_fraction` are of "
-            "agents trained on the unperturbed SE. It stops early once the task has been solved "
+            f"One NES run on **{run.task.id}**, recipe `{run.hp.recipe}`, {start_of(nes)} "
+            f"(rule `{nes.update}`, SE structure `{run.hp.se.structure}`, population "
+            f"{nes.population_size}, step size {nes.step_size:g}, std. dev. {nes.std_dev:g}, "
+            f"seed {run.seed}). `real_env_steps` are all steps made on the real task "
+            "so far. Per generation: `score_*`, `train_*` and `solved_fraction` are of agents "
+            "trained on the unperturbed SE. It stops early once the task has been solved "
             "for several generations in a row and fresh agents confirm it; `final_*` are of fresh "
             "agents trained on the best SE."
         )

@@ -144,7 +144,8 @@ class StudyViews:
     def _description(self) -> str:
         study = self.study
         return (
-            f"{study.method_name} over NES on **{study.task.id}**, {start_of(study.base.nes)}, "
+            f"{study.method_name} over NES on **{study.task.id}**, recipe "
+            f"`{study.base.recipe}`, {start_of(study.base.nes)}, "
             f"rule `{study.base.nes.update}`: search space `{study.space}`, "
             f"population {study.base.nes.population_size}, budgets {list(study.schedule.budgets)} "
             f"generations (eta 3), seed {study.seed}. Each child run is one configuration; a "

@@ -43,7 +43,10 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         (["nes", "CartPole-v0", "--recipe", "x.toml"], "cannot read the recipe 'x.toml': No such"),
         (["nes", "CartPole-v0", "--vary-hp", "x"], "unknown variation of agents 'x': allowed are"),
         (["bohb", "CartPole-v0", "--vary-hp", "x"], "unknown variation of agents 'x': allowed are"),
-        (["nes", "CartPole-v0", "--set", "nes.update=x"], "unknown NES update 'x': allowed are snes, "),
+        (
+            ["nes", "CartPole-v0", "--set", "nes.update=x"],
+            "unknown NES update 'x': allowed are snes",
+        ),
         (["nes", "CartPole-v0", "--set", "nes.std_dev=-1"], "std_dev must be float, 1e-06 to"),
         (["bohb", "CartPole-v0", "--set", "nes.std_dev=x"], "float, 1e-06 to 10.0; got 'x'"),
         (
@@ -128,9 +131,7 @@ def test_bad_input_is_one_line_and_exit_code_2(args: list[str], told: str, tmp_p
         ('agents = ["ddqn"]\nnes = 3\n', "recipe 'my.toml'"),
     ],
 )
-def test_a_file_that_is_no_recipe_is_told_in_one_line(
-    text: str, told: str, tmp_path: Path
-) -> None:
+def test_a_file_that_is_no_recipe_is_told_in_one_line(text: str, told: str, tmp_path: Path) -> None:
     (tmp_path / "my.toml").write_text(text)
     result = run_bilevel("nes", "CartPole-v0", "--recipe", "my.toml", cwd=tmp_path)
     assert result.returncode == 2

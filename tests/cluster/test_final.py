@@ -145,32 +145,24 @@ def test_agents_of_the_final_score_are_drawn_from_all_of_the_papers_ranges(
     assert max(agent.hidden_size for agent in agents) > 300
 
 
-@pytest.mark.parametrize(
-    ("impatient", "patient", "solved"),
-    [(200.0, 200.0, True), (200.0, 150.0, False), (150.0, 200.0, False)],
-)
-def test_what_is_confirmed_is_solved_by_patient_agents_too(
-    impatient: float, patient: float, solved: bool, cartpole: Task, small_hp: Hyperparameters
-) -> None:
-    class Patience(ByHand):
-        def score(self, score: float, request: EvaluationRequest, asked: int) -> float:
-            return patient if vars(request.agent)["max_episodes"] == 99 else score
-
+def test_confirming_agents_are_such_as_nes_has(cartpole: Task, small_hp: Hyperparameters) -> None:
+    """Every second one of them is patient."""
     hp = replace(small_hp, nes=replace(small_hp.nes, patient_episodes=99))
     (contender,) = contenders(cartpole, hp, 1)
-    pool = Patience((impatient, 1000))
-    score, verdict = confirmed(cartpole, contender, 4, (1,), cast(EvaluationPool, pool))
-    assert verdict is solved
-    assert score.scores.tolist() == [impatient] * 4
-    assert len(pool.asked) == (4 if impatient < 195 else 8)
+    by_hand = ByHand((195.0, 1000))
+    (score,) = confirmed(cartpole, contender, 4, (1,), cast(EvaluationPool, by_hand)).values()
+    assert score.scores.tolist() == [195.0] * 4
+    trained_for = [vars(request.agent)["max_episodes"] for request in by_hand.asked]
+    assert trained_for == [ddqn(small_hp).max_episodes, 99] * 2
 
 
-def test_without_patient_agents_the_others_confirm_alone(
-    cartpole: Task, small_hp: Hyperparameters
+@pytest.mark.parametrize(("first", "rounds"), [(194.0, 1), (195.0, 2)])
+def test_agents_of_all_sizes_confirm_what_small_ones_do(
+    first: float, rounds: int, cartpole: Task, small_hp: Hyperparameters
 ) -> None:
-    (contender,) = contenders(cartpole, small_hp, 1)
-    for score, expected in ((195.0, True), (194.0, False)):
-        pool = ByHand((score, 1000))
-        _, verdict = confirmed(cartpole, contender, 4, (1,), cast(EvaluationPool, pool))
-        assert verdict is expected
-        assert len(pool.asked) == 4
+    """They are trained only if the small ones solve the task, and are others."""
+    (contender,) = contenders(cartpole, replace(small_hp, vary_agent="small"), 1)
+    by_hand = ByHand((first, 1000))
+    scores = confirmed(cartpole, contender, 4, (1,), cast(EvaluationPool, by_hand))
+    assert [score.scores.size for score in scores.values()] == [4] * rounds
+    assert len(set(by_hand.seeds)) == len(by_hand.asked) == 4 * rounds

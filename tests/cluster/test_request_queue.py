@@ -26,7 +26,8 @@ def requests(costs: list[int], on: list[TrainedOn] | None = None) -> list[Evalua
     ]
 
 
-places = st.sampled_from((CENTRE, MEMBER, MIRRORED))
+ON: tuple[TrainedOn, ...] = (CENTRE, MEMBER, MIRRORED)
+places = st.sampled_from(ON)
 some = st.lists(st.tuples(st.integers(1, 500), places), max_size=120).map(
     lambda pairs: requests([cost for cost, _ in pairs], [on for _, on in pairs])
 )

@@ -3,7 +3,6 @@ MLflow, killed for real."""
 
 import json
 import os
-import re
 import signal
 from pathlib import Path
 from typing import Any
@@ -90,14 +89,6 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path) -> 
     assert tracked.data.metrics["td3/my_se/test_returns_mean"] == group["test_returns_mean"]
     names = {item.path for item in mlflow_client.list_artifacts(tracked.info.run_id)}
     assert {"report.json", "violins.png", "results.jsonl"} <= names
-
-
-def documented_agent() -> str:
-    """The code of docs/agents.md."""
-    text = (Path(__file__).parents[2] / "docs" / "agents.md").read_text()
-    found = re.search(r"```python\n(.*?)```", text, re.DOTALL)
-    assert found is not None
-    return found[1]
 
 
 def test_an_agent_of_the_users_own_in_nes(tmp_path: Path) -> None:

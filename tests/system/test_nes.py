@@ -1,6 +1,7 @@
 """`bilevel nes` as a user runs it: real Ray, real MLflow, killed for real."""
 
 import os
+import re
 import signal
 from pathlib import Path
 
@@ -75,8 +76,10 @@ def test_a_run_its_tracking_and_its_continuation(
     assert tracked.data.metrics["objective"] == pytest.approx(np.mean(means))
     steps = [record["real_env_steps"] for record in scores(tmp_path)]
     assert 1000 < steps[0] < steps[1] < steps[2]  # a thousand gave the scale of observations
-    assert f"{int(steps[1])} steps on the real task" in result.stdout
-    assert f"{int(steps[2])} steps on the real task" in longer.stdout
+    for output, last in ((result.stdout, steps[1]), (longer.stdout, steps[2])):
+        found = re.search(r"(\d+) steps on the real task", output)
+        assert found is not None
+        assert int(found[1]) >= last
     shares = mlflow_client.get_metric_history(tracked.info.run_id, "core_utilisation")
     assert all(0 < metric.value < 1 for metric in shares)
     names = {file.path for file in mlflow_client.list_artifacts(tracked.info.run_id)}

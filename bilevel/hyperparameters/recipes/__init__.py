@@ -46,6 +46,7 @@ def load_recipe(name: str, task_id: str, agents: Sequence[str] | None = None) ->
                 agent_hyperparameters(agent).from_dict(values.get(agent, {})) for agent in names
             ),
             vary_agent=values["vary_agent"],
+            recipe=Path(name).stem,
         )
     except KeyError as error:
         raise InvalidInput(f"recipe {name!r} lacks {error}") from None
