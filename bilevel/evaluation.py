@@ -202,6 +202,8 @@ class _Run:
         if reason == NOT_FINITE or not all(np.isfinite(p).all() for p in parameters):
             return self._diverged(steps, episodes)
         returns, tested = real_returns(task, agent, hp.test_episodes, self.test_seed)
+        if not np.isfinite(returns).all():
+            return self._diverged(steps, episodes, tested)
         real = tested + self._real_steps(steps)
         return Outcome(tuple(returns.tolist()), steps, episodes, real, True)
 
@@ -233,6 +235,8 @@ class _Run:
         if not finite:
             return self._diverged(steps, episodes)
         returns, tested = self._tested(agent)
+        if not np.isfinite(returns).all():
+            return self._diverged(steps, episodes, tested)
         return Outcome(returns, steps, episodes, tested + self._real_steps(steps), True)
 
     def _tested(self, agent: Agent) -> tuple[tuple[float, ...], int]:
@@ -253,9 +257,9 @@ class _Run:
                     break
         return tuple(totals), made
 
-    def _diverged(self, steps: int, episodes: int) -> Outcome:
+    def _diverged(self, steps: int, episodes: int, tested: int = 0) -> Outcome:
         worst = (self.task.worst_score,) * self.hp.test_episodes
-        return Outcome(worst, steps, episodes, self._real_steps(steps), False)
+        return Outcome(worst, steps, episodes, tested + self._real_steps(steps), False)
 
 
 def schedule(hp: AgentHyperparameters) -> training.Schedule:

@@ -7,6 +7,8 @@ from rich.console import Console
 from rich.table import Table
 
 from bilevel.errors import InvalidInput
+from bilevel.hyperparameters import SEHyperparameters
+from bilevel.nes import NESState
 from cluster.bohb.journal import Journal
 from cluster.bohb.study import KIND as STUDY_KIND
 from cluster.bohb.study import Study
@@ -14,9 +16,9 @@ from cluster.bohb.summary import StudySummary
 from cluster.home import Home
 from cluster.lines import Lines
 from cluster.nes_loop import KIND as NES_KIND
-from cluster.nes_loop import NESRun
+from cluster.nes_loop import STATE_FILE
 from cluster.profiles import ENDLESS
-from cluster.run_folder import Standing, finals, is_held, read_settings
+from cluster.run_folder import Standing, finals, is_held, read_settings, stored_task
 from cluster.views.evaluation import KIND as EVALUATION_KIND
 from cluster.views.evaluation import RESULTS_FILE
 
@@ -81,8 +83,14 @@ def _study(folder: Path, brackets: int) -> tuple[str, str]:
 
 
 def _nes(folder: Path, generations: int) -> tuple[str, str]:
-    state = NESRun.read(folder).load()
-    if state is None or not state.records:
+    path = folder / STATE_FILE
+    if not path.exists():
+        return f"0/{generations} generations", ""
+    # The agents of the run, which may be a user's own, need not be known here.
+    settings = read_settings(folder)
+    se = SEHyperparameters.from_dict(settings["se"])
+    state = NESState.load(path, stored_task(settings["task"]), se)
+    if not state.records:
         return f"0/{generations} generations", ""
     return f"{state.generation}/{generations} generations", f"{state.best_score:.1f}"
 

@@ -61,13 +61,12 @@ def _full_agent(agent: str) -> list[Dimension]:
 
 
 def _core() -> list[Dimension]:
-    """With `_core_agent`, eight that matter from random starts: the model needs 2 * (8 + 1)
+    """With `_core_agent`, seven that matter from random starts: the model needs 2 * (7 + 1)
     results at one budget. Ranges are wide around those of the recipe `default`."""
     return [
         CS.Float("nes.step_size", (0.1, 2.0), log=True),
         CS.Float("nes.std_dev", (0.03, 0.5), log=True),
-        CS.Integer("nes.population_size", (8, 48), log=True),
-        CS.Integer("se.hidden_size", (12, 64), log=True),
+        CS.Integer("se.hidden_size", (16, 64), log=True),
         CS.Integer("se.step_limit", (8, 100), log=True),
     ]
 

@@ -23,8 +23,10 @@ SIZES, LAYERS = (42, 384), (1, 3)
 #: agent is small: four times those of the paper's tuned agent for CartPole.
 SMALL = 400_000.0
 
-#: Draws among which a small agent is looked for; nearly every second one is.
-_DRAWS = 32
+#: Draws of the sizes among which a small agent is looked for. The number of hidden layers is drawn
+#: once, so that deep agents, few of which are small, are as frequent as others: an SE that no deep
+#: agent took part in learning teaches shallow ones alone.
+_DRAWS = 128
 
 
 def draw_agent(
@@ -44,20 +46,23 @@ def draw_agent(
     agent = agents[int(rng.integers(len(agents)))] if len(agents) > 1 else agents[0]
     if vary == "no":
         return agent
-    drawn = [_varied(agent, rng)]
+    layers = int(rng.integers(LAYERS[0], LAYERS[1] + 1))
+    drawn = [_varied(agent, layers, rng)]
     while vary == "small" and drawn[-1].step_cost > SMALL and len(drawn) < _DRAWS:
-        drawn.append(_varied(agent, rng))
+        drawn.append(_varied(agent, layers, rng))
     return drawn[-1] if vary == "all" else min(drawn, key=lambda hp: max(hp.step_cost, SMALL))
 
 
-def _varied(agent: AgentHyperparameters, rng: np.random.Generator) -> AgentHyperparameters:
+def _varied(
+    agent: AgentHyperparameters, layers: int, rng: np.random.Generator
+) -> AgentHyperparameters:
     learning_rate = _LEARNING_RATE.get(agent.agent, getattr(agent, "learning_rate", 1.0))
     low, high = SIZES
     values = {
         "learning_rate": float(learning_rate * 3 ** rng.uniform(-1, 1)),
         "batch_size": round(low * (high / low) ** rng.uniform()),
         "hidden_size": round(low * (high / low) ** rng.uniform()),
-        "hidden_layers": int(rng.integers(LAYERS[0], LAYERS[1] + 1)),
+        "hidden_layers": layers,
     }
     known = {spec.name for spec in fields(agent)}
     return replace(agent, **{name: value for name, value in values.items() if name in known})

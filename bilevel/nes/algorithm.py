@@ -197,7 +197,7 @@ class NES:
         SE for so many generations."""
         limit = self.hp.nes.restart_after
         attempt = [r.score_mean for r in state.records[state.attempt_began :]]
-        if not limit or state.finished or max(attempt) >= self.task.solved_reward:
+        if not limit or max(attempt) >= self.task.solved_reward:
             return state
         if len(attempt) - 1 - int(np.argmax(attempt)) < limit:
             return state

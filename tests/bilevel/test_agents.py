@@ -133,6 +133,8 @@ class TestVariation:
             agents = load_recipe("paper", "", (name,)).agents
             for seed in range(50):
                 assert draw_agent(agents, "small", seed).step_cost <= 400_000
+        depths = [vars(draw_agent(agents, "small", seed))["hidden_layers"] for seed in range(300)]
+        assert all(60 <= depths.count(layers) <= 140 for layers in (1, 2, 3))  # of 100 expected
 
     def test_what_is_not_varied_stays(self) -> None:
         (hp,) = load_recipe("paper", "").agents

@@ -78,7 +78,7 @@ def test_full_is_table_1() -> None:
 
 def test_core_is_small_and_for_the_default_recipe() -> None:
     space = search_space("core")
-    assert len(space) == 8
+    assert len(space) == 7
     # what is drawn anew for every generation is nothing to search
     agent = ddqn(base("core"))
     drawn_anew = draw_agent((agent,), "all", 0)
@@ -91,7 +91,7 @@ def test_core_is_small_and_for_the_default_recipe() -> None:
     assert not {name.removeprefix("ddqn.") for name in space} & varied
     hps = drawn("core")
     assert all(hp.nes.update == "snes" for hp in hps)
-    assert all(12 <= hp.se.hidden_size <= 64 for hp in hps)
+    assert all(16 <= hp.se.hidden_size <= 64 for hp in hps)
 
 
 @pytest.mark.parametrize("task", ["CartPole-v0", "Acrobot-v1"])

@@ -13,6 +13,7 @@ import pytest
 
 import bilevel  # noqa: F401  (registers the environment)
 from bilevel.nes import NESState
+from cluster.nes_command import CONFIRMING_AGENTS
 from cluster.nes_loop import NESRun
 from tests.commands import run_bilevel
 from tests.system.conftest import client, run_until, untimed
@@ -142,7 +143,8 @@ EASY = ("--solved-reward", "5", "--solved-for", "2", "--generations", "9")
 def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path) -> None:
     result = run_bilevel(*SMALL, *EASY, "--home", tmp_path)
     assert result.returncode == 0, result.stderr
-    assert "with 16 others: solved" in result.stdout
+    few, all_sizes = f"{CONFIRMING_AGENTS} fresh agents", f"{CONFIRMING_AGENTS} of all sizes"
+    assert re.search(f"with {few} and .* with {all_sizes}: solved", result.stdout)
     assert "solved and stayed solved: 2 generations" in result.stdout
     assert "10 of 10 agents do" in result.stdout
 

@@ -238,3 +238,20 @@ def test_the_readme_loop_runs_on_the_default_recipe(task_id: str) -> None:
         ends.append(state)
     np.testing.assert_array_equal(ends[0].se.mean, ends[1].se.mean)
     assert ends[0].real_env_steps == ends[1].real_env_steps > state.scale.real_env_steps == 1000
+
+
+def test_a_run_that_is_extended_begins_again_where_an_undisturbed_one_does(
+    cartpole: Task, small_hp: Hyperparameters
+) -> None:
+    """A restart that is due at the last generation happens, whether or not more are added."""
+    ends = []
+    for generations in (3, 9):
+        hp = with_nes(small_hp, restart_after=2, generations=generations)
+        nes = NES(cartpole, hp, 0)
+        state = nes.init()
+        for _ in range(3):
+            state = nes.tell(state, answers(nes, state, 5.0))
+        ends.append(state)
+    assert [end.attempt for end in ends] == [1, 1]
+    assert [end.finished for end in ends] == [True, False]
+    np.testing.assert_array_equal(ends[0].se.mean, ends[1].se.mean)
