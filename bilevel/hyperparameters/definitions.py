@@ -64,6 +64,9 @@ class NESHyperparameters(Validated):
     # Every second generation its agents train until max_episodes (an even number of agents on
     # the unperturbed SE likewise), whatever their returns. 0: the stopping rule decides always.
     patient_episodes: int = ranged(0, 1_000_000)
+    # Share of the moving average of psi that is kept in a generation; the average is the
+    # unperturbed SE. 0: psi itself is, as in the paper.
+    averaging: float = ranged(0.0, 0.999)
     start: str = choice(STARTS)
     start_candidates: int = ranged(1, 65536)  # random SEs of which the start is chosen
     # Generations without a new highest score after which a run that has not solved the task

@@ -9,9 +9,10 @@
                 F     <- EvaluateAgent(agent, real task)
         theta <- theta + UpdateSE({eps_i}, {F_i})               # tell; bilevel.nes.rules
 
-Beside the members some agents are trained on theta itself, whose scores are the run's learning
-curve. theta are the coordinates of psi (`bilevel.synthetic_env.coordinates`); in the paper they
-are psi itself. A run that does not get going begins again from other random SEs.
+Beside the members some agents are trained on the unperturbed SE, whose scores are the run's
+learning curve: on theta itself, or, with `nes.averaging`, on a moving average of it. theta are
+the coordinates of psi (`bilevel.synthetic_env.coordinates`); in the paper they are psi itself. A
+run that does not get going begins again from other random SEs.
 
 Every random number is derived from (run seed, purpose, attempt, generation, member), so a request
 is the same whoever asks for it, and nothing random needs to be stored.
@@ -82,11 +83,12 @@ class NES:
 
             start = distill(self.task, space.architecture, derive(self.seed, Purpose.DISTILLED))
             return NESState(
-                SEDistribution(space, start.se.psi, sigma),
+                SEDistribution(space, start.se.psi, sigma, start.se.psi),
                 scale,
                 real_env_steps=real_steps + start.real_env_steps,
             )
-        origin = SEDistribution(space, np.zeros(space.size, np.float32), sigma)
+        zero = np.zeros(space.size, np.float32)
+        origin = SEDistribution(space, zero, sigma, zero)
         return self._started(NESState(origin, scale, real_env_steps=real_steps), attempt=0)
 
     def _started(self, state: NESState, attempt: int) -> NESState:
@@ -104,13 +106,13 @@ class NES:
             return state
         space = state.se.coordinates
         theta = space.initialize(np.random.default_rng(winner))
-        return replace(state, se=replace(state.se, mean=theta), race=None)
+        return replace(state, se=state.se.placed(theta), race=None)
 
     # -- ask -----------------------------------------------------------------------
 
     def ask(self, state: NESState) -> list[EvaluationRequest]:
         """The evaluations that come next: a round of the choice of a start, or a generation:
-        agents on theta itself, n_p on theta + eps_i, and with mirrored sampling n_p on
+        agents on the unperturbed SE, n_p on theta + eps_i, and with mirrored sampling n_p on
         theta - eps_i."""
         if state.race is not None:
             return self._ask_race(state, state.race)
@@ -177,10 +179,10 @@ class NES:
         generation = state.generation + 1
         state = replace(
             state,
-            se=replace(se, mean=se.mean + step),
+            se=se.moved(step, nes.averaging),
             generation=generation,
             solved_streak=streak,
-            finalists=state.with_finalist(Finalist.of(se.mean, record)),
+            finalists=state.with_finalist(Finalist.of(se.average, record)),
             records=(*state.records, record),
         )
         finished = state.solved_for_long(nes) or generation >= nes.generations

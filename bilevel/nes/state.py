@@ -98,6 +98,7 @@ class NESState:
         tensors = {
             "theta": self.se.mean,
             "std_dev": self.se.std_dev,
+            "average": self.se.average,
             "observation_mean": self.scale.mean,
             "observation_deviation": self.scale.deviation,
         }
@@ -131,8 +132,9 @@ class NESState:
             race = header.pop("race")
             if race is not None:
                 race = StartRace(tuple(race["seeds"]), race["candidates"], race["round"])
-            se = SEDistribution(space, tensors["theta"], tensors["std_dev"])
-            shapes = {se.mean.shape, se.std_dev.shape, *(f.theta.shape for f in finalists)}
+            se = SEDistribution(space, *(tensors[n] for n in ("theta", "std_dev", "average")))
+            own = {se.mean.shape, se.std_dev.shape, se.average.shape}
+            shapes = own | {f.theta.shape for f in finalists}
             if header["generation"] != len(records) or shapes != {(space.size,)}:
                 raise ValueError("its parts do not fit together")
             return cls(

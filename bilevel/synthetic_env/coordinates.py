@@ -32,9 +32,9 @@ E          (S,)         half-widths of the box in which an episode goes on
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -272,16 +272,31 @@ class _Layers:
 
 @dataclass(frozen=True)
 class SEDistribution:
-    """N(mean, diag(std_dev^2)) over SEs: what NES moves, and what its members are drawn from."""
+    """N(mean, diag(std_dev^2)) over SEs: what NES moves, and what its members are drawn from.
+
+    `average` is a moving average of past means, or the mean itself: the steps of NES are noisy, and
+    what they have in common is better than any one of them (Polyak and Juditsky, 1992).
+    """
 
     coordinates: Coordinates
     mean: Theta  # (D,)
     std_dev: Theta  # (D,)
+    average: Theta  # (D,)
 
     @property
     def centre(self) -> SE:
-        """The unperturbed SE."""
-        return self.at(self.mean)
+        """The unperturbed SE, at the average."""
+        return self.at(self.average)
+
+    def moved(self, step: Theta, averaging: float) -> Self:
+        """With `step` (D,) added to the mean, and the old average, times `averaging`, kept."""
+        mean = self.mean + step
+        kept = np.float32(averaging)
+        return replace(self, mean=mean, average=kept * self.average + (1 - kept) * mean)
+
+    def placed(self, theta: Theta) -> Self:
+        """With the mean at theta (D,), and nothing to average yet."""
+        return replace(self, mean=theta, average=theta)
 
     def at(self, theta: Theta) -> SE:
         """The SE at theta (D,)."""

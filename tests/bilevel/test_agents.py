@@ -112,43 +112,6 @@ def test_a_mixture_draws_an_agent_an_evaluation(cartpole: Task) -> None:
     assert set(kinds) == set(AGENTS)
 
 
-class TestVariation:
-    """Agents are drawn from the paper's ranges, by their seed alone."""
-
-    def test_the_ranges_are_filled_evenly_on_their_scales(self) -> None:
-        (hp,) = load_recipe("paper", "").agents
-        drawn = [vars(draw_agent((hp,), "all", seed)) for seed in range(600)]
-        rates = np.log([d["learning_rate"] for d in drawn])
-        sizes = np.log([d["hidden_size"] for d in drawn])
-        for values, low, high in ((rates, 1e-3 / 3, 3e-3), (sizes, 42, 384)):
-            assert np.exp(values.min()) >= low * 0.99
-            assert np.exp(values.max()) <= high * 1.01
-            middle = (values < np.log(low * high) / 2).mean()
-            assert 0.4 < middle < 0.6  # 600 draws: five standard errors
-        assert {d["hidden_layers"] for d in drawn} == {1, 2, 3}
-        assert {d["batch_size"] for d in drawn} <= set(range(42, 385))
-
-    def test_small_ones_are_cheap(self) -> None:
-        for name in ("ddqn", "td3"):
-            agents = load_recipe("paper", "", (name,)).agents
-            for seed in range(50):
-                assert draw_agent(agents, "small", seed).step_cost <= 400_000
-        depths = [vars(draw_agent(agents, "small", seed))["hidden_layers"] for seed in range(300)]
-        assert all(60 <= depths.count(layers) <= 140 for layers in (1, 2, 3))  # of 100 expected
-
-    def test_what_is_not_varied_stays(self) -> None:
-        (hp,) = load_recipe("paper", "").agents
-        drawn = draw_agent((hp,), "all", 3)
-        kept = {"learning_rate", "batch_size", "hidden_size", "hidden_layers"}
-        assert {k: v for k, v in vars(drawn).items() if k not in kept} == {
-            k: v for k, v in vars(hp).items() if k not in kept
-        }
-        assert draw_agent((hp,), "no", 3) is hp
-        assert draw_agent((hp,), "all", 3) == drawn != draw_agent((hp,), "all", 4)
-        with pytest.raises(InvalidInput, match="unknown variation of agents 'some'"):
-            draw_agent((hp,), "some", 0)
-
-
 def test_an_agent_without_a_name_or_file_is_told(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="unknown agent 'sarsa': allowed are ddqn"):
         get_agent("sarsa")

@@ -21,7 +21,7 @@ def distribution(task_id: str, seed: int = 0) -> SEDistribution:
     space = coordinates(task, load_recipe("default", task_id).se, task.observation_scale(1))
     rng = np.random.default_rng(seed)
     mean = space.initialize(rng) + 0.3 * rng.standard_normal(space.size, np.float32)
-    return SEDistribution(space, mean, np.full(space.size, 0.1, np.float32))
+    return SEDistribution(space, mean, np.full(space.size, 0.1, np.float32), mean)
 
 
 def answers(task_id: str, se: SE, states: np.ndarray) -> list[np.ndarray]:
@@ -60,7 +60,8 @@ def test_episodes_end_outside_the_box_of_usual_observations(task_id: str) -> Non
     task = get_task(task_id)
     scale = task.observation_scale(1)
     space = coordinates(task, load_recipe("default", task_id).se, scale)
-    se = SEDistribution(space, space.initialize(np.random.default_rng(0)), np.zeros(0)).centre  # type: ignore[arg-type]
+    theta = space.initialize(np.random.default_rng(0))
+    se = SEDistribution(space, theta, theta, theta).centre
     inside = scale.mean + 0.5 * scale.deviation
     for component in range(task.state_size):
         for side in (-1, 1):

@@ -24,7 +24,7 @@ def around(task: Task, hp: Hyperparameters, seed: int = 0) -> SEDistribution:
     """A search distribution around a random SE."""
     space = coordinates(task, hp.se, task.unit_scale)
     mean = space.initialize(np.random.default_rng(seed))
-    return SEDistribution(space, mean, np.full(space.size, 0.05, np.float32))
+    return SEDistribution(space, mean, np.full(space.size, 0.05, np.float32), mean)
 
 
 def test_result_depends_on_the_request_alone(cartpole: Task, small_hp: Hyperparameters) -> None:
