@@ -150,6 +150,24 @@ class TestStart:
 
 
 class TestTell:
+    @pytest.mark.parametrize("kept", [0.0, 0.75])
+    def test_the_unperturbed_se_is_a_moving_average(
+        self, kept: float, cartpole: Task, small: Hyperparameters
+    ) -> None:
+        nes = NES(cartpole, with_nes(small, averaging=kept, generations=9), 0)
+        state = nes.init()
+        np.testing.assert_array_equal(state.se.average, state.se.mean)
+        expected = state.se.mean
+        for _ in range(3):
+            results = [answer(r, float(r.index % 5)) for r in nes.ask(state)]
+            tried, state = state.se.average, nes.tell(state, results)
+            assert any(np.array_equal(f.theta, tried) for f in state.finalists)
+            expected = kept * expected + (1 - kept) * state.se.mean
+            np.testing.assert_allclose(state.se.average, expected, rtol=1e-5, atol=1e-6)
+            np.testing.assert_array_equal(state.se.centre.psi, state.se.at(state.se.average).psi)
+        apart = float(np.abs(state.se.mean - state.se.average).max())
+        assert (apart > 1e-4) is bool(kept)
+
     def test_it_moves_towards_better_members_whatever_their_order(self, nes: NES) -> None:
         state = nes.init()
         requests = nes.ask(state)
@@ -184,7 +202,7 @@ class TestTell:
         nes = NES(cartpole, with_nes(small, generations=100), 0)
         state, thetas = nes.init(), []
         for score in (5.0, 50.0, 20.0, 10.0, 40.0, 30.0):
-            thetas.append(state.se.mean)
+            thetas.append(state.se.average)
             state = nes.tell(state, answers(nes, state, score))
         assert [f.generation for f in state.finalists] == [1, 4, 5, 2]
         np.testing.assert_array_equal(state.best.psi, state.se.at(thetas[1]).psi)
