@@ -110,7 +110,7 @@ class PlainCoordinates:
 #: Factor by which one step spreads states near the mean observation: the spectral radius to which
 #: V W is scaled. Above 1, an episode leaves the narrow region in which the task's own episodes
 #: start, and at last the box: its length follows from this factor.
-SPREAD = 1.12
+SPREAD = 1.07
 #: How far next states lie from the mean observation where tanh saturates, in units of c.
 RANGE = 3.0
 #: Half-width of the box in a random SE, in units of c, and how steeply done rises at its sides.
