@@ -30,6 +30,8 @@ class Profile:
     largest_budget: int  # generations of the highest rung
     cycle: int | None  # of brackets (`Schedule`); None is Hyperband's
     start_candidates: int | None  # random SEs; None: the recipe's
+    centre_agents: int | None  # trained on the unperturbed SE; None: the recipe's
+    max_episodes: int | None  # of an agent's training on an SE; None: the recipe's
     brackets: int
     time_budget: float | None
     final_agents: int  # trained on the best SE at the end, with fresh seeds
@@ -37,11 +39,11 @@ class Profile:
 
 PROFILES = {
     # All three layers, small: to see that it works.
-    "smoke": Profile("default", "core", 2, 1, 3, None, 2, 2, None, 4),
+    "smoke": Profile("default", "core", 2, 1, 3, None, 2, 2, 15, 2, None, 4),
     # A good configuration on a laptop, in half an hour.
-    "local": Profile("default", "core", None, 5, 15, 1, None, ENDLESS, 30 * 60.0, 10),
+    "local": Profile("default", "core", None, 5, 15, 1, None, None, None, ENDLESS, 30 * 60.0, 10),
     # The paper's scale (Table "Fixed hyperparameters").
-    "paper": Profile("paper", "full", 16, 7, 200, None, None, 12, None, 10),
+    "paper": Profile("paper", "full", 16, 7, 200, None, None, None, None, 12, None, 10),
 }
 
 
@@ -67,4 +69,10 @@ def sized(hp: Hyperparameters, profile: Profile) -> Hyperparameters:
         nes = replace(nes, population_size=profile.population)
     if profile.start_candidates is not None and nes.start == "random":
         nes = replace(nes, start_candidates=profile.start_candidates)
-    return replace(hp, nes=nes)
+    if profile.centre_agents is not None:
+        nes = replace(nes, centre_agents=profile.centre_agents)
+    agents, most = hp.agents, profile.max_episodes
+    if most is not None:
+        nes = replace(nes, patient_episodes=min(nes.patient_episodes, most))
+        agents = tuple(replace(one, max_episodes=min(one.max_episodes, most)) for one in agents)
+    return replace(hp, nes=nes, agents=agents)

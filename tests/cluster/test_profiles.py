@@ -13,9 +13,21 @@ from cluster.profiles import PROFILES, get_profile, sized
 def test_a_profile_leaves_the_recipe_otherwise_alone(profile: str, recipe: str) -> None:
     hp, size = load_recipe(recipe, "CartPole-v0"), get_profile(profile)
     made = sized(hp, size)
-    changed = ("generations", "solved_for", "restart_after", "population_size", "start_candidates")
+    changed = {
+        "generations",
+        "solved_for",
+        "restart_after",
+        "population_size",
+        "start_candidates",
+        "centre_agents",
+        "patient_episodes",
+    }
     before = {name: getattr(hp.nes, name) for name in changed}
-    assert replace(made, nes=replace(made.nes, **before)) == hp
+    agents = tuple(
+        replace(one, max_episodes=was.max_episodes)
+        for one, was in zip(made.agents, hp.agents, strict=True)
+    )
+    assert replace(made, nes=replace(made.nes, **before), agents=agents) == hp
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
