@@ -7,10 +7,11 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.faults.outcome import Outcome, disagreements
+from benchmarks.faults.outcome import Outcome
 from benchmarks.faults.row import Row
 from benchmarks.faults.stage import ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
 from cluster.home import Home
+from tests.system.mlflow_shown import disagreements
 
 
 def torn_lines(stage: Stage, whole: Outcome, times: int) -> Row:

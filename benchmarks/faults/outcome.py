@@ -7,12 +7,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import mlflow
 from safetensors import safe_open
 
 from cluster.bohb.journal import Journal
-from cluster.run_folder import Begun
-from cluster.views import views_of
 
 #: Fields of a generation's record that are measured.
 _TIMES = (
@@ -80,41 +77,3 @@ def comparable_state(path: Path) -> Any:
         name: hashlib.sha256(tensor.tobytes()).hexdigest() for name, tensor in tensors.items()
     }
     return digests, header
-
-
-def disagreements(folder: Path, tracking_uri: str) -> list[str]:
-    """Where MLflow shows anything else than what is on disk: a run that is missing, there
-    twice or left running, a point missing, added or doubled, a file missing."""
-    client = mlflow.MlflowClient(tracking_uri, registry_uri=tracking_uri)
-    experiment = client.get_experiment_by_name(folder.parent.name)
-    if experiment is None:
-        return ["no experiment"]
-    views, found = views_of(folder), []
-    identity = Begun.read(folder).identity
-    for key in views.keys():  # noqa: SIM118  (a method, not a dictionary's)
-        view = views.view(key)
-        runs = client.search_runs([experiment.experiment_id], f"tags.`bilevel.key` = '{key}'")
-        if len(runs) != 1:
-            found.append(f"{view.name}: {len(runs)} runs")
-            continue
-        run_id = runs[0].info.run_id
-        if runs[0].info.status != view.status or view.status == "RUNNING":
-            found.append(f"{view.name}: {runs[0].info.status} instead of {view.status}")
-        expected: dict[str, list[tuple[int, float]]] = {}
-        for point in view.points:
-            for name, value in point.values.items():
-                expected.setdefault(name, []).append((point.step, float(value)))
-        if set(runs[0].data.metrics) != set(expected):
-            found.append(f"{view.name}: other metrics")
-        for name, series in expected.items():
-            history = client.get_metric_history(run_id, name)
-            if sorted((m.step, m.value) for m in history) != sorted(series):
-                found.append(f"{view.name}: {name} has steps {[m.step for m in history]}")
-        stored = {file.path for file in client.list_artifacts(run_id)}
-        lacking = {document.path.split("/")[0] for document in view.documents} - stored
-        if lacking:
-            found.append(f"{view.name}: lacks {sorted(lacking)}")
-    runs = client.search_runs([experiment.experiment_id], f"tags.`bilevel.key` LIKE '{identity}%'")
-    if len(runs) > len(views.keys()):
-        found.append(f"{len(runs)} runs instead of {len(views.keys())}")
-    return found

@@ -12,8 +12,9 @@ import psutil
 from ray.cluster_utils import Cluster
 
 from benchmarks.faults import lives
-from benchmarks.faults.outcome import Outcome, disagreements
+from benchmarks.faults.outcome import Outcome
 from cluster.home import Home
+from tests.system.mlflow_shown import disagreements
 
 TASK = "CartPole-v0"
 STUDY = "study"
