@@ -13,10 +13,9 @@ import psutil
 from benchmarks.faults.outcome import Outcome
 from benchmarks.faults.row import Row
 from benchmarks.faults.stage import ACTOR, ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
-from benchmarks.faults.tracking import Server
 from cluster.home import Home
 from cluster.run_folder import Standing
-from tests.system.mlflow_shown import disagreements
+from tests.system.mlflow_shown import Server, disagreements
 
 
 def driver(stage: Stage, whole: Outcome, kills: int) -> Row:
