@@ -1,5 +1,6 @@
 """The end of a run: its best SEs retested, the winner scored anew and handed over."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -48,6 +49,13 @@ class FinalScore:
     def solved(self) -> bool:
         """Whether the agents solve the task on average."""
         return bool(self.scores.mean() >= self.solved_reward)
+
+    @property
+    def surely_solved(self) -> bool:
+        """Whether they do by more than the standard error of their mean, so that as many other
+        agents are likely to do too."""
+        error = self.scores.std(ddof=1) / math.sqrt(self.scores.size)
+        return bool(self.scores.mean() - error >= self.solved_reward)
 
     def metrics(self) -> dict[str, float]:
         """As metrics for MLflow."""
@@ -140,35 +148,28 @@ def score_anew(
 ) -> FinalScore:
     """Train `agents` fresh agents on the SE, with seeds nothing was chosen by: by the stopping
     rule, and, if agents vary, drawn from the whole of the paper's ranges."""
+    return _scored(task, contender, range(agents), (*seed, _FINAL), pool)
+
+
+def confirm(
+    task: Task, contender: Contender, agents: int, seed: Seed, pool: EvaluationPool
+) -> FinalScore:
+    """The score of agents like those of `score_anew`, but others; a quarter of them comes first,
+    and the rest only if these solve the task."""
+    few = max(agents // 4, 1)
+    score = _scored(task, contender, range(few), (*seed, _CONFIRM), pool)
+    if score.solved and few < agents:
+        score += _scored(task, contender, range(few, agents), (*seed, _CONFIRM), pool)
+    return score
+
+
+def _scored(
+    task: Task, contender: Contender, numbers: range, seed: Seed, pool: EvaluationPool
+) -> FinalScore:
     hp = contender.hp
     vary = "no" if hp.vary_agent == "no" else "all"
     impatient = replace(hp, nes=replace(hp.nes, patient_episodes=0))
-    drawn = _agents(impatient, vary, range(agents), (*seed, _FINAL))
-    return _tested(task, contender.se, drawn, pool)
-
-
-def confirmed(
-    task: Task, contender: Contender, agents: int, seed: Seed, pool: EvaluationPool
-) -> dict[str, FinalScore]:
-    """The scores of fresh agents, by what these are called: of such as NES has, patient ones among
-    them, and, if these solve the task, of agents drawn from the whole of the paper's ranges, which
-    may take far longer. Of these a quarter comes first, and the others if it solves the task."""
-    hp = contender.hp
-
-    def tried(vary: str, numbers: range, hp: Hyperparameters, use: int) -> FinalScore:
-        drawn = _agents(hp, vary, numbers, (*seed, use))
-        return _tested(task, contender.se, drawn, pool)
-
-    score = tried(hp.vary_agent, range(agents), hp, _CONFIRM)
-    scores = {f"{agents} fresh agents": score}
-    if hp.vary_agent == "no" or not score.solved:
-        return scores
-    impatient = replace(hp, nes=replace(hp.nes, patient_episodes=0))
-    few = max(agents // 4, 1)
-    score = tried("all", range(few), impatient, _FINAL)
-    if score.solved and few < agents:
-        score += tried("all", range(few, agents), impatient, _FINAL)
-    return {**scores, f"{score.scores.size} of all sizes": score}
+    return _tested(task, contender.se, _agents(impatient, vary, numbers, seed), pool)
 
 
 #: An agent's hyperparameters, and the seed of its evaluation.

@@ -11,7 +11,7 @@ from cluster.final import (
     LAST_FILE,
     Contender,
     choose_best,
-    confirmed,
+    confirm,
     hand_over,
     score_anew,
 )
@@ -26,17 +26,17 @@ from cluster.tracking import Tracker
 from cluster.tracking.registry import model_address
 from cluster.views import NESViews, plots
 
-#: Fresh agents that must solve the task on average for a run to stop early, and
-#: those that score the best SE at the end, with seeds of their own.
-CONFIRMING_AGENTS, FINAL_AGENTS = 16, 10
+#: Fresh agents that must surely solve the task for a run to stop early, and those that score the
+#: best SE at the end, with seeds of their own.
+CONFIRMING_AGENTS, FINAL_AGENTS = 12, 10
 
 
 @dataclass(frozen=True)
 class NESCommand:
     """An NES run, and how and where it is run this time.
 
-    Once the run is solved (`nes.solved_for`), the best SE is tested by agents nothing was chosen
-    by; if these solve the task too, the run stops.
+    Once the run is solved (`nes.solved_for`), agents nothing was chosen by are trained on its
+    current SE; if these solve the task too, the run stops and hands it over.
     """
 
     run: NESRun
@@ -157,23 +157,28 @@ class _UnderWay:
             self.terminal.line(generation_line(state.records[-1], state.best_score))
 
     def _confirmed(self, state: NESState) -> Contender | None:
-        """The best SE, if it still solves the task with agents nothing was chosen by.
+        """The current SE, if agents of all sizes, which nothing was chosen by, solve the task.
 
         Scores that stop a run were lucky more often than not: they are the highest of
         many samples.
         """
-        run, best = self.run, self._best(state)
-        seed = (run.seed, state.generation)
+        run = self.run
+        current = Contender(run.last_se(state), run.hp)
         self.terminal.bar("confirming", 0, 1, "")
-        scores = confirmed(run.task, best, CONFIRMING_AGENTS, seed, self.pool)
-        solved = all(score.solved for score in scores.values())
-        told = " and ".join(f"{s.scores.mean():.1f} with {kind}" for kind, s in scores.items())
-        verdict = "solved" if solved else "not yet solved, going on"
-        self.terminal.line(f"the best SE scores {told}: {verdict}")
-        return best if solved else None
+        score = confirm(
+            run.task, current, CONFIRMING_AGENTS, (run.seed, state.generation), self.pool
+        )
+        solved = score.surely_solved
+        verdict = "solved" if solved else "not surely solved yet, going on"
+        self.terminal.line(
+            f"{score.scores.size} fresh agents of all sizes score {score.scores.mean():.1f} ± "
+            f"{score.scores.std():.1f}: {verdict}"
+        )
+        return current if solved else None
 
     def _best(self, state: NESState) -> Contender:
-        contenders = [Contender(se, self.run.hp) for se in self.run.finalists(state)]
+        ses = [self.run.last_se(state), *self.run.finalists(state)]
+        contenders = [Contender(se, self.run.hp) for se in ses]
         self.terminal.line(f"retesting the {len(contenders)} best SEs with fresh agents")
         self.terminal.bar("retesting", 0, 1, "")
         seed = (self.run.seed, state.generation)

@@ -20,8 +20,8 @@ _LEARNING_RATE = {"ddqn": 1e-3, "dueling-ddqn": 1e-3, "td3": 5e-4}
 SIZES, LAYERS = (42, 384), (1, 3)
 
 #: Multiplications of a gradient step (`AgentHyperparameters.step_cost`) up to which an
-#: agent is small: four times those of the paper's tuned agent for CartPole.
-SMALL = 400_000.0
+#: agent is small: two and a half times those of the paper's tuned agent for CartPole.
+SMALL = 250_000.0
 
 #: Draws of the sizes among which a small agent is looked for. The number of hidden layers is drawn
 #: once, so that deep agents, few of which are small, are as frequent as others: an SE that no deep

@@ -10,7 +10,7 @@ plain one prefers the same action nearly everywhere, and its states stay close t
 its agents learn nothing and all scores are noise. Here
 
     x   = (s - m) / c                                     m, c: mean and scale of observations
-    s'  = m + c * (V tanh(W x + b) + v)                   the same whatever the action
+    s'  = m + c * (SPREAD Q W^+ tanh(W x + b) + v)        the same whatever the action
     G   = U tanh(R x + d),  r(s, a) = A_a(x) - A_a(0),    A_a = G_a - mean of G over actions
     done  rises above its threshold where a component of x leaves +-E
 
@@ -26,7 +26,8 @@ actions.
 symbol     shape        meaning
 --------   ----------   --------------------------------------------------------------
 theta      (D,)         all coordinates: normal in a random SE, biases zero
-W, V       (H, S), (S, H)   of the next state
+W, W^+     (H, S), (S, H)   of the next state; W^+ is the pseudoinverse of W
+Q          (S, S)       the rotation nearest to a matrix of coordinates
 R, U       (K, S), (A, K)   of the reward, K = (H - A) // A
 E          (S,)         half-widths of the box in which an episode goes on
 """
@@ -107,11 +108,11 @@ class PlainCoordinates:
         return theta
 
 
-#: Factor by which one step spreads states near the mean observation: the spectral radius to which
-#: V W is scaled. Above 1, an episode leaves the narrow region in which the task's own episodes
-#: start, and at last the box: its length follows from this factor.
-SPREAD = 1.07
-#: How far next states lie from the mean observation where tanh saturates, in units of c.
+#: Factor by which one step carries states away from the mean observation. Above 1, an episode
+#: leaves the narrow region in which the task's own episodes start, and at last the box: its length
+#: follows from this factor.
+SPREAD = 1.12
+#: Distance from the mean observation, in units of c, at which tanh begins to saturate.
 RANGE = 3.0
 #: Half-width of the box in a random SE, in units of c, and how steeply done rises at its sides.
 EDGE, SIDES = 2.0, 2.0
@@ -151,7 +152,7 @@ class ExogenousCoordinates:
         return {
             "W": (units, states),
             "b": (units,),
-            "V": (states, units),
+            "Q": (states, states),
             "v": (states,),
             "R": (rewarding, states),
             "d": (rewarding,),
@@ -177,7 +178,7 @@ class ExogenousCoordinates:
         """Standard normal, INERTIA times as large for the next state; biases zero."""
         theta = rng.standard_normal(self.size, np.float32)
         parts = self.parts(theta)
-        for name in ("W", "V"):
+        for name in ("W", "Q"):
             parts[name][...] *= INERTIA
         for name in ("b", "v", "d", "e"):
             parts[name][...] = 0
@@ -208,12 +209,11 @@ class ExogenousCoordinates:
         layers.biases[rows] = bias - raw @ self.scale.mean
 
     def _write_next_state(self, layers: "_Layers", parts: dict[str, Theta]) -> None:
-        units, states = parts["W"].shape
-        out = parts["V"] * np.float32(RANGE / INERTIA / math.sqrt(units))
-        weights = parts["W"] / np.float32(RANGE * math.sqrt(states))
-        radius = np.abs(np.linalg.eigvals((out @ weights).astype(np.float64))).max()
-        weights *= np.float32(SPREAD / max(radius, 1e-6))
-        self._read_states(layers, slice(units), weights, BIAS / INERTIA * parts["b"])
+        """Near the mean observation, x -> SPREAD Q x."""
+        weights = parts["W"].astype(np.float64) / (RANGE * INERTIA * math.sqrt(parts["v"].size))
+        out = SPREAD * _nearest_rotation(parts["Q"]) @ np.linalg.pinv(weights)
+        units = slice(len(weights))
+        self._read_states(layers, units, weights.astype(np.float32), BIAS / INERTIA * parts["b"])
         deviation = self.scale.deviation
         layers.output_weights[...] = out * deviation[:, None]
         layers.output_biases[...] = self.scale.mean + BIAS / INERTIA * parts["v"] * deviation
@@ -250,6 +250,13 @@ class ExogenousCoordinates:
                 self._read_states(layers, slice(unit, unit + 1), sign * steep, -SIDES * edge)
                 layers.output_weights[0, unit] = 0.5
         layers.output_biases[...] = 0.5 * 2 * edges.size
+
+
+def _nearest_rotation(matrix: Theta) -> NDArray[np.float64]:
+    """The orthogonal matrix (S, S) that is nearest to this one."""
+    left, _, right = np.linalg.svd(matrix.astype(np.float64))
+    rotation: NDArray[np.float64] = left @ right
+    return rotation
 
 
 @dataclass(frozen=True)

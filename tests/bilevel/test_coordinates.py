@@ -9,6 +9,7 @@ import torch
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters, load_recipe
 from bilevel.synthetic_env import SE, SEDistribution, StoredSE, coordinates, load_se, save_se
+from bilevel.synthetic_env.coordinates import SPREAD
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import get_task
 
@@ -56,6 +57,23 @@ def test_what_the_structure_promises(task_id: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("task_id", TASKS)
+def test_states_of_random_ses_spread_in_all_directions(task_id: str) -> None:
+    """Near the mean observation a step turns x and makes it SPREAD times as long."""
+    task = get_task(task_id)
+    scale = task.observation_scale(1)
+    space = coordinates(task, load_recipe("default", task_id).se, scale)
+    directions = 1e-2 * np.eye(task.state_size)
+    states = scale.mean + scale.deviation * np.vstack([directions, -directions])
+    for seed in range(3):
+        theta = space.initialize(np.random.default_rng(seed))
+        se = SEDistribution(space, theta, theta, theta).centre
+        next_states, _, _ = answers(task_id, se, states.astype(np.float32))
+        x = (next_states[:, 0] - scale.mean) / scale.deviation
+        stretched = np.linalg.svd(x[: task.state_size] - x[task.state_size :], compute_uv=False)
+        np.testing.assert_allclose(stretched / 2e-2, SPREAD, rtol=0.02)
+
+
+@pytest.mark.parametrize("task_id", TASKS)
 def test_episodes_end_outside_the_box_of_usual_observations(task_id: str) -> None:
     task = get_task(task_id)
     scale = task.observation_scale(1)
@@ -80,7 +98,7 @@ def test_the_file_is_that_of_a_plain_se(tmp_path_factory: pytest.TempPathFactory
     loaded = load_se(path)
     assert loaded.architecture == se.architecture
     np.testing.assert_array_equal(loaded.psi, se.psi)
-    assert loaded.architecture.step_limit == 40
+    assert loaded.architecture.step_limit == 60
 
 
 def test_perturbations_are_mirrored_and_reproducible() -> None:

@@ -21,7 +21,7 @@ def test_small_agents_are_the_cheap_ones_of_the_paper(name: str) -> None:
     costs = np.array([hp.step_cost for hp in drawn])
     # Of deep ones few are small; where none is found, the cheapest is taken.
     assert np.median(costs) <= SMALL
-    assert costs.max() <= 2 * SMALL
+    assert costs.max() <= 4 * SMALL
     depths = [vars(hp)["hidden_layers"] for hp in drawn]
     assert chisquare([depths.count(layers) for layers in (1, 2, 3)]).pvalue > 1e-3
     rates = np.log([vars(hp)["learning_rate"] for hp in drawn])

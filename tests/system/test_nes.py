@@ -143,8 +143,7 @@ EASY = ("--solved-reward", "5", "--solved-for", "2", "--generations", "9")
 def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path) -> None:
     result = run_bilevel(*SMALL, *EASY, "--home", tmp_path)
     assert result.returncode == 0, result.stderr
-    few, all_sizes = f"{CONFIRMING_AGENTS} fresh agents", f"{CONFIRMING_AGENTS} of all sizes"
-    assert re.search(f"with {few} and .* with {all_sizes}: solved", result.stdout)
+    assert f"{CONFIRMING_AGENTS} fresh agents of all sizes" in result.stdout
     assert "solved and stayed solved: 2 generations" in result.stdout
     assert "10 of 10 agents do" in result.stdout
 
