@@ -1,18 +1,70 @@
-"""Learning synthetic environments with evolution strategies: the method.
+"""Learning synthetic environments (SEs) with evolution strategies: the method.
 
 After Ferreira, Nierhoff and Hutter, "Learning Synthetic Environments for
 Reinforcement Learning with Evolution Strategies" (2021).
 
-The public names of each room stand in its `__init__`: `bilevel.tasks`,
-`bilevel.synthetic_env`, `bilevel.hyperparameters`, `bilevel.agents`,
-`bilevel.evaluation`, `bilevel.nes`. Importing this package registers the
-gymnasium environment `bilevel/SyntheticEnv-v0`.
+    se = bilevel.learn("CartPole-v0", seed=0, workers=2)
+    bilevel.save(se, "se.safetensors")
+
+or, with a loop of one's own:
+
+    task = bilevel.get_task("CartPole-v0")
+    nes = bilevel.NES(task, bilevel.load_recipe("default", task), seed=0)
+    state = nes.init()
+    while not state.finished:
+        results = [bilevel.evaluate(task, state.se, request) for request in nes.ask(state)]
+        state = nes.tell(state, results)
+    bilevel.save(state.best, "se.safetensors")
+
+Importing this package registers the gymnasium environment `bilevel/SyntheticEnv-v0`. The other
+names are imported when they are used, and numba and torch with them.
 """
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
 
 from bilevel.errors import InvalidInput
 from bilevel.gym_env import register
 from bilevel.version import __version__
 
-__all__ = ["InvalidInput", "__version__"]
+if TYPE_CHECKING:
+    from bilevel.evaluation import evaluate
+    from bilevel.hyperparameters import load_recipe
+    from bilevel.nes import NES, learn
+    from bilevel.synthetic_env import load_se as load
+    from bilevel.synthetic_env import save_se as save
+    from bilevel.tasks import get_task
+
+__all__ = [
+    "NES",
+    "InvalidInput",
+    "__version__",
+    "evaluate",
+    "get_task",
+    "learn",
+    "load",
+    "load_recipe",
+    "save",
+]
+
+#: Where the names that are imported when they are used are defined.
+_LAZY = {
+    "NES": ("bilevel.nes", "NES"),
+    "evaluate": ("bilevel.evaluation", "evaluate"),
+    "get_task": ("bilevel.tasks", "get_task"),
+    "learn": ("bilevel.nes", "learn"),
+    "load": ("bilevel.synthetic_env", "load_se"),
+    "load_recipe": ("bilevel.hyperparameters", "load_recipe"),
+    "save": ("bilevel.synthetic_env", "save_se"),
+}
+
+
+def __getattr__(name: str) -> Any:
+    """A name of `_LAZY`, imported (PEP 562)."""
+    if name not in _LAZY:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    module, attribute = _LAZY[name]
+    return getattr(import_module(module), attribute)
+
 
 register()

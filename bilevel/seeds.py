@@ -19,6 +19,7 @@ class Purpose(IntEnum):
     DISTILLED = 7  # an SE distilled from offline action values
     RETEST = 8  # evaluations that choose the best SE at the end of a run
     FINAL = 9  # evaluations that score the chosen SE
+    CONFIRM = 10  # evaluations that decide whether a run has solved the task
 
 
 def derive(root: int, purpose: Purpose, *path: int) -> int:

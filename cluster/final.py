@@ -14,13 +14,11 @@ from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import EvaluationRequest
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 from bilevel.nes.algorithm import as_turn
+from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE, save_se
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool
 from cluster.run_folder import Final, add_final
-
-#: Name the fresh seeds apart from all others that a run derives.
-_RETEST, _CONFIRM, _FINAL = 0x5245_5445, 0x434F_4E46, 0x4649_4E41
 
 #: What fresh seeds are derived from: the run's seed, and when in the run.
 Seed = tuple[int, ...]
@@ -52,10 +50,10 @@ class FinalScore:
 
     @property
     def surely_solved(self) -> bool:
-        """Whether they do by more than the standard error of their mean, so that as many other
-        agents are likely to do too."""
+        """Whether they do by twice the standard error of their mean, so that other agents are
+        likely to do so too."""
         error = self.scores.std(ddof=1) / math.sqrt(self.scores.size)
-        return bool(self.scores.mean() - error >= self.solved_reward)
+        return bool(self.scores.mean() - 2 * error >= self.solved_reward)
 
     def metrics(self) -> dict[str, float]:
         """As metrics for MLflow."""
@@ -131,7 +129,7 @@ def choose_best(
         return float(found.scores.mean()), -float(found.train_steps.mean())
 
     def more(contender: Contender, agents: range) -> FinalScore:
-        drawn = _agents(contender.hp, contender.hp.vary_agent, agents, (*seed, _RETEST))
+        drawn = _agents(contender.hp, contender.hp.vary_agent, agents, Purpose.RETEST, seed)
         return _tested(task, contender.se, drawn, pool, on_test)
 
     for one in rounds:
@@ -148,7 +146,7 @@ def score_anew(
 ) -> FinalScore:
     """Train `agents` fresh agents on the SE, with seeds nothing was chosen by: by the stopping
     rule, and, if agents vary, drawn from the whole of the paper's ranges."""
-    return _scored(task, contender, range(agents), (*seed, _FINAL), pool)
+    return _scored(task, contender, range(agents), Purpose.FINAL, seed, pool)
 
 
 def confirm(
@@ -157,32 +155,41 @@ def confirm(
     """The score of agents like those of `score_anew`, but others; a quarter of them comes first,
     and the rest only if these solve the task."""
     few = max(agents // 4, 1)
-    score = _scored(task, contender, range(few), (*seed, _CONFIRM), pool)
+    score = _scored(task, contender, range(few), Purpose.CONFIRM, seed, pool)
     if score.solved and few < agents:
-        score += _scored(task, contender, range(few, agents), (*seed, _CONFIRM), pool)
+        score += _scored(task, contender, range(few, agents), Purpose.CONFIRM, seed, pool)
     return score
 
 
 def _scored(
-    task: Task, contender: Contender, numbers: range, seed: Seed, pool: EvaluationPool
+    task: Task,
+    contender: Contender,
+    numbers: range,
+    purpose: Purpose,
+    seed: Seed,
+    pool: EvaluationPool,
 ) -> FinalScore:
     hp = contender.hp
     vary = "no" if hp.vary_agent == "no" else "all"
     impatient = replace(hp, nes=replace(hp.nes, patient_episodes=0))
-    return _tested(task, contender.se, _agents(impatient, vary, numbers, seed), pool)
+    drawn = _agents(impatient, vary, numbers, purpose, seed)
+    return _tested(task, contender.se, drawn, pool)
 
 
 #: An agent's hyperparameters, and the seed of its evaluation.
 Drawn = tuple[AgentHyperparameters, int]
 
 
-def _agents(hp: Hyperparameters, vary: str, numbers: range, seed: Seed) -> list[Drawn]:
+def _agents(
+    hp: Hyperparameters, vary: str, numbers: range, purpose: Purpose, seed: Seed
+) -> list[Drawn]:
     """The fresh agents of these numbers; every second one is patient, if NES has such."""
-    words = np.random.SeedSequence(seed).generate_state(numbers.stop, np.uint64)
+    root, *when = seed
     drawn = []
     for number in numbers:
-        agent = draw_agent(hp.agents, vary, int(words[number]))
-        drawn.append((as_turn(agent, hp.nes, number), int(words[number])))
+        chosen_by = derive(root, Purpose.AGENT, int(purpose), *when, number)
+        agent = as_turn(draw_agent(hp.agents, vary, chosen_by), hp.nes, number)
+        drawn.append((agent, derive(root, purpose, *when, number)))
     return drawn
 
 

@@ -28,7 +28,7 @@ from cluster.views import NESViews, plots
 
 #: Fresh agents that must surely solve the task for a run to stop early, and those that score the
 #: best SE at the end, with seeds of their own.
-CONFIRMING_AGENTS, FINAL_AGENTS = 12, 10
+CONFIRMING_AGENTS, FINAL_AGENTS = 16, 10
 
 
 @dataclass(frozen=True)
@@ -163,7 +163,7 @@ class _UnderWay:
         many samples.
         """
         run = self.run
-        current = Contender(run.last_se(state), run.hp)
+        current = Contender(state.current, run.hp)
         self.terminal.bar("confirming", 0, 1, "")
         score = confirm(
             run.task, current, CONFIRMING_AGENTS, (run.seed, state.generation), self.pool
@@ -177,7 +177,7 @@ class _UnderWay:
         return current if solved else None
 
     def _best(self, state: NESState) -> Contender:
-        ses = [self.run.last_se(state), *self.run.finalists(state)]
+        ses = [state.current, *state.candidates]
         contenders = [Contender(se, self.run.hp) for se in ses]
         self.terminal.line(f"retesting the {len(contenders)} best SEs with fresh agents")
         self.terminal.bar("retesting", 0, 1, "")
@@ -195,7 +195,7 @@ class _UnderWay:
         real_steps = state.real_env_steps + self.pool.real_env_steps - before
         line(f"{real_steps} steps on the real task, nearly all of them in tests")
         se = replace(best.se, info={**best.se.info, "real_env_steps": real_steps})
-        save_se(run.last_se(state), run.folder / LAST_FILE)
+        save_se(state.current, run.folder / LAST_FILE)
         title = f"{run.folder.name} on {run.task.id}"
         figure = plots.learning_curve(state.records, run.task, title)
         write_aside(run.folder / "learning_curve.png", plots.png(figure))

@@ -6,12 +6,10 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from bilevel import __version__
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import Hyperparameters, NESHyperparameters
 from bilevel.nes import NES, NESState
-from bilevel.synthetic_env import SE, StoredSE
 from bilevel.tasks import Task
 from cluster.pool import EvaluationPool
 from cluster.run_folder import Standing, read_settings, stored_task
@@ -73,7 +71,7 @@ class NESRun:
     def load(self) -> NESState | None:
         """The state on disk, if there is one. Raises InvalidInput if damaged."""
         path = self.folder / STATE_FILE
-        return NESState.load(path, self.task, self.hp.se) if path.exists() else None
+        return self.nes.load(path) if path.exists() else None
 
     def load_if_sound(self) -> NESState | None:
         """The same; a damaged one, which will be run again, counts as none till then."""
@@ -126,38 +124,3 @@ class NESRun:
         while state.generation < generations:
             state = self.advance(state, pool)
         return state
-
-    def finalists(self, state: NESState) -> list[StoredSE]:
-        """The best SEs so far, best first, as they go to files."""
-        return [
-            self._stored(
-                state,
-                state.se.at(f.theta),
-                {
-                    "generation": f.generation,
-                    "score_mean": f.score_mean,
-                    "perturbed_score_mean": f.perturbed_score_mean,
-                    "train_steps_mean": state.records[f.generation].train_steps_mean,
-                },
-            )
-            for f in state.finalists
-        ]
-
-    def last_se(self, state: NESState) -> StoredSE:
-        """The current SE, which no agent has been trained on yet."""
-        return self._stored(state, state.se.centre, {"generation": state.generation})
-
-    def _stored(self, state: NESState, se: SE, info: dict[str, object]) -> StoredSE:
-        return StoredSE(
-            se,
-            self.task.id,
-            self.task.step_limit,
-            self.task.solved_reward,
-            {
-                "hyperparameters": self.hp.to_dict(),
-                "seed": self.seed,
-                "bilevel_version": __version__,
-                "real_env_steps": state.real_env_steps,
-                **info,
-            },
-        )

@@ -72,6 +72,6 @@ def make_study(folder: Path, brackets: int = 2, fail: tuple[int, ...] = ()) -> S
         state = run.load()
         assert state is not None
         score = FinalScore(np.array([90.0, 110.0]), np.array([400, 600]), 195.0)
-        hand_over(run.finalists(state)[0], score, folder, len(Journal(folder).results))
+        hand_over(state.candidates[0], score, folder, len(Journal(folder).results))
         Standing("FINISHED", time.time(), brackets).save(folder)
     return study

@@ -20,6 +20,8 @@ is the same whoever asks for it, and nothing random needs to be stored.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -34,6 +36,7 @@ from bilevel.nes.state import NESState
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import SEDistribution, coordinates
 from bilevel.tasks import Task
+from bilevel.version import __version__
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,12 @@ class NES:
         """The update rule."""
         return RULES[self.hp.nes.update]
 
+    @property
+    def origin(self) -> dict[str, Any]:
+        """What the files of the run's SEs tell of it."""
+        hp = self.hp.to_dict()
+        return {"hyperparameters": hp, "seed": self.seed, "bilevel_version": __version__}
+
     # -- init ----------------------------------------------------------------------
 
     def init(self) -> NESState:
@@ -83,13 +92,20 @@ class NES:
 
             start = distill(self.task, space.architecture, derive(self.seed, Purpose.DISTILLED))
             return NESState(
+                self.task,
                 SEDistribution(space, start.se.psi, sigma, start.se.psi),
                 scale,
+                self.origin,
                 real_env_steps=real_steps + start.real_env_steps,
             )
         zero = np.zeros(space.size, np.float32)
         origin = SEDistribution(space, zero, sigma, zero)
-        return self._started(NESState(origin, scale, real_env_steps=real_steps), attempt=0)
+        state = NESState(self.task, origin, scale, self.origin, real_env_steps=real_steps)
+        return self._started(state, attempt=0)
+
+    def load(self, path: Path) -> NESState:
+        """A state of this run that `NESState.save` wrote. Raises InvalidInput."""
+        return NESState.load(path, self.task, self.hp.se, self.origin)
 
     def _started(self, state: NESState, attempt: int) -> NESState:
         """The state with the candidates of an attempt, or, of one alone, at that."""

@@ -3,7 +3,7 @@
 import json
 import math
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -17,7 +17,7 @@ from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import NESHyperparameters, SEHyperparameters
 from bilevel.nes.records import FINALISTS, Finalist, GenerationRecord
 from bilevel.nes.start import StartRace
-from bilevel.synthetic_env import SE, SEDistribution, coordinates
+from bilevel.synthetic_env import SE, SEDistribution, StoredSE, coordinates
 from bilevel.tasks import ObservationScale, Task
 
 
@@ -30,8 +30,11 @@ class NESState:
     sample: the end of a run retests them all.
     """
 
+    task: Task
     se: SEDistribution
     scale: ObservationScale
+    # Hyperparameters, seed and version of the run, which the files of its SEs tell.
+    origin: Mapping[str, Any] = field(default_factory=dict)
     generation: int = 0
     attempt: int = 0  # how often the run has begun again from other random SEs
     attempt_began: int = 0  # the generation in which it did last
@@ -48,9 +51,35 @@ class NESState:
         return self.race is None
 
     @property
-    def best(self) -> SE:
-        """The SE whose agents scored highest; before the first generation the current one."""
-        return self.se.at(self.finalists[0].theta) if self.finalists else self.se.centre
+    def best(self) -> StoredSE:
+        """The SE to hand over: the current one of a run that ended because it stayed solved, else
+        the one whose agents scored highest (before the first generation the current one)."""
+        if (self.finished and self.solved_streak) or not self.finalists:
+            return self.current
+        return self.candidates[0]
+
+    @property
+    def current(self) -> StoredSE:
+        """The unperturbed SE as it is now, which no agent has been trained on yet."""
+        return self._stored(self.se.centre, generation=self.generation)
+
+    @property
+    def candidates(self) -> list[StoredSE]:
+        """The SEs whose agents scored highest, best first."""
+        return [
+            self._stored(
+                self.se.at(f.theta),
+                generation=f.generation,
+                score_mean=f.score_mean,
+                perturbed_score_mean=f.perturbed_score_mean,
+                train_steps_mean=self.records[f.generation].train_steps_mean,
+            )
+            for f in self.finalists
+        ]
+
+    def _stored(self, se: SE, **info: object) -> StoredSE:
+        task, told = self.task, {**self.origin, "real_env_steps": self.real_env_steps, **info}
+        return StoredSE(se, task.id, task.step_limit, task.solved_reward, told)
 
     @property
     def best_score(self) -> float:
@@ -108,9 +137,11 @@ class NESState:
         write_aside(path, safetensors.numpy.save(tensors, {"nes": json.dumps(header)}))
 
     @classmethod
-    def load(cls, path: Path, task: Task, hp: SEHyperparameters) -> "NESState":
-        """The inverse of `save`, of a run on `task` with such SEs. Raises InvalidInput for a
-        damaged file."""
+    def load(
+        cls, path: Path, task: Task, hp: SEHyperparameters, origin: Mapping[str, Any] | None = None
+    ) -> "NESState":
+        """The inverse of `save`, of a run on `task` with such SEs (see also `NES.load`). Raises
+        InvalidInput for a damaged file."""
         try:
             with safetensors.safe_open(path, framework="numpy") as file:
                 metadata = file.metadata() or {}
@@ -138,7 +169,14 @@ class NESState:
             if header["generation"] != len(records) or shapes != {(space.size,)}:
                 raise ValueError("its parts do not fit together")
             return cls(
-                se=se, scale=scale, race=race, finalists=finalists, records=records, **header
+                task=task,
+                se=se,
+                scale=scale,
+                origin=origin or {},
+                race=race,
+                finalists=finalists,
+                records=records,
+                **header,
             )
         except _DAMAGE as error:
             reason = " ".join(str(error).split()) or type(error).__name__

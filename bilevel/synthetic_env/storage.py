@@ -77,12 +77,12 @@ class StoredSE:
         return task
 
 
-def save_se(se: StoredSE, path: Path) -> None:
+def save_se(se: StoredSE, path: Path | str) -> None:
     """Write an SE file; an existing file is replaced at once or not at all.
 
     Raises StorageFailure if there is no room.
     """
-    write_aside(path, se_bytes(se))
+    write_aside(Path(path), se_bytes(se))
 
 
 def se_bytes(se: StoredSE) -> bytes:
@@ -102,7 +102,7 @@ def se_bytes(se: StoredSE) -> bytes:
     return bytes(safetensors.numpy.save(_tensors(se.architecture, se.psi), metadata))
 
 
-def load_se(path: Path) -> StoredSE:
+def load_se(path: Path | str) -> StoredSE:
     """Read an SE file.
 
     Raises InvalidInput if it is missing, damaged, or not an SE file.

@@ -217,10 +217,9 @@ class _UnderWay:
                 else run.load_if_sound()
             )
             if state is not None:
-                ses = run.finalists(state)
                 found += [
                     (f.rank, Contender(se, run.hp))
-                    for f, se in zip(state.finalists, ses, strict=True)
+                    for f, se in zip(state.finalists, state.candidates, strict=True)
                 ]
         found.sort(key=lambda pair: pair[0], reverse=True)
         return [contender for _, contender in found[: RACE[0].contenders]]

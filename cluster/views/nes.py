@@ -35,7 +35,7 @@ def run_documents(run: NESRun, state: NESState, title: str, best: Document) -> l
 
     return [
         best,
-        Document(LAST_FILE, version, lambda: se_bytes(run.last_se(state))),
+        Document(LAST_FILE, version, lambda: se_bytes(state.current)),
         Document("learning_curve.png", version, curve),
         Document.of_text("configuration.json", json.dumps(run.hp.to_dict(), indent=2)),
     ]
@@ -95,7 +95,7 @@ class NESViews:
                 else Document(
                     BEST_FILE,
                     f"generation {state.generation}",
-                    lambda: se_bytes(run.finalists(state)[0]),
+                    lambda: se_bytes(state.best),
                 )
             )
             documents = run_documents(run, state, f"{self.name} on {run.task.id}", best)

@@ -174,7 +174,7 @@ class StudyViews:
             documents.append(Document.of_text("error.txt", failure))
         if state is not None and state.finalists and not live:
             version = f"generation {state.generation}"
-            best = Document(BEST_FILE, version, lambda: se_bytes(run.finalists(state)[0]))
+            best = Document(BEST_FILE, version, lambda: se_bytes(state.candidates[0]))
             documents += run_documents(run, state, f"{study.name}, {name}", best)
         points = generation_points(state)
         points += [

@@ -171,7 +171,7 @@ def test_most_confirming_agents_are_trained_only_if_the_first_solve_the_task(
     [
         ([195.0] * 9, True),
         ([194.9] * 9, False),
-        ([200.0] * 8 + [170.0], False),  # 196.7 on average, with a standard error of 3.3
+        ([200.0] * 8 + [170.0], False),  # 196.7 on average, twice whose standard error is 6.7
         ([200.0] * 8 + [190.0], True),
     ],
 )

@@ -16,7 +16,7 @@ import tomllib
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters.agents import agent_hyperparameters
@@ -30,13 +30,21 @@ from bilevel.hyperparameters.definitions import (
 RECIPES = ("default", "paper", "authors", "distilled")
 
 
-def load_recipe(name: str, task_id: str, agents: Sequence[str] | None = None) -> Hyperparameters:
-    """A recipe for a task, by name or as the path of a file (`*.toml`).
+class _Task(Protocol):
+    @property
+    def id(self) -> str:
+        """Of a task of gymnasium."""
+
+
+def load_recipe(
+    name: str, task: _Task | str, agents: Sequence[str] | None = None
+) -> Hyperparameters:
+    """A recipe for a task (or its id), by name or as the path of a file (`*.toml`).
 
     `agents` replaces those that the recipe draws; one that it does not know has the defaults of
     its own fields. Raises InvalidInput for an unknown name, and for a file that is not a recipe.
     """
-    values = _read(name, task_id)
+    values = _read(name, task if isinstance(task, str) else task.id)
     try:
         names = tuple(agents if agents is not None else values["agents"])
         return Hyperparameters(

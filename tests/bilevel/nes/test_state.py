@@ -60,7 +60,7 @@ def saved(default: NES, tmp_path_factory: pytest.TempPathFactory) -> bytes:
 
 
 def load(path: Path, nes: NES) -> NESState:
-    return NESState.load(path, nes.task, nes.hp.se)
+    return nes.load(path)
 
 
 @pytest.mark.parametrize("steps", [0, 1, 2, 3, 4])
@@ -76,6 +76,7 @@ def test_a_loaded_run_goes_on_as_the_other_would(steps: int, default: NES, tmp_p
     assert loaded.real_env_steps == state.real_env_steps
     assert [f.rank for f in loaded.finalists] == [f.rank for f in state.finalists]
     np.testing.assert_array_equal(loaded.best.psi, state.best.psi)
+    assert loaded.best.info == state.best.info
     np.testing.assert_array_equal(
         after(default, loaded).se.centre.psi, after(default, state).se.centre.psi
     )

@@ -1,0 +1,66 @@
+"""A whole NES run in one call, without Ray, MLflow or files."""
+
+from collections.abc import Callable
+from concurrent.futures import Executor
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
+
+from bilevel.errors import InvalidInput
+from bilevel.evaluation import evaluate
+from bilevel.hyperparameters import Hyperparameters, load_recipe
+from bilevel.nes.algorithm import NES
+from bilevel.nes.records import GenerationRecord
+from bilevel.synthetic_env import StoredSE
+from bilevel.tasks import Task, get_task
+
+
+def learn(
+    task: Task | str,
+    recipe: Hyperparameters | str = "default",
+    *,
+    seed: int = 0,
+    workers: int = 1,
+    executor: Executor | None = None,
+    on_generation: Callable[[GenerationRecord], None] | None = None,
+) -> StoredSE:
+    """Learn an SE for a task by NES, and return the best one.
+
+    `recipe` is a recipe's name or file, or hyperparameters. Evaluations run on so many `workers`,
+    processes of their own if there are several, or on any `executor`, which is left open; the SE
+    depends on the seed alone. `on_generation` is called with the record of each generation. The
+    run ends once it has solved the task for `nes.solved_for` generations in a row, or after
+    `nes.generations`.
+
+    Raises InvalidInput for an unknown task or recipe, and for hyperparameters that do not fit.
+    """
+    task = get_task(task) if isinstance(task, str) else task
+    hp = load_recipe(recipe, task.id) if isinstance(recipe, str) else recipe
+    nes = NES(task, hp, seed)
+    with _executor(workers, executor) as running:
+        evaluate_all = map if running is None else running.map
+        state = nes.init()
+        while not state.finished:
+            requests = nes.ask(state)
+            results = list(evaluate_all(partial(evaluate, task, state.se), requests))
+            before, state = state.generation, nes.tell(state, results)
+            if on_generation is not None and state.generation > before:
+                on_generation(state.records[-1])
+    return state.best
+
+
+def _executor(workers: int, given: Executor | None) -> AbstractContextManager[Executor | None]:
+    """What runs the evaluations, None for this process; it is closed afterwards, a given one not.
+
+    Raises InvalidInput for less than one worker.
+    """
+    if given is not None:
+        return nullcontext(given)
+    if workers < 1:
+        raise InvalidInput(f"workers must be at least 1; got {workers}")
+    if workers == 1:
+        return nullcontext(None)
+    # Its processes do not run the caller's script again, which then needs no main guard.
+    from loky import ProcessPoolExecutor
+
+    pool: AbstractContextManager[Executor] = ProcessPoolExecutor(workers)
+    return pool

@@ -1,0 +1,112 @@
+"""What `import bilevel` gives: a run in one call, and a loop of one's own."""
+
+import subprocess
+import sys
+from concurrent.futures import Executor, ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+
+import bilevel
+from bilevel.hyperparameters import Hyperparameters
+
+
+def small(task_id: str) -> Hyperparameters:
+    """The default recipe, with a few short evaluations."""
+    hp = bilevel.load_recipe("default", task_id)
+    agent = replace(hp.agents[0], max_episodes=12, test_episodes=1)
+    few = replace(
+        hp.nes,
+        start_candidates=4,
+        population_size=2,
+        centre_agents=2,
+        patient_episodes=2,
+        generations=2,
+    )
+    return replace(hp, agents=(agent,), nes=few)
+
+
+@pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
+def test_a_loop_of_ones_own(task_id: str, tmp_path: Path) -> None:
+    """With results in any order; what it saves is a gymnasium environment."""
+    task = bilevel.get_task(task_id)
+    ends = []
+    for backwards in (False, True):
+        nes = bilevel.NES(task, small(task_id), seed=3)
+        state = nes.init()
+        while not state.finished:
+            results = [bilevel.evaluate(task, state.se, request) for request in nes.ask(state)]
+            state = nes.tell(state, results[::-1] if backwards else results)
+        ends.append(state)
+    np.testing.assert_array_equal(ends[0].se.mean, ends[1].se.mean)
+    assert ends[0].real_env_steps == ends[1].real_env_steps > state.scale.real_env_steps == 1000
+
+    path = tmp_path / "se.safetensors"
+    bilevel.save(state.best, path)
+    stored = bilevel.load(str(path))
+    np.testing.assert_array_equal(stored.psi, state.best.psi)
+    assert stored.info["real_env_steps"] == state.real_env_steps
+    assert stored.info["hyperparameters"]["recipe"] == "default"
+    env = gymnasium.make("bilevel/SyntheticEnv-v0", path=path)
+    observation, _ = env.reset(seed=0)
+    assert observation.shape == (task.state_size,)
+    env.close()
+
+
+@pytest.mark.parametrize("workers", [1, 2])
+def test_learning_in_one_call_gives_the_same_se_wherever_it_runs(workers: int) -> None:
+    generations: list[int] = []
+    se = bilevel.learn(
+        "CartPole-v0",
+        small("CartPole-v0"),
+        seed=3,
+        workers=workers,
+        on_generation=lambda record: generations.append(record.generation),
+    )
+    assert generations == [0, 1]
+    threads: Executor
+    with ThreadPoolExecutor(2) as threads:
+        task = bilevel.get_task("CartPole-v0")
+        other = bilevel.learn(task, small("CartPole-v0"), seed=3, executor=threads)
+        assert threads.submit(int).result() == 0  # it is left open
+    np.testing.assert_array_equal(se.psi, other.psi)
+    assert se.info == other.info
+
+
+def test_a_script_needs_no_main_guard(tmp_path: Path) -> None:
+    script = tmp_path / "script.py"
+    script.write_text(
+        "from dataclasses import replace\n"
+        "import bilevel\n"
+        "hp = bilevel.load_recipe('default', 'CartPole-v0')\n"
+        "few = replace(hp.nes, start_candidates=1, population_size=1, centre_agents=1,\n"
+        "    patient_episodes=2, generations=1)\n"
+        "agent = replace(hp.agents[0], max_episodes=11)\n"
+        "hp = replace(hp, nes=few, agents=(agent,))\n"
+        "print(bilevel.learn('CartPole-v0', hp, workers=2).task_id)\n"
+    )
+    result = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert (result.stdout, result.returncode) == ("CartPole-v0\n", 0), result.stderr
+
+
+def test_importing_loads_neither_compiler_nor_torch() -> None:
+    script = "import sys, bilevel; print(sorted({'numba', 'torch', 'ray'} & set(sys.modules)))"
+    result = subprocess.run(
+        [sys.executable, "-c", script], capture_output=True, text=True, check=True
+    )
+    assert result.stdout == "[]\n"
+
+
+def test_every_public_name_is_there() -> None:
+    for name in bilevel.__all__:
+        assert getattr(bilevel, name)
+    with pytest.raises(AttributeError, match="has no attribute 'nonsense'"):
+        _ = bilevel.nonsense
+
+
+def test_no_worker_is_too_few() -> None:
+    with pytest.raises(bilevel.InvalidInput, match="workers must be at least 1; got 0"):
+        bilevel.learn("CartPole-v0", workers=0)
