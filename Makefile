@@ -22,7 +22,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@$(BIN)/python -m pip install --quiet --no-deps --requirement constraints.txt
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	@echo "compiling the kernels (once)"
-	@$(BIN)/python -m bilevel.kernels.compile
+	@$(BIN)/python -m bilevel.compile
 	@touch $@
 
 bohb-cartpole: $(INSTALLED) ## BOHB over NES on CartPole-v0, local Ray, results in MLflow
@@ -56,10 +56,11 @@ ui: $(INSTALLED) ## The MLflow UI on these runs
 test: check ## Format, lint, types, and all tests
 	@$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder $(ARGS)
 
-check: $(INSTALLED) ## Format, lint and types
+check: $(INSTALLED) ## Format, lint, types and imports
 	@$(BIN)/ruff format --check --quiet .
 	@$(BIN)/ruff check --quiet .
 	@$(BIN)/mypy bilevel search_spaces cluster tests benchmarks
+	@$(BIN)/lint-imports --no-logo
 
 bench: $(INSTALLED) ## All speed measurements in turn, on a quiet machine; rewrites results and tables
 	@for measurement in speed.inner_loop speed.startup readme; do \

@@ -1,6 +1,5 @@
 """The end of a run: its best SEs retested, the winner scored anew and handed over."""
 
-import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -47,13 +46,6 @@ class FinalScore:
     def solved(self) -> bool:
         """Whether the agents solve the task on average."""
         return bool(self.scores.mean() >= self.solved_reward)
-
-    @property
-    def surely_solved(self) -> bool:
-        """Whether they do by twice the standard error of their mean, so that other agents are
-        likely to do so too."""
-        error = self.scores.std(ddof=1) / math.sqrt(self.scores.size)
-        return bool(self.scores.mean() - 2 * error >= self.solved_reward)
 
     def metrics(self) -> dict[str, float]:
         """As metrics for MLflow."""
@@ -146,33 +138,10 @@ def score_anew(
 ) -> FinalScore:
     """Train `agents` fresh agents on the SE, with seeds nothing was chosen by: by the stopping
     rule, and, if agents vary, drawn from the whole of the paper's ranges."""
-    return _scored(task, contender, range(agents), Purpose.FINAL, seed, pool)
-
-
-def confirm(
-    task: Task, contender: Contender, agents: int, seed: Seed, pool: EvaluationPool
-) -> FinalScore:
-    """The score of agents like those of `score_anew`, but others; a quarter of them comes first,
-    and the rest only if these solve the task."""
-    few = max(agents // 4, 1)
-    score = _scored(task, contender, range(few), Purpose.CONFIRM, seed, pool)
-    if score.solved and few < agents:
-        score += _scored(task, contender, range(few, agents), Purpose.CONFIRM, seed, pool)
-    return score
-
-
-def _scored(
-    task: Task,
-    contender: Contender,
-    numbers: range,
-    purpose: Purpose,
-    seed: Seed,
-    pool: EvaluationPool,
-) -> FinalScore:
     hp = contender.hp
     vary = "no" if hp.vary_agent == "no" else "all"
     impatient = replace(hp, nes=replace(hp.nes, patient_episodes=0))
-    drawn = _agents(impatient, vary, numbers, purpose, seed)
+    drawn = _agents(impatient, vary, range(agents), Purpose.FINAL, seed)
     return _tested(task, contender.se, drawn, pool)
 
 

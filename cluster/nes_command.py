@@ -4,14 +4,18 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from bilevel.durable import write_aside
+from bilevel.evaluation import EvaluationResult
 from bilevel.nes import NESState
+from bilevel.nes.confirmation import Confirmation
+from bilevel.nes.start import StartRace
 from bilevel.synthetic_env import save_se
 from cluster.final import (
     LAST_FILE,
     Contender,
     choose_best,
-    confirm,
     hand_over,
     score_anew,
 )
@@ -26,18 +30,13 @@ from cluster.tracking import Tracker
 from cluster.tracking.registry import model_address
 from cluster.views import NESViews, plots
 
-#: Fresh agents that must surely solve the task for a run to stop early, and those that score the
-#: best SE at the end, with seeds of their own.
-CONFIRMING_AGENTS, FINAL_AGENTS = 16, 10
+#: Fresh agents that score the best SE at the end, with seeds of their own.
+FINAL_AGENTS = 10
 
 
 @dataclass(frozen=True)
 class NESCommand:
-    """An NES run, and how and where it is run this time.
-
-    Once the run is solved (`nes.solved_for`), agents nothing was chosen by are trained on its
-    current SE; if these solve the task too, the run stops and hands it over.
-    """
+    """An NES run, and how and where it is run this time."""
 
     run: NESRun
     place: Place
@@ -81,10 +80,8 @@ class _UnderWay:
         target = run.hp.nes.generations
         try:
             with live_run(run.folder, target, views, self.tracker, self.terminal) as live:
-                state, best = self._generations(
-                    self._open(), lambda: live.mirror.mark(views.keys())
-                )
-                self._finish(state, best)
+                state = self._evolved(self._open(), lambda: live.mirror.mark(views.keys()))
+                self._finish(state)
                 return state
         except KeyboardInterrupt:
             self.terminal.line(
@@ -110,71 +107,71 @@ class _UnderWay:
             self.terminal.line(f"going on after generation {state.generation - 1}")
         return state
 
-    def _chosen(self, state: NESState) -> NESState:
+    def _evolved(self, state: NESState, changed: Callable[[], None]) -> NESState:
+        """The finished run: start, generations, confirmations."""
+        nes = self.run.hp.nes
+        started, first = time.monotonic(), state.generation
+        while not state.finished:
+            self.guard.check()
+            if state.race is not None:
+                state = self._chosen(state, state.race)
+            elif state.confirmation is not None:
+                state = self._confirmed(state, state.confirmation)
+            else:
+                done = state.generation - first
+                left = (
+                    (time.monotonic() - started)
+                    / max(done, 1)
+                    * (nes.generations - state.generation)
+                )
+                self.terminal.bar(
+                    f"generation {state.generation}",
+                    0,
+                    nes.evaluations,
+                    "evaluations",
+                    f"ETA at most {duration(left)}" if done else "",
+                )
+                state = self._advanced(state)
+                changed()
+                self.terminal.line(generation_line(state.records[-1], state.best_score))
+        return state
+
+    def _advanced(
+        self, state: NESState, on_result: Callable[[EvaluationResult], None] | None = None
+    ) -> NESState:
+        def told(result: EvaluationResult) -> None:
+            self.terminal.step()
+            if on_result is not None:
+                on_result(result)
+
+        return self.run.advance(state, self.pool, told)
+
+    def _chosen(self, state: NESState, race: StartRace) -> NESState:
         """The state once the start of this attempt is chosen."""
-        if state.race is None:
-            return state
         if state.attempt:
             self.terminal.line(
                 f"no new best SE for {self.run.hp.nes.restart_after} generations: attempt "
                 f"{state.attempt + 1} begins from other random SEs"
             )
-        self.terminal.line(f"choosing a start among {state.race.candidates} random SEs")
-        self.terminal.bar("choosing the start", 0, state.race.evaluations, "evaluations")
+        self.terminal.line(f"choosing a start among {race.candidates} random SEs")
+        self.terminal.bar("choosing the start", 0, race.evaluations, "evaluations")
         while not state.started:
             self.guard.check()
-            state = self.run.advance(state, self.pool, lambda result: self.terminal.step())
+            state = self._advanced(state)
         return state
 
-    def _generations(
-        self, state: NESState, changed: Callable[[], None]
-    ) -> tuple[NESState, Contender | None]:
-        """Generation after generation; the second value is the SE that was confirmed
-        to solve the task, None if the generations ended before."""
-        nes = self.run.hp.nes
-        started, first = time.monotonic(), state.generation
-        while True:
-            self.guard.check()
-            state = self._chosen(state)
-            # Asked before each generation, so that a run that was killed asks again.
-            best = None
-            if state.solved_for_long(nes):
-                before = self.pool.real_env_steps
-                best = self._confirmed(state)
-                real_steps = state.real_env_steps + self.pool.real_env_steps - before
-                state = replace(state, real_env_steps=real_steps)
-            if best is not None or state.generation >= nes.generations:
-                return state, best
-            done = state.generation - first
-            rate = (time.monotonic() - started) / max(done, 1)
-            left = nes.generations - state.generation
-            note = f"ETA at most {duration(rate * left)}" if done else ""
-            self.terminal.bar(
-                f"generation {state.generation}", 0, nes.evaluations, "evaluations", note
+    def _confirmed(self, state: NESState, confirmation: Confirmation) -> NESState:
+        """The state after a round of a confirmation."""
+        self.terminal.bar("confirming", len(confirmation.scores), confirmation.agents, "agents")
+        scores = list(confirmation.scores)
+        state = self._advanced(state, lambda result: scores.append(result.score))
+        if state.confirmation is None:
+            verdict = "solved" if state.confirmed else "not surely solved yet, going on"
+            self.terminal.line(
+                f"{len(scores)} fresh agents of all sizes score {np.mean(scores):.1f} ± "
+                f"{np.std(scores):.1f} on the current SE: {verdict}"
             )
-            state = self.run.advance(state, self.pool, lambda result: self.terminal.step())
-            changed()
-            self.terminal.line(generation_line(state.records[-1], state.best_score))
-
-    def _confirmed(self, state: NESState) -> Contender | None:
-        """The current SE, if agents of all sizes, which nothing was chosen by, solve the task.
-
-        Scores that stop a run were lucky more often than not: they are the highest of
-        many samples.
-        """
-        run = self.run
-        current = Contender(state.current, run.hp)
-        self.terminal.bar("confirming", 0, 1, "")
-        score = confirm(
-            run.task, current, CONFIRMING_AGENTS, (run.seed, state.generation), self.pool
-        )
-        solved = score.surely_solved
-        verdict = "solved" if solved else "not surely solved yet, going on"
-        self.terminal.line(
-            f"{score.scores.size} fresh agents of all sizes score {score.scores.mean():.1f} ± "
-            f"{score.scores.std():.1f}: {verdict}"
-        )
-        return current if solved else None
+        return state
 
     def _best(self, state: NESState) -> Contender:
         ses = [state.current, *state.candidates]
@@ -184,13 +181,13 @@ class _UnderWay:
         seed = (self.run.seed, state.generation)
         return choose_best(self.run.task, contenders, seed, self.pool)
 
-    def _finish(self, state: NESState, best: Contender | None) -> None:
+    def _finish(self, state: NESState) -> None:
         run, line = self.run, self.terminal.line
-        reason = "all generations done" if best is None else "solved and stayed solved"
+        reason = "solved and stayed solved" if state.confirmed else "all generations done"
         seconds = duration(sum(record.generation_seconds for record in state.records))
         line(f"{reason}: {count(state.generation, 'generation')} in {seconds}")
         before = self.pool.real_env_steps
-        best = best or self._best(state)
+        best = Contender(state.best, run.hp) if state.confirmed else self._best(state)
         score = score_anew(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
         real_steps = state.real_env_steps + self.pool.real_env_steps - before
         line(f"{real_steps} steps on the real task, nearly all of them in tests")

@@ -10,9 +10,11 @@ from dataclasses import dataclass
 
 from bilevel.evaluation import Centre, EvaluationRequest
 
-#: Batches an actor into which requests are divided: a round trip to an actor costs about a
-#: millisecond, and an evaluation may take five.
-BATCHES = 8
+#: A batch is one of so many an actor into which the requests that are left would be divided: large
+#: ones first, because a round trip to an actor costs about a millisecond and an evaluation may
+#: take five, and at the end single requests, so that the actors finish together (guided
+#: self-scheduling; Polychronopoulos and Kuck, 1987).
+BATCHES = 4
 
 #: A busy actor gets its next batch early while all that wait would keep every actor
 #: busy for so many times what that one would then have to do (docs/speed.md).
@@ -33,21 +35,23 @@ class Batch:
 
 
 def batches(requests: Sequence[EvaluationRequest], actors: int) -> list[Batch]:
-    """All requests, longest expected first, in batches of about equal cost.
+    """All requests, longest expected first, in batches of ever less cost.
 
     What is long must not begin last, when the other actors have nothing left to do
     (Graham, 1969). How many steps an agent will train is not known (its SE is new),
     but what a step costs is; and agents on the unperturbed SE tend to stop sooner.
     """
     ordered = sorted(requests, key=lambda one: (-one.agent.step_cost, isinstance(one.on, Centre)))
-    share = sum(one.agent.step_cost for one in ordered) / (actors * BATCHES)
+    left = sum(one.agent.step_cost for one in ordered)
     divided: list[Batch] = []
     held: list[EvaluationRequest] = []
     for request in ordered:
         held.append(request)
-        if sum(one.agent.step_cost for one in held) >= share:
+        cost = sum(one.agent.step_cost for one in held)
+        if cost * actors * BATCHES >= left:
             divided.append(Batch(len(divided), tuple(held)))
             held = []
+            left -= cost
     return [*divided, Batch(len(divided), tuple(held))] if held else divided
 
 

@@ -57,6 +57,7 @@ def small_hp(small_agent: DDQNHyperparameters) -> Hyperparameters:
             start_candidates=1,
             restart_after=0,
             solved_for=0,
+            confirming_agents=0,
         ),
         se=replace(hp.se, structure="plain", hidden_size=8, activation="lrelu", step_limit=0),
         agents=(small_agent,),

@@ -18,9 +18,8 @@ from typing import Any
 import numpy as np
 
 from bilevel.hyperparameters import DDQNHyperparameters, TD3Hyperparameters
-from bilevel.kernels import ddqn, td3
 from bilevel.kernels.jit import compiled
-from bilevel.kernels.mlp import Network
+from bilevel.networks import Network
 from bilevel.synthetic_env import Architecture
 
 _FLOAT = 4  # bytes
@@ -107,7 +106,7 @@ def step_work(hp: Any, architecture: Architecture) -> Work:
     for net in architecture.networks:
         work.forward(net, 1)
     if isinstance(hp, DDQNHyperparameters):
-        net = ddqn.q_network(hp, n_states, n_actions)
+        net = hp.network(n_states, n_actions)
         for _ in range(3):  # online and target on the next states, online on the states
             work.forward(net, batch)
         work.backward(net, batch, parameters=True, inputs=False)
@@ -115,7 +114,7 @@ def step_work(hp: Any, architecture: Architecture) -> Work:
         action_size = 1
     else:
         assert isinstance(hp, TD3Hyperparameters)
-        actor, critic = td3.networks(hp, n_states, n_actions)
+        actor, critic = hp.networks(n_states, n_actions)
         work.forward(actor, batch)
         for _ in range(2):
             work.forward(critic, batch)

@@ -28,9 +28,8 @@ from torch import Tensor, nn
 from bilevel.agents.agent import Transition, agent_seeds
 from bilevel.agents.replay import ReplayBuffer
 from bilevel.hyperparameters import DDQNHyperparameters
-from bilevel.kernels.ddqn import q_network
-from bilevel.kernels.mlp import initial_parameters
-from bilevel.kernels.random import SplitMix64
+from bilevel.networks import initial_parameters
+from bilevel.splitmix import SplitMix64
 from bilevel.synthetic_env.torch_module import activation_module
 
 
@@ -86,7 +85,7 @@ class DDQN:
         initial_seed, loop_seed = agent_seeds(seed)
         self.hp, self.n_actions = hp, n_actions
         self.rng = SplitMix64(loop_seed)
-        net = q_network(hp, state_size, n_actions)
+        net = hp.network(state_size, n_actions)
         theta = initial_parameters(net, np.random.default_rng(initial_seed))
         self.online, self.target = (self._network(state_size, theta) for _ in range(2))
         self.optimizer = torch.optim.Adam(self.online.parameters(), lr=hp.learning_rate)

@@ -7,7 +7,7 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from bilevel.kernels.random import SplitMix64
+from bilevel.splitmix import SplitMix64
 
 Minibatch = tuple[Tensor, Tensor, Tensor, Tensor, Tensor]
 

@@ -39,9 +39,8 @@ from bilevel.agents.agent import Transition, agent_seeds
 from bilevel.agents.ddqn import MLP, soft_update
 from bilevel.agents.replay import ReplayBuffer
 from bilevel.hyperparameters import TD3Hyperparameters
-from bilevel.kernels.mlp import Network, initial_parameters
-from bilevel.kernels.random import SplitMix64
-from bilevel.kernels.td3 import HIGHEST_TEMPERATURE, LOWEST_TEMPERATURE, networks
+from bilevel.networks import Network, initial_parameters
+from bilevel.splitmix import SplitMix64
 
 
 class Actor(nn.Module):
@@ -67,7 +66,7 @@ class TD3:
         initial_seed, loop_seed = agent_seeds(seed)
         self.hp, self.n_actions = hp, n_actions
         self.rng = SplitMix64(loop_seed)
-        actor, critic = networks(hp, state_size, n_actions)
+        actor, critic = hp.networks(state_size, n_actions)
         initial = np.random.default_rng(initial_seed)
         vectors = [initial_parameters(net, initial) for net in (actor, critic, critic)]
 
@@ -168,7 +167,7 @@ class TD3:
         (-value.mean()).backward()
         self.actor_optimizer.step()
         with torch.no_grad():
-            self.actor.rho.clamp_(math.log(LOWEST_TEMPERATURE), math.log(HIGHEST_TEMPERATURE))
+            self.actor.rho.clamp_(*(math.log(t) for t in self.hp.temperatures))
         targets = (self.target_actor, *self.target_critics)
         for target, online in zip(targets, (self.actor, *self.critics), strict=True):
             soft_update(target, online, self.hp.target_update_rate)

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 
 from bilevel.agents.agent import Agent, Transition
 from bilevel.hyperparameters import AgentHyperparameters
-from bilevel.kernels.stopping import converged, solved
 
 
 class TrainingEnvironment(Protocol):
@@ -33,35 +32,37 @@ StoppingRule = Callable[[list[float]], bool]
 
 
 def returns_converged(hp: AgentHyperparameters) -> StoppingRule:
-    """The rule on an SE (see `bilevel.kernels.stopping`)."""
+    """The rule on an SE: the mean return of the last d episodes differs from that of the d before
+    them by at most C_diff, relatively (paper, "Heuristics for Agent Training and Evaluation").
+
+    Checked from episode `init_episodes + d` (counted from 0) on; then the earlier window may still
+    be short of d episodes, and what there is of it counts.
+    """
+    d = hp.early_out_episodes
 
     def stop(returns: list[float]) -> bool:
-        return bool(
-            converged(
-                np.array(returns),
-                len(returns) - 1,
-                hp.init_episodes,
-                hp.early_out_episodes,
-                hp.early_out_difference,
-            )
-        )
+        if len(returns) <= hp.init_episodes + d:
+            return False
+        recent, earlier = float(np.mean(returns[-d:])), float(np.mean(returns[-2 * d : -d]))
+        return abs(recent - earlier) <= hp.early_out_difference * abs(earlier)
 
     return stop
 
 
 def task_solved(hp: AgentHyperparameters, solved_reward: float) -> StoppingRule:
-    """The rule on the real task (see `bilevel.kernels.stopping`)."""
+    """The rule on the real task: the mean return of the last d episodes reaches the solved reward,
+    once the initial episodes are over. Fewer episodes than d do not count.
+
+    The paper speaks of test episodes here; the authors' code (`env_solved` in
+    agents/base_agent.py of automl/learning_environments) takes the training episodes,
+    and only that comes near the steps they report.
+    """
+    d = hp.early_out_episodes
 
     def stop(returns: list[float]) -> bool:
-        return bool(
-            solved(
-                np.array(returns),
-                len(returns) - 1,
-                hp.init_episodes,
-                hp.early_out_episodes,
-                solved_reward,
-            )
-        )
+        if len(returns) <= hp.init_episodes or len(returns) < d:
+            return False
+        return float(np.mean(returns[-d:])) >= solved_reward
 
     return stop
 

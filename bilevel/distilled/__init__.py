@@ -36,9 +36,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from bilevel.activations import CODES, PRELU_INITIAL_SLOPE
 from bilevel.distilled.action_values import SMALL, ActionValues
 from bilevel.distilled.transitions import Transitions
-from bilevel.kernels.activations import CODES, PRELU_INITIAL_SLOPE
 from bilevel.kernels.blas import one_blas_thread
 from bilevel.kernels.offline import fit, regression
 from bilevel.synthetic_env import SE, Architecture

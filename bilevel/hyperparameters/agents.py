@@ -6,9 +6,10 @@ A class names its agent when it is defined, and is found under that name.
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from bilevel.activations import CODES
 from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters.validation import Validated, choice, ranged
-from bilevel.kernels.activations import CODES
+from bilevel.networks import Network, network
 
 ACTIVATIONS = tuple(CODES)
 
@@ -88,6 +89,10 @@ class DDQNHyperparameters(_OffPolicy, agent="ddqn"):
     minimal_epsilon: float = ranged(0.0, 1.0)
     epsilon_decay: float = ranged(0.0, 1.0)  # factor per episode
 
+    def network(self, state_size: int, n_actions: int) -> Network:
+        """The shape of the Q-network."""
+        return network(state_size, self.hidden_size, self.hidden_layers, n_actions, self.activation)
+
 
 @dataclass(frozen=True, kw_only=True)
 class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
@@ -103,6 +108,19 @@ class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
                 f"got {self.hidden_size}"
             )
 
+    def network(self, state_size: int, n_actions: int) -> Network:
+        """The shape of the Q-network: one hidden layer more, half of whose units belong to the
+        value, the other half to the advantages."""
+        of_value = (self.hidden_size + 1) // 2
+        return network(
+            state_size,
+            self.hidden_size,
+            self.hidden_layers + 1,
+            1 + n_actions,
+            self.activation,
+            heads=((of_value, 1), (self.hidden_size - of_value, n_actions)),
+        )
+
 
 @dataclass(frozen=True, kw_only=True)
 class TD3Hyperparameters(_OffPolicy, agent="td3"):
@@ -111,6 +129,9 @@ class TD3Hyperparameters(_OffPolicy, agent="td3"):
     The paper's table gives the start temperature alone; noise and delay are TD3's
     usual ones, which its authors' code has too.
     """
+
+    #: Temperatures stay within: below, gradients vanish; above, actions are all alike.
+    temperatures: ClassVar[tuple[float, float]] = (0.1, 10.0)
 
     policy_delay: int = ranged(1, 1000, 2)  # critic steps a step of actor and targets
     action_noise: float = ranged(0.0, 10.0, 0.1)  # std. dev. added to relaxed actions
@@ -122,3 +143,11 @@ class TD3Hyperparameters(_OffPolicy, agent="td3"):
     def step_cost(self) -> float:
         """Of the two critics."""
         return 2 * super().step_cost
+
+    def networks(self, state_size: int, n_actions: int) -> tuple[Network, Network]:
+        """The shapes of actor and critic."""
+        actor, critic = (
+            network(inputs, self.hidden_size, self.hidden_layers, outputs, self.activation)
+            for inputs, outputs in ((state_size, n_actions), (state_size + n_actions, 1))
+        )
+        return actor, critic

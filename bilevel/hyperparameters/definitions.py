@@ -74,6 +74,8 @@ class NESHyperparameters(Validated):
     restart_after: int = ranged(0, 1_000_000)
     # Generations in a row that must solve the task for the run to be finished. 0: it goes on.
     solved_for: int = ranged(0, 1_000_000)
+    # Fresh agents that must surely solve the task then; if they do not, the run goes on.
+    confirming_agents: int = ranged(0, 65536)
 
     @property
     def evaluations(self) -> int:

@@ -7,16 +7,8 @@ vectorises (largest error 5e-7, against the libm call's ten-fold cost).
 
 import numpy as np
 
+from bilevel.activations import LRELU, PRELU, RELU, TANH
 from bilevel.kernels.jit import compiled, quotient
-
-TANH, RELU, LRELU, PRELU = 0, 1, 2, 3
-
-#: Name -> code, in the spelling of the paper's tables (lower case).
-CODES = {"tanh": TANH, "relu": RELU, "lrelu": LRELU, "prelu": PRELU}
-
-#: Slope of LeakyReLU, and the value a PReLU starts from (torch's defaults).
-LRELU_SLOPE = 0.01
-PRELU_INITIAL_SLOPE = 0.25
 
 _f = np.float32
 _ZERO, _ONE = _f(0), _f(1)

@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.hyperparameters import DDQNHyperparameters
-from bilevel.kernels import mlp
 from bilevel.kernels.adam import adam_step, soft_update
 from bilevel.kernels.jit import compiled
-from bilevel.kernels.mlp import Network, backward, forward, forward_single, padded
+from bilevel.kernels.mlp import backward, forward, forward_single, padded
 from bilevel.kernels.random import below, uniform
 from bilevel.kernels.replay import Batch, new_batch
 from bilevel.kernels.training import act, end_episode, greedy, implements, learn
+from bilevel.networks import Network, initial_parameters
 
 
 class Settings(NamedTuple):
@@ -69,24 +69,12 @@ class DDQNKernel(NamedTuple):
     single_y: NDArray[np.float32]  # (O,)
 
 
-def q_network(hp: DDQNHyperparameters, state_size: int, n_actions: int) -> Network:
-    """The shape of the Q-network. A dueling one has one hidden layer more, half of
-    whose units belong to the value, the other half to the advantages."""
-    if not hp.dueling:
-        return mlp.network(state_size, hp.hidden_size, hp.hidden_layers, n_actions, hp.activation)
-    of_value = (hp.hidden_size + 1) // 2
-    heads = ((of_value, 1), (hp.hidden_size - of_value, n_actions))
-    return mlp.network(
-        state_size, hp.hidden_size, hp.hidden_layers + 1, 1 + n_actions, hp.activation, heads
-    )
-
-
 def new_agent(
     hp: DDQNHyperparameters, state_size: int, n_actions: int, rng: np.random.Generator
 ) -> DDQNKernel:
     """A fresh agent; `rng` draws its initial parameters."""
-    net = q_network(hp, state_size, n_actions)
-    theta = mlp.initial_parameters(net, rng)
+    net = hp.network(state_size, n_actions)
+    theta = initial_parameters(net, rng)
     columns, outputs = padded(hp.batch_size), int(net.sizes[-1])
     depth = net.sizes.size - 2
 

@@ -19,11 +19,13 @@ def _cache_folder() -> str:
     """Where machine code is kept: per state of the kernels' sources.
 
     Numba notices when the file of a function changes, but not when a function that
-    it calls does, in another file; a digest of all kernels does.
+    it calls does, in another file; a digest of all kernels, and of what they share with
+    the definitions, does.
     """
     here = Path(__file__).parent
     digest = hashlib.sha256()
-    for source in sorted(here.glob("*.py")):
+    shared = [here.parent / f"{name}.py" for name in ("activations", "networks", "splitmix")]
+    for source in [*sorted(here.glob("*.py")), *shared]:
         digest.update(source.read_bytes())
     name = f"kernels-{digest.hexdigest()[:16]}"
     beside = here / "__pycache__"

@@ -1,5 +1,4 @@
-"""When training on an environment ends (paper, "Heuristics for Agent Training
-and Evaluation")."""
+"""When training on an environment ends, compiled: the twin of `bilevel.agents.training`."""
 
 from bilevel.kernels.jit import compiled
 
@@ -9,13 +8,7 @@ CONVERGED, EPISODES_SPENT, NOT_FINITE = 0, 1, 2
 
 @compiled
 def converged(returns, episode, init_episodes, window, difference):
-    """The rule on an SE: the mean return of the last `window` (d) episodes differs
-    from that of the d before them by at most `difference` (C_diff), relatively.
-
-    `returns[: episode + 1]` are the returns so far. Checked from episode
-    `init_episodes + d` (counted from 0) on; then the earlier window may still be
-    short of d episodes, and what there is of it counts.
-    """
+    """`returns_converged`; `returns[: episode + 1]` are the returns so far."""
     if episode < init_episodes + window:
         return False
     start = episode + 1 - window
@@ -27,13 +20,7 @@ def converged(returns, episode, init_episodes, window, difference):
 
 @compiled
 def solved(returns, episode, init_episodes, window, solved_reward):
-    """The rule on the real task: the mean return of the last `window` (d) episodes
-    reaches the solved reward, once the initial episodes are over.
-
-    The paper speaks of test episodes here; the authors' code (`env_solved` in
-    agents/base_agent.py of automl/learning_environments) takes the training episodes,
-    and only that comes near the steps they report. Fewer episodes than d do not count.
-    """
+    """`task_solved`; `returns[: episode + 1]` are the returns so far."""
     if episode < init_episodes or episode + 1 < window:
         return False
     return returns[episode + 1 - window : episode + 1].mean() >= solved_reward

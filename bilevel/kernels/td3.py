@@ -16,11 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.hyperparameters import TD3Hyperparameters
-from bilevel.kernels import mlp
 from bilevel.kernels.adam import adam_step, soft_update
 from bilevel.kernels.jit import compiled
 from bilevel.kernels.mlp import (
-    Network,
     backward,
     forward,
     forward_single,
@@ -31,12 +29,10 @@ from bilevel.kernels.mlp import (
 from bilevel.kernels.random import below, gumbel, normal
 from bilevel.kernels.replay import Batch, new_batch
 from bilevel.kernels.training import act, end_episode, greedy, implements, learn
-
-#: Temperatures stay within: below, gradients vanish; above, actions are all alike.
-LOWEST_TEMPERATURE, HIGHEST_TEMPERATURE = 0.1, 10.0
+from bilevel.networks import Network, initial_parameters
 
 _f = np.float32
-_LOWEST_RHO, _HIGHEST_RHO = _f(math.log(LOWEST_TEMPERATURE)), _f(math.log(HIGHEST_TEMPERATURE))
+_LOWEST_RHO, _HIGHEST_RHO = (_f(math.log(t)) for t in TD3Hyperparameters.temperatures)
 
 
 class Settings(NamedTuple):
@@ -95,20 +91,11 @@ class TD3Kernel(NamedTuple):
     single_logits: NDArray[np.float32]  # (A,)
 
 
-def networks(hp: TD3Hyperparameters, state_size: int, n_actions: int) -> tuple[Network, Network]:
-    """The shapes of actor and critic."""
-    shape = (hp.hidden_size, hp.hidden_layers)
-    return (
-        mlp.network(state_size, *shape, n_actions, hp.activation),
-        mlp.network(state_size + n_actions, *shape, 1, hp.activation),
-    )
-
-
 def new_agent(
     hp: TD3Hyperparameters, state_size: int, n_actions: int, rng: np.random.Generator
 ) -> TD3Kernel:
     """A fresh agent; `rng` draws the initial parameters of actor and critics."""
-    actor, critic = networks(hp, state_size, n_actions)
+    actor, critic = hp.networks(state_size, n_actions)
     columns = padded(hp.batch_size)
 
     def zeros(*shape: int) -> NDArray[np.float32]:
@@ -132,11 +119,11 @@ def new_agent(
         ),
         actor=actor,
         critic=critic,
-        phi=learned(mlp.initial_parameters(actor, rng)),
+        phi=learned(initial_parameters(actor, rng)),
         rho=learned(np.array([math.log(hp.initial_temperature)], np.float32)),
         theta=(
-            learned(mlp.initial_parameters(critic, rng)),
-            learned(mlp.initial_parameters(critic, rng)),
+            learned(initial_parameters(critic, rng)),
+            learned(initial_parameters(critic, rng)),
         ),
         steps=np.zeros(2, np.int64),
         action=zeros(n_actions),

@@ -29,6 +29,7 @@ from bilevel.agents.variation import draw_agent
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, Perturbed
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters, NESHyperparameters
+from bilevel.nes.confirmation import Confirmation
 from bilevel.nes.records import Finalist, GenerationRecord
 from bilevel.nes.rules import RULES, MemberScores, UpdateRule
 from bilevel.nes.start import StartRace
@@ -104,8 +105,9 @@ class NES:
         return self._started(state, attempt=0)
 
     def load(self, path: Path) -> NESState:
-        """A state of this run that `NESState.save` wrote. Raises InvalidInput."""
-        return NESState.load(path, self.task, self.hp.se, self.origin)
+        """A state of this run that `NESState.save` wrote; a run that was out of generations goes
+        on if there are more now. Raises InvalidInput."""
+        return self._ended(NESState.load(path, self.task, self.hp.se, self.origin))
 
     def _started(self, state: NESState, attempt: int) -> NESState:
         """The state with the candidates of an attempt, or, of one alone, at that."""
@@ -127,11 +129,13 @@ class NES:
     # -- ask -----------------------------------------------------------------------
 
     def ask(self, state: NESState) -> list[EvaluationRequest]:
-        """The evaluations that come next: a round of the choice of a start, or a generation:
-        agents on the unperturbed SE, n_p on theta + eps_i, and with mirrored sampling n_p on
-        theta - eps_i."""
+        """The evaluations that come next: a round of the choice of a start or of a confirmation,
+        or a generation: agents on the unperturbed SE, n_p on theta + eps_i, and with mirrored
+        sampling n_p on theta - eps_i."""
         if state.race is not None:
             return self._ask_race(state, state.race)
+        if state.confirmation is not None:
+            return self._ask_confirmation(state, state.confirmation)
         nes, when = self.hp.nes, (state.attempt, state.generation)
         requests = [
             self._request(i, Purpose.CENTRE, (*when, i), i, Centre())
@@ -165,15 +169,31 @@ class NES:
             ]
         )
 
+    def _ask_confirmation(
+        self, state: NESState, confirmation: Confirmation
+    ) -> list[EvaluationRequest]:
+        paths = [(state.generation, number) for number in confirmation.coming]
+        vary = "no" if self.hp.vary_agent == "no" else "all"
+        return [
+            EvaluationRequest(
+                index,
+                derive(self.seed, Purpose.CONFIRM, *path),
+                self._agent(Purpose.CONFIRM, path, vary),
+            )
+            for index, path in enumerate(paths)
+        ]
+
     def _request(
         self, index: int, purpose: Purpose, path: tuple[int, ...], turn: int, on: Centre | Perturbed
     ) -> EvaluationRequest:
         agent = as_turn(self._agent(purpose, path), self.hp.nes, turn)
         return EvaluationRequest(index, derive(self.seed, purpose, *path), agent, on)
 
-    def _agent(self, purpose: Purpose, path: tuple[int, ...]) -> AgentHyperparameters:
+    def _agent(
+        self, purpose: Purpose, path: tuple[int, ...], vary: str | None = None
+    ) -> AgentHyperparameters:
         seed = derive(self.seed, Purpose.AGENT, int(purpose), *path)
-        return draw_agent(self.hp.agents, self.hp.vary_agent, seed)
+        return draw_agent(self.hp.agents, vary or self.hp.vary_agent, seed)
 
     # -- tell ----------------------------------------------------------------------
 
@@ -185,6 +205,9 @@ class NES:
         state = replace(state, real_env_steps=real_steps)
         if state.race is not None:
             return self._at_winner(replace(state, race=state.race.after(ordered)))
+        if state.confirmation is not None:
+            scores_of_fresh = [result.score for result in ordered]
+            return self._judged(state, state.confirmation.after(scores_of_fresh))
         nes, se = self.hp.nes, state.se
         scores = self._member_scores(ordered)
         z = np.stack([se.noise(seed) for seed in self._perturbations(state)])
@@ -201,8 +224,22 @@ class NES:
             finalists=state.with_finalist(Finalist.of(se.average, record)),
             records=(*state.records, record),
         )
-        finished = state.solved_for_long(nes) or generation >= nes.generations
-        return self._restarted(replace(state, finished=finished))
+        if state.solved_for_long(nes):
+            confirmation = Confirmation(nes.confirming_agents) if nes.confirming_agents else None
+            state = replace(state, confirmation=confirmation, confirmed=confirmation is None)
+        return self._restarted(self._ended(state))
+
+    def _judged(self, state: NESState, confirmation: Confirmation) -> NESState:
+        """The state after a round of a confirmation."""
+        verdict = confirmation.verdict(self.task.solved_reward)
+        left = confirmation if verdict is None else None
+        return self._ended(replace(state, confirmation=left, confirmed=bool(verdict)))
+
+    def _ended(self, state: NESState) -> NESState:
+        """The state, finished if it is confirmed, or if its generations are over and no
+        confirmation is under way."""
+        over = state.generation >= self.hp.nes.generations and state.confirmation is None
+        return replace(state, finished=state.confirmed or over)
 
     def _member_scores(self, ordered: Sequence[EvaluationResult]) -> MemberScores:
         scores = np.array([result.score for result in ordered])

@@ -28,8 +28,8 @@ def learn(
     `recipe` is a recipe's name or file, or hyperparameters. Evaluations run on so many `workers`,
     processes of their own if there are several, or on any `executor`, which is left open; the SE
     depends on the seed alone. `on_generation` is called with the record of each generation. The
-    run ends once it has solved the task for `nes.solved_for` generations in a row, or after
-    `nes.generations`.
+    run ends once it has solved the task for `nes.solved_for` generations in a row and fresh agents
+    confirm it, or after `nes.generations`.
 
     Raises InvalidInput for an unknown task or recipe, and for hyperparameters that do not fit.
     """

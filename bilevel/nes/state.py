@@ -15,6 +15,7 @@ from safetensors import SafetensorError
 from bilevel.durable import checksum, write_aside
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import NESHyperparameters, SEHyperparameters
+from bilevel.nes.confirmation import Confirmation
 from bilevel.nes.records import FINALISTS, Finalist, GenerationRecord
 from bilevel.nes.start import StartRace
 from bilevel.synthetic_env import SE, SEDistribution, StoredSE, coordinates
@@ -41,20 +42,22 @@ class NESState:
     race: StartRace | None = None  # while the start of the attempt is being chosen
     solved_streak: int = 0  # generations solved in a row, up to the last one
     real_env_steps: int = 0  # steps on the real task so far
-    finished: bool = False  # solved for long enough, or out of generations
+    confirmation: Confirmation | None = None  # while one is under way
+    confirmed: bool = False  # solved for long enough, and confirmed
+    finished: bool = False  # confirmed, or out of generations
     finalists: tuple[Finalist, ...] = ()  # best first
     records: tuple[GenerationRecord, ...] = ()
 
     @property
     def started(self) -> bool:
-        """Whether the start is chosen, so that the next evaluations are a generation's."""
+        """Whether the start is chosen."""
         return self.race is None
 
     @property
     def best(self) -> StoredSE:
-        """The SE to hand over: the current one of a run that ended because it stayed solved, else
-        the one whose agents scored highest (before the first generation the current one)."""
-        if (self.finished and self.solved_streak) or not self.finalists:
+        """The SE to hand over: the current one if it is confirmed, else the one whose agents scored
+        highest (before the first generation the current one)."""
+        if self.confirmed or not self.finalists:
             return self.current
         return self.candidates[0]
 
@@ -115,6 +118,8 @@ class NESState:
             "attempt_began": self.attempt_began,
             "race": None if self.race is None else asdict(self.race),
             "solved_streak": self.solved_streak,
+            "confirmation": None if self.confirmation is None else asdict(self.confirmation),
+            "confirmed": self.confirmed,
             "real_env_steps": self.real_env_steps,
             "scale_steps": self.scale.real_env_steps,
             "finished": self.finished,
@@ -163,6 +168,9 @@ class NESState:
             race = header.pop("race")
             if race is not None:
                 race = StartRace(tuple(race["seeds"]), race["candidates"], race["round"])
+            confirmation = header.pop("confirmation")
+            if confirmation is not None:
+                confirmation = Confirmation(confirmation["agents"], tuple(confirmation["scores"]))
             se = SEDistribution(space, *(tensors[n] for n in ("theta", "std_dev", "average")))
             own = {se.mean.shape, se.std_dev.shape, se.average.shape}
             shapes = own | {f.theta.shape for f in finalists}
@@ -174,6 +182,7 @@ class NESState:
                 scale=scale,
                 origin=origin or {},
                 race=race,
+                confirmation=confirmation,
                 finalists=finalists,
                 records=records,
                 **header,

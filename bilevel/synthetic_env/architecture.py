@@ -2,7 +2,7 @@
 
 Three MLPs of one shape (next state, reward, done) read the same input,
 concat(one_hot(action), state). psi is their weights and biases one after the
-other, each network laid out as torch lays it (`bilevel.kernels.mlp`).
+other, each network laid out as torch lays it (`bilevel.networks`).
 
 symbol   meaning
 ------   ---------------------------------------
@@ -16,10 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from bilevel.activations import LRELU_SLOPE, PRELU_INITIAL_SLOPE
 from bilevel.hyperparameters import SEHyperparameters
-from bilevel.kernels.activations import LRELU_SLOPE, PRELU_INITIAL_SLOPE
-from bilevel.kernels.mlp import Network, initial_parameters, network
 from bilevel.kernels.synthetic_env import SEKernel, prepare
+from bilevel.networks import Network, initial_parameters, network
 from bilevel.tasks import Task
 
 #: The networks of an SE in the order in which psi holds them.

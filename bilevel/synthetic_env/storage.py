@@ -21,7 +21,7 @@ from safetensors import SafetensorError, safe_open
 from bilevel.durable import checksum, write_aside
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
-from bilevel.kernels.mlp import layer_biases, layer_weights
+from bilevel.networks import layer_biases, layer_weights
 from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi
 from bilevel.tasks import MAX_STEP_LIMIT, Task, get_task
 

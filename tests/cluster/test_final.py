@@ -13,11 +13,9 @@ from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE
 from bilevel.tasks import Task
 from cluster.final import (
     Contender,
-    FinalScore,
     Round,
     agents_needed,
     choose_best,
-    confirm,
     score_anew,
 )
 from cluster.pool import EvaluationPool
@@ -151,32 +149,3 @@ def test_agents_of_the_final_score_are_drawn_from_all_of_the_papers_ranges(
     assert {agent.max_episodes for agent in agents} == {ddqn(small_hp).max_episodes}
     assert {agent.early_out_difference for agent in agents} == {0.01}
     assert max(agent.hidden_size for agent in agents) > 300
-
-
-@pytest.mark.parametrize(("score", "trained"), [(194.0, 2), (195.0, 8)])
-def test_most_confirming_agents_are_trained_only_if_the_first_solve_the_task(
-    score: float, trained: int, cartpole: Task, small_hp: Hyperparameters
-) -> None:
-    (contender,) = contenders(cartpole, replace(small_hp, vary_agent="small"), 1)
-    by_hand = ByHand((score, 1000))
-    found = confirm(cartpole, contender, 8, (1,), cast(EvaluationPool, by_hand))
-    assert found.scores.tolist() == [score] * trained
-    assert len(set(by_hand.seeds)) == trained
-    score_anew(cartpole, contender, 8, (1,), cast(EvaluationPool, by_hand))
-    assert len(set(by_hand.seeds)) == trained + 8
-
-
-@pytest.mark.parametrize(
-    ("scores", "surely"),
-    [
-        ([195.0] * 9, True),
-        ([194.9] * 9, False),
-        ([200.0] * 8 + [170.0], False),  # 196.7 on average, twice whose standard error is 6.7
-        ([200.0] * 8 + [190.0], True),
-    ],
-)
-def test_surely_solved_means_by_more_than_the_standard_error(
-    scores: list[float], surely: bool
-) -> None:
-    found = FinalScore(np.array(scores), np.zeros(9, np.int64), 195.0)
-    assert found.surely_solved is surely

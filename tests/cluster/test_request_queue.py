@@ -1,5 +1,6 @@
 """In which batches and in which order a pool's actors get their requests."""
 
+import math
 from dataclasses import replace
 
 import pytest
@@ -82,18 +83,20 @@ class TestBatches:
     def test_no_batch_is_much_longer_than_its_share(
         self, asked: list[EvaluationRequest], n: int
     ) -> None:
-        """It is as short as whole requests let it be."""
-        divided = batches(asked, n)
-        assert len(divided) <= n * BATCHES
-        share = sum(request.agent.step_cost for request in asked) / (n * BATCHES)
-        for batch in divided:
+        """It is as short as whole requests let it be, and the share one of what is left."""
+        left = sum(request.agent.step_cost for request in asked)
+        for batch in batches(asked, n):
             without_last = batch.cost - batch.requests[-1].agent.step_cost
-            assert without_last <= share * (1 + 1e-9)
+            assert without_last <= left / (n * BATCHES) * (1 + 1e-9)
+            left -= batch.cost
 
     @pytest.mark.parametrize("n", [1, 2, 8])
-    def test_many_equal_requests_are_divided_equally(self, n: int) -> None:
-        divided = batches(requests([100] * (3 * n * BATCHES)), n)
-        assert [len(batch.requests) for batch in divided] == [3] * (n * BATCHES)
+    def test_many_equal_requests_are_in_ever_smaller_batches(self, n: int) -> None:
+        sizes = [len(batch.requests) for batch in batches(requests([100] * (30 * n)), n)]
+        assert sizes == sorted(sizes, reverse=True)
+        assert sizes[0] == math.ceil(30 / BATCHES)
+        assert sizes[-n * BATCHES :] == [1] * (n * BATCHES)
+        assert len(sizes) < 20 * n
 
     def test_few_requests_are_batches_of_one(self) -> None:
         assert [len(batch.requests) for batch in batches(requests([100] * 7), 2)] == [1] * 7

@@ -13,7 +13,6 @@ import pytest
 
 import bilevel  # noqa: F401  (registers the environment)
 from bilevel.nes import NESState
-from cluster.nes_command import CONFIRMING_AGENTS
 from cluster.nes_loop import NESRun
 from tests.commands import run_bilevel
 from tests.system.conftest import client, run_until, untimed
@@ -137,13 +136,17 @@ def test_killed_in_the_middle_it_goes_on(
     assert [metric.step for metric in history] == list(range(12))
 
 
-EASY = ("--solved-reward", "5", "--solved-for", "2", "--generations", "9")
+EASY = (
+    *("--solved-reward", "5", "--solved-for", "2", "--generations", "9"),
+    *("--set", "nes.confirming_agents=4"),
+)
 
 
 def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path) -> None:
     result = run_bilevel(*SMALL, *EASY, "--home", tmp_path)
     assert result.returncode == 0, result.stderr
-    assert f"{CONFIRMING_AGENTS} fresh agents of all sizes" in result.stdout
+    confirmed = "4 fresh agents of all sizes score .* on the current SE: solved"
+    assert re.search(confirmed, result.stdout)
     assert "solved and stayed solved: 2 generations" in result.stdout
     assert "10 of 10 agents do" in result.stdout
 

@@ -2,7 +2,8 @@ import numpy as np
 import pytest
 import torch
 
-from bilevel.kernels.activations import CODES, TANH, activate, activate_rows, activate_rows_backward
+from bilevel.activations import CODES, TANH
+from bilevel.kernels.activations import activate, activate_rows, activate_rows_backward
 from bilevel.synthetic_env.torch_module import activation_module
 
 SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": 0.01, "prelu": 0.25}

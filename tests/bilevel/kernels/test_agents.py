@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from bilevel.agents import get_agent
 from bilevel.agents.agent import agent_seeds
 from bilevel.agents.environments import KernelEnvironment
-from bilevel.agents.training import returns_converged
+from bilevel.agents.training import returns_converged, task_solved
 from bilevel.agents.training import train as train_in_python
 from bilevel.evaluation import schedule
 from bilevel.hyperparameters import (
@@ -24,8 +24,8 @@ from bilevel.hyperparameters import (
 )
 from bilevel.kernels import ddqn, td3, training
 from bilevel.kernels.environment import Environment, environment
-from bilevel.kernels.random import SplitMix64
 from bilevel.kernels.stopping import CONVERGED, NOT_FINITE, converged, solved
+from bilevel.splitmix import SplitMix64
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task
 
@@ -243,6 +243,23 @@ class TestStoppingRule:
         assert converged(np.zeros(20), 19, 0, 10, 0.01)
         zero_then_one = np.concatenate([np.zeros(10), np.ones(10)])
         assert not converged(zero_then_one, 19, 0, 10, 0.01)
+
+
+@pytest.mark.parametrize("init_episodes", [0, 3])
+@pytest.mark.parametrize("window", [1, 4])
+def test_both_twins_of_the_stopping_rules_agree(init_episodes: int, window: int) -> None:
+    hp = small("ddqn", init_episodes=init_episodes, early_out_episodes=window)
+    hp = replace(hp, early_out_difference=0.1)
+    on_se, on_task = returns_converged(hp), task_solved(hp, 10.0)
+    rng, ended = np.random.default_rng(0), 0
+    for _ in range(200):
+        returns = rng.normal(10, 1.5, int(rng.integers(1, 14)))
+        last = returns.size - 1
+        expected = converged(returns, last, init_episodes, window, 0.1)
+        assert on_se(returns.tolist()) == expected
+        assert on_task(returns.tolist()) == solved(returns, last, init_episodes, window, 10.0)
+        ended += expected
+    assert 20 < ended < 180
 
 
 def test_training_on_the_real_task_stops_when_solved() -> None:

@@ -5,14 +5,15 @@ import torch
 from bilevel.agents.ddqn import MLP
 from bilevel.hyperparameters import ACTIVATIONS
 from bilevel.kernels import mlp
+from bilevel.networks import initial_parameters, network
 
 SHAPES = [(4, 8, 1, 2), (6, 24, 2, 3), (3, 20, 3, 5), (30, 40, 2, 18), (1, 1, 1, 1)]
 
 
 def networks(shape: tuple[int, int, int, int], activation: str):  # type: ignore[no-untyped-def]
     n_in, hidden, depth, n_out = shape
-    net = mlp.network(n_in, hidden, depth, n_out, activation)
-    params = mlp.initial_parameters(net, np.random.default_rng(5))
+    net = network(n_in, hidden, depth, n_out, activation)
+    params = initial_parameters(net, np.random.default_rng(5))
     module = MLP(n_in, n_out, hidden, depth, activation)
     torch.nn.utils.vector_to_parameters(torch.from_numpy(params.copy()), module.parameters())
     return net, params, module
@@ -58,8 +59,8 @@ def test_single_equals_batch(
 
 
 def test_initial_parameters_are_uniform_in_the_fan_in_bound() -> None:
-    net = mlp.network(4, 300, 2, 2, "prelu")
-    params = mlp.initial_parameters(net, np.random.default_rng(0))
+    net = network(4, 300, 2, 2, "prelu")
+    params = initial_parameters(net, np.random.default_rng(0))
     assert params.size == net.parameter_count == 4 * 300 + 300 + 300 * 300 + 300 + 600 + 2 + 1
     middle = params[net.offsets[1] : net.offsets[2]]
     bound = 300**-0.5

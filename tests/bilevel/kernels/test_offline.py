@@ -8,9 +8,9 @@ import torch
 
 from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.kernels import ddqn
-from bilevel.kernels.mlp import initial_parameters, network
 from bilevel.kernels.offline import fit, learn_offline, regression
-from bilevel.kernels.random import SplitMix64
+from bilevel.networks import initial_parameters, network
+from bilevel.splitmix import SplitMix64
 from bilevel.synthetic_env.torch_module import activation_module
 
 

@@ -1,7 +1,8 @@
 import numpy as np
 from scipy.stats import chisquare, kstest
 
-from bilevel.kernels.random import SplitMix64, below, next_uint64, uniform
+from bilevel.kernels.random import below, next_uint64, uniform
+from bilevel.splitmix import SplitMix64
 
 
 def test_reference_values() -> None:

@@ -215,10 +215,44 @@ class TestTell:
         for score in (195.0, 194.9, 195.0, 200.0, 1.0):
             state = nes.tell(state, answers(nes, state, score))
             finished.append(state.finished)
-            if state.finished and state.solved_streak:
+            if state.confirmed:
                 np.testing.assert_array_equal(state.best.psi, state.se.centre.psi)
         assert finished == [False, False, False, True, True]
         assert state.best.info["generation"] == 3
+
+    @pytest.mark.parametrize(("confirming", "ends"), [(200.0, True), (190.0, False)])
+    def test_fresh_agents_of_all_sizes_confirm_it(
+        self, confirming: float, ends: bool, cartpole: Task, small: Hyperparameters
+    ) -> None:
+        """They are patient never, and what they do not confirm goes on."""
+        hp = with_nes(small, solved_for=1, confirming_agents=40, patient_episodes=99)
+        nes = NES(cartpole, replace(hp, vary_agent="small"), 0)
+        state = nes.init()
+        while not state.records:
+            state = nes.tell(state, answers(nes, state, 200.0))
+        rounds, sizes = [], []
+        while state.confirmation is not None:
+            assert not state.finished
+            requests, before = nes.ask(state), state
+            assert {request.on for request in requests} == {Centre()}
+            assert {vars(request.agent)["early_out_difference"] for request in requests} == {0.01}
+            rounds.append(len(requests))
+            sizes += [vars(request.agent)["hidden_size"] for request in requests]
+            state = nes.tell(state, answers(nes, state, confirming))
+            assert state.real_env_steps > before.real_env_steps
+            assert state.generation == 1
+        assert rounds == ([10, 30] if ends else [10])
+        assert max(sizes) > 300
+        assert (state.confirmed, state.finished) == (ends, ends)
+
+    def test_out_of_generations_it_is_still_confirmed(
+        self, cartpole: Task, small: Hyperparameters
+    ) -> None:
+        nes = NES(cartpole, with_nes(small, solved_for=1, confirming_agents=1, generations=1), 0)
+        state = nes.tell(nes.init(), answers(nes, nes.init(), 200.0))
+        assert not state.finished
+        state = nes.tell(state, answers(nes, state, 3.0))
+        assert (state.confirmed, state.finished) == (False, True)
 
     def test_without_a_streak_to_reach_it_goes_on(
         self, cartpole: Task, small: Hyperparameters

@@ -82,6 +82,24 @@ def test_a_loaded_run_goes_on_as_the_other_would(steps: int, default: NES, tmp_p
     )
 
 
+def test_a_confirmation_under_way_is_kept_and_more_generations_go_on(
+    cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
+) -> None:
+    few = replace(small_hp.nes, solved_for=1, confirming_agents=8, generations=1)
+    nes = NES(cartpole, replace(small_hp, nes=few), seed=4)
+    state = nes.tell(nes.init(), [answer(r, 200.0) for r in nes.ask(nes.init())])
+    state = nes.tell(state, [answer(r, 200.0) for r in nes.ask(state)])
+    state.save(tmp_path / "state")
+    loaded = nes.load(tmp_path / "state")
+    assert nes.ask(loaded) == nes.ask(state)
+    assert loaded.confirmation == state.confirmation
+    over = nes.tell(loaded, [answer(r, 1.0) for r in nes.ask(loaded)])
+    over.save(tmp_path / "state")
+    more = NES(cartpole, replace(small_hp, nes=replace(few, generations=2)), seed=4)
+    assert nes.load(tmp_path / "state").finished
+    assert not more.load(tmp_path / "state").finished
+
+
 @pytest.mark.parametrize("content", [b"", b"nonsense", b"\x08\0\0\0\0\0\0\0{}      "])
 def test_damage_is_told(content: bytes, tmp_path: Path, nes: NES) -> None:
     (tmp_path / "state").write_bytes(content)

@@ -1,4 +1,4 @@
-"""Compile all kernels once, into the disk cache: `python -m bilevel.kernels.compile`."""
+"""Compile all kernels once, into the disk cache: `python -m bilevel.compile`."""
 
 from dataclasses import replace
 

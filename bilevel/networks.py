@@ -1,0 +1,88 @@
+"""Shapes of multilayer perceptrons, and how their parameters lie in one flat float32 vector.
+
+The outputs are one head or several: linear layers that read a range of the last
+hidden layer's units each, side by side (the value and the advantages of a dueling
+network). The vector lies as torch's `parameters_to_vector` lays it: per layer, then
+per head, the weights (outputs x inputs, row-major) and the biases; last, for PReLU,
+the one slope that all hidden layers of the network share.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.activations import CODES, PRELU, PRELU_INITIAL_SLOPE
+
+Parameters = NDArray[np.float32]
+
+
+class Network(NamedTuple):
+    """Shape of an MLP, as kernels take it."""
+
+    sizes: NDArray[np.int64]  # (depth + 2,) inputs, hidden..., outputs
+    heads: NDArray[np.int64]  # (n, 2) hidden units that a head reads, its outputs
+    offsets: NDArray[np.int64]  # (depth + n + 1,) where layers and heads start in the vector
+    activation: int  # a code of `activations.CODES`
+
+    @property
+    def parameter_count(self) -> int:
+        return int(self.offsets[-1]) + (self.activation == PRELU)
+
+    @property
+    def shapes(self) -> list[tuple[int, int]]:
+        """Inputs and outputs of every hidden layer and head."""
+        hidden = zip(self.sizes[:-2], self.sizes[1:-1], strict=True)
+        return [(int(n_in), int(n_out)) for n_in, n_out in [*hidden, *self.heads]]
+
+
+def network(
+    inputs: int,
+    hidden_size: int,
+    hidden_layers: int,
+    outputs: int,
+    activation: str,
+    heads: tuple[tuple[int, int], ...] = (),
+) -> Network:
+    """Describe an MLP with `hidden_layers` layers of `hidden_size` units.
+
+    `heads` split the last hidden layer: (units read, outputs) of each, in sum
+    `hidden_size` and `outputs`; without them, one head reads all.
+    """
+    sizes = np.array([inputs] + [hidden_size] * hidden_layers + [outputs], np.int64)
+    split = np.array(heads or [(hidden_size, outputs)], np.int64)
+    net = Network(sizes, split, np.zeros(1, np.int64), CODES[activation])
+    lengths = [n_in * n_out + n_out for n_in, n_out in net.shapes]
+    return net._replace(offsets=np.concatenate([[0], np.cumsum(lengths)]).astype(np.int64))
+
+
+def initial_parameters(net: Network, rng: np.random.Generator) -> NDArray[np.float32]:
+    """Weights and biases uniform in +-1/sqrt(fan_in) (torch's own for linear
+    layers), and 0.25 for a PReLU slope."""
+    params = np.empty(net.parameter_count, np.float32)
+    for layer, (fan_in, _) in enumerate(net.shapes):
+        start, end = net.offsets[layer], net.offsets[layer + 1]
+        bound = 1.0 / np.sqrt(fan_in)
+        params[start:end] = rng.uniform(-bound, bound, end - start)
+    if net.activation == PRELU:
+        params[-1] = PRELU_INITIAL_SLOPE
+    return params
+
+
+def layer_weights(net: Network, params: Parameters, layer: int) -> Parameters:
+    """Weights (outputs, inputs) of a hidden layer, or of head `layer - depth`."""
+    depth = net.sizes.size - 2
+    if layer < depth:
+        n_in, n_out = net.sizes[layer], net.sizes[layer + 1]
+    else:
+        n_in, n_out = net.heads[layer - depth, 0], net.heads[layer - depth, 1]
+    start = net.offsets[layer]
+    return params[start : start + n_in * n_out].reshape(n_out, n_in)
+
+
+def layer_biases(net: Network, params: Parameters, layer: int) -> Parameters:
+    """Biases (outputs,) of a hidden layer, or of head `layer - depth`."""
+    depth = net.sizes.size - 2
+    n_out = net.sizes[layer + 1] if layer < depth else net.heads[layer - depth, 1]
+    end = net.offsets[layer + 1]
+    return params[end - n_out : end]
