@@ -72,4 +72,4 @@ format: $(INSTALLED) ## Format and sort imports
 	@$(BIN)/ruff format --quiet .
 
 clean: ## Remove the virtual environment and caches (not the runs)
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis *.egg-info
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache *.egg-info

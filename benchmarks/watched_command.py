@@ -26,8 +26,8 @@ def main() -> None:
     import ray
 
     import cluster.cli
-    import cluster.nes_command
-    from cluster.pool import EvaluationPool
+    import cluster.nes.command
+    from cluster.ray.pool import EvaluationPool
 
     tell("imports")
     ray_init, pool_run = ray.init, EvaluationPool.run

@@ -20,9 +20,9 @@ _SERVER.set_forkserver_preload(
         "ray.tune",
         "cluster.bohb.command",
         "cluster.cli",
-        "cluster.evaluate_command",
-        "cluster.nes_command",
-        "cluster.sync",
+        "cluster.evaluate.command",
+        "cluster.nes.command",
+        "cluster.catalog.sync",
     ]
 )
 

@@ -12,12 +12,12 @@ from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import get_task
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal
+from cluster.bohb.profiles import get_profile, sized
 from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.study import Study
-from cluster.final import FinalScore, hand_over
-from cluster.nes_loop import STATE_FILE
-from cluster.profiles import get_profile, sized
-from cluster.run_folder import Standing, locked_settings
+from cluster.nes.final import FinalScore, hand_over
+from cluster.nes.run import STATE_FILE
+from cluster.storage.run_folder import Standing, locked_settings
 
 
 def new_study(folder: Path, seed: int = 0) -> Study:

@@ -13,10 +13,10 @@ from pathlib import Path
 from benchmarks.machine import write_result
 from bilevel.hyperparameters import AgentHyperparameters, load_recipe
 from bilevel.tasks import get_task
-from cluster.evaluate_command import EvaluateCommand, run_evaluate
-from cluster.evaluation_report import Group, as_json
-from cluster.home import Home
-from cluster.place import Place
+from cluster.evaluate.command import EvaluateCommand, run_evaluate
+from cluster.evaluate.report import Group, as_json
+from cluster.session.place import Place
+from cluster.storage.home import Home
 
 #: Mean and standard deviation of train steps and mean test return on the real task, 40
 #: times 10 agents: constants of the plotting scripts in the authors' repository

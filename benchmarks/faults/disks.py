@@ -10,7 +10,7 @@ from pathlib import Path
 from benchmarks.faults.outcome import Outcome
 from benchmarks.faults.row import Row
 from benchmarks.faults.stage import ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
-from cluster.home import Home
+from cluster.storage.home import Home
 from tests.system.mlflow_shown import disagreements
 
 

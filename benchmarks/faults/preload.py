@@ -4,9 +4,9 @@ import mlflow.pyfunc
 import ray.tune
 
 import cluster.bohb.command
+import cluster.catalog.sync
 import cluster.cli
-import cluster.evaluate_command
-import cluster.nes_command
-import cluster.sync
+import cluster.evaluate.command
+import cluster.nes.command
 
 __all__ = ["cluster", "mlflow", "ray"]

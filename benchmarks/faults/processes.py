@@ -13,8 +13,8 @@ import psutil
 from benchmarks.faults.outcome import Outcome
 from benchmarks.faults.row import Row
 from benchmarks.faults.stage import ACTOR, ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
-from cluster.home import Home
-from cluster.run_folder import Standing
+from cluster.storage.home import Home
+from cluster.storage.run_folder import Standing
 from tests.system.mlflow_shown import Server, disagreements
 
 

@@ -13,7 +13,7 @@ from ray.cluster_utils import Cluster
 
 from benchmarks.faults import lives
 from benchmarks.faults.outcome import Outcome
-from cluster.home import Home
+from cluster.storage.home import Home
 from tests.system.mlflow_shown import disagreements
 
 TASK = "CartPole-v0"

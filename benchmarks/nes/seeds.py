@@ -27,9 +27,9 @@ from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import load_recipe
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import load_se
-from cluster.final import BEST_FILE
-from cluster.nes_loop import NESRun
-from cluster.run_folder import finals
+from cluster.nes.final import BEST_FILE
+from cluster.nes.run import NESRun
+from cluster.storage.run_folder import finals
 
 #: Kinds of agents that are trained on an SE.
 AGENTS = ("ddqn", "dueling-ddqn", "td3")

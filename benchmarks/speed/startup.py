@@ -114,7 +114,7 @@ def actor_mebibytes() -> dict[str, float]:
     """Peak resident memory of an actor by what it evaluates."""
     import ray
 
-    from cluster.ray_cluster import ray_cluster
+    from cluster.ray.connection import ray_cluster
 
     table_1, large = load_recipe("paper", "CartPole-v0"), load_recipe("paper", "")
     (agent,) = large.agents

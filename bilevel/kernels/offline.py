@@ -13,10 +13,11 @@ from numpy.typing import NDArray
 
 from bilevel.kernels.adam import adam_step
 from bilevel.kernels.jit import compiled
-from bilevel.kernels.mlp import Network, backward, forward, padded
+from bilevel.kernels.mlp import backward, forward, padded
 from bilevel.kernels.random import below
 from bilevel.kernels.replay import sample
 from bilevel.kernels.training import learn
+from bilevel.networks import Network
 
 
 @compiled

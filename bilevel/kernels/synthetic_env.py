@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from bilevel.kernels.activations import activate
 from bilevel.kernels.jit import compiled
-from bilevel.kernels.mlp import Network, layer_biases, layer_weights
+from bilevel.kernels.mlp import layer_biases, layer_weights
+from bilevel.networks import Network
 
 
 class SEKernel(NamedTuple):

@@ -12,18 +12,18 @@ from cluster.bohb.stopping import StudyStopper
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.tuning import run_trials
-from cluster.final import RACE, Contender, agents_needed, choose_best, hand_over, score_anew
-from cluster.interrupts import InterruptGuard
-from cluster.live_run import live_run
-from cluster.nes_loop import start_of
-from cluster.place import Place
-from cluster.pool import EvaluationPool
-from cluster.progress import Terminal, count, duration
-from cluster.ray_cluster import fair_share, require_capacity, require_server_for_nodes
-from cluster.run_folder import Begun, Standing, locked_settings
+from cluster.bohb.view import StudyViews
+from cluster.nes.final import RACE, Contender, agents_needed, choose_best, hand_over, score_anew
+from cluster.nes.run import start_of
+from cluster.ray.connection import fair_share, require_capacity, require_server_for_nodes
+from cluster.ray.pool import EvaluationPool
+from cluster.session.interrupts import InterruptGuard
+from cluster.session.live_run import live_run
+from cluster.session.place import Place
+from cluster.session.terminal import Terminal, count, duration
+from cluster.storage.run_folder import Begun, Standing, locked_settings
 from cluster.tracking import Mirror, Tracker
 from cluster.tracking.registry import model_address
-from cluster.views import StudyViews
 
 #: Seconds of a time budget that are kept for the end: stopping the trials, scoring
 #: the best SE anew.

@@ -8,8 +8,8 @@ from bilevel.evaluation import evaluate
 from bilevel.nes import NES
 from cluster.bohb.brackets import Schedule, configurations_to_begin, generations_to_run
 from cluster.bohb.command import StudyCommand
-from cluster.progress import count, duration
-from cluster.ray_cluster import require_capacity
+from cluster.ray.connection import require_capacity
+from cluster.session.terminal import count, duration
 from search_spaces import search_space, to_hyperparameters
 
 #: Configurations of which an evaluation is timed.

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from cluster.lines import Lines
+from cluster.storage.lines import Lines
 
 ConfigId = tuple[int, int, int]  # bracket, rung it entered at, number in that rung
 Configuration = dict[str, Any]

@@ -17,9 +17,9 @@ from cluster.bohb.searcher import BohbSearcher, DriverOnly
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.trial import BUDGET_REACHED, FAILURE, NO_STORAGE, OBJECTIVE
-from cluster.progress import Terminal, count, duration, last_line
+from cluster.bohb.view import StudyViews
+from cluster.session.terminal import Terminal, count, duration, last_line
 from cluster.tracking import Mirror
-from cluster.views import StudyViews
 
 #: Seconds between refreshed pictures on the study's own run.
 _PICTURE_EVERY = 20.0

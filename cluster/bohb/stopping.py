@@ -5,7 +5,7 @@ from typing import Any
 from ray import tune
 
 from cluster.bohb.searcher import BohbSearcher, DriverOnly
-from cluster.interrupts import InterruptGuard
+from cluster.session.interrupts import InterruptGuard
 
 
 class StudyStopper(DriverOnly, tune.Stopper):  # type: ignore[misc]

@@ -11,9 +11,9 @@ from bilevel.hyperparameters import Hyperparameters
 from bilevel.tasks import Task
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, Configuration
-from cluster.nes_loop import NESRun
-from cluster.profiles import METHODS, get_method
-from cluster.run_folder import read_settings, stored_task
+from cluster.bohb.profiles import METHODS, get_method
+from cluster.nes.run import NESRun
+from cluster.storage.run_folder import read_settings, stored_task
 from search_spaces import SPACES, to_hyperparameters
 
 #: The kind of run that `settings.json` tells.

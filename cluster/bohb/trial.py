@@ -18,7 +18,7 @@ from ray import tune
 from bilevel.errors import StorageFailure
 from bilevel.nes import NESState
 from cluster.bohb.study import Study
-from cluster.pool import EvaluationPool
+from cluster.ray.pool import EvaluationPool
 
 #: Keys of what a trial reports.
 OBJECTIVE, BUDGET_REACHED, FAILURE, NO_STORAGE = (

@@ -13,7 +13,7 @@ from cluster.bohb.searcher import BohbSearcher
 from cluster.bohb.stopping import StudyStopper
 from cluster.bohb.study import Study
 from cluster.bohb.trial import NESTrial
-from cluster.environment import environment_kept
+from cluster.ray.environment import environment_kept
 
 #: Tune's own files within the study's folder; nothing is ever read from them.
 _TUNES_FOLDER = "ray"

@@ -9,7 +9,7 @@ import click
 
 from bilevel.errors import InvalidInput, one_of
 from cluster.cli.options import RunOptions, WholeNumber, common_options, vary_option
-from cluster.home import LONGEST_NAME
+from cluster.storage.home import LONGEST_NAME
 
 
 @click.command()
@@ -86,7 +86,7 @@ def evaluate(
     suffix = f"-{among}{varied}-seed{common.seed}"
     place = common.the_place()
 
-    from cluster.evaluate_command import EvaluateCommand, run_evaluate
+    from cluster.evaluate.command import EvaluateCommand, run_evaluate
 
     run_evaluate(
         EvaluateCommand(

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bilevel.tasks import Task
-from cluster.home import Home
+from cluster.storage.home import Home
 
 if TYPE_CHECKING:
     from bilevel.hyperparameters import Hyperparameters
-    from cluster.place import Place
+    from cluster.session.place import Place
 
 _SECONDS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
 
@@ -98,7 +98,7 @@ tracking_option = click.option(
 
 def the_tracking_uri(given: str | None, home: Home) -> str:
     """The tracking URI: given, of the environment, of the home's server, or its database."""
-    from cluster.services import join
+    from cluster.services.background import join
 
     named = given or os.environ.get("MLFLOW_TRACKING_URI")
     return named or join("mlflow", home) or home.database_uri
@@ -107,7 +107,7 @@ def the_tracking_uri(given: str | None, home: Home) -> str:
 def the_address(given: str | None, home: Home) -> str | None:
     """Address of the Ray cluster to join: given, of the environment, or of the home's
     head; None for a cluster of the process's own."""
-    from cluster.services import join
+    from cluster.services.background import join
 
     named = given or os.environ.get("RAY_ADDRESS") or join("ray", home)
     return None if named == "local" else named
@@ -191,7 +191,7 @@ class RunOptions:
     def the_agents(self) -> tuple[str, ...] | None:
         """Names of the agents, each of them known; None for the recipe's. Raises InvalidInput."""
         from bilevel.agents import get_agent
-        from cluster.agent_files import load_agent_file
+        from cluster.ray.agent_files import load_agent_file
 
         for file in self.agent_files:
             load_agent_file(file)
@@ -225,6 +225,6 @@ class RunOptions:
         tracking_uri = the_tracking_uri(self.tracking_uri, home)
         address = the_address(self.address, home)
 
-        from cluster.place import Place  # imports Ray, which reads what joining has set
+        from cluster.session.place import Place  # imports Ray, which reads what joining has set
 
         return Place(home, tracking_uri, address)

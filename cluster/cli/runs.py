@@ -48,8 +48,8 @@ def nes(
     place = common.the_place()
     folder = place.home.run_folder(task.id, name)
 
-    from cluster.nes_command import NESCommand, run_nes
-    from cluster.nes_loop import NESRun
+    from cluster.nes.command import NESCommand, run_nes
+    from cluster.nes.run import NESRun
 
     run = NESRun(task, hp, common.seed, folder)
     run_nes(NESCommand(run, place, workers))
@@ -86,7 +86,7 @@ def bohb(
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
     from bilevel.errors import InvalidInput, one_of
-    from cluster.profiles import get_method, get_profile, sized
+    from cluster.bohb.profiles import get_method, get_profile, sized
     from search_spaces import SPACES
 
     common = RunOptions(**options)

@@ -21,18 +21,18 @@ _host_option = click.option(
 @click.option("--mlflow-port", type=_port, default=5000, show_default=True)
 def up(home: Path, host: str, ray_port: int, dashboard_port: int, mlflow_port: int) -> None:
     """Start a Ray head and an MLflow server in the background; studies join them."""
-    from cluster import services
-    from cluster.home import Home
+    from cluster.services import background
+    from cluster.storage.home import Home
 
-    services.up(Home(home), host, ray_port, dashboard_port, mlflow_port, click.echo)
+    background.up(Home(home), host, ray_port, dashboard_port, mlflow_port, click.echo)
 
 
 @click.command()
 @home_option
 def status(home: Path) -> None:
     """Tell how the services are; exit code 0 if all are up, else 1."""
-    from cluster.home import Home
-    from cluster.services import services
+    from cluster.services.background import services
+    from cluster.storage.home import Home
 
     found = services(Home(home))
     for service in found:
@@ -46,10 +46,10 @@ def status(home: Path) -> None:
 @home_option
 def down(home: Path) -> None:
     """Stop the services that `up` started here, and nothing else."""
-    from cluster import services
-    from cluster.home import Home
+    from cluster.services import background
+    from cluster.storage.home import Home
 
-    services.down(Home(home), click.echo)
+    background.down(Home(home), click.echo)
 
 
 @click.command()
@@ -58,9 +58,9 @@ def down(home: Path) -> None:
 @click.option("--port", type=_port, default=5000, show_default=True)
 def ui(home: Path, host: str, port: int) -> None:
     """The MLflow UI on the runs of the home folder, until Ctrl-C."""
-    from cluster.home import Home
-    from cluster.mlflow_server import serve_ui
-    from cluster.services import join
+    from cluster.services.background import join
+    from cluster.services.mlflow_server import serve_ui
+    from cluster.storage.home import Home
 
     running = join("mlflow", Home(home))
     if running is not None:

@@ -16,9 +16,9 @@ from cluster.cli.options import (
 @home_option
 def studies(home: Path) -> None:
     """List studies and NES runs: state, progress, best score."""
-    from cluster.home import Home
-    from cluster.overview import overview, print_overview
-    from cluster.progress import Terminal
+    from cluster.catalog.overview import overview, print_overview
+    from cluster.session.terminal import Terminal
+    from cluster.storage.home import Home
 
     lines = overview(Home(home))
     if lines:
@@ -39,10 +39,10 @@ def sync(study: str, home: Path, tracking_uri: str | None, agent_files: tuple[Pa
     of that name.
     """
     from bilevel.agents import load_plugins
-    from cluster.agent_files import load_agent_file
-    from cluster.home import Home
-    from cluster.progress import Terminal
-    from cluster.sync import sync as write
+    from cluster.catalog.sync import sync as write
+    from cluster.ray.agent_files import load_agent_file
+    from cluster.session.terminal import Terminal
+    from cluster.storage.home import Home
 
     load_plugins()
     for file in agent_files:

@@ -2,6 +2,6 @@
 
 from cluster.tracking.mirror import Mirror
 from cluster.tracking.tracker import Tracker
-from cluster.tracking.view import Document, Point, RegisteredSE, RunView
+from cluster.tracking.view import Document, Point, RegisteredSE, RunView, Views
 
-__all__ = ["Document", "Mirror", "Point", "RegisteredSE", "RunView", "Tracker"]
+__all__ = ["Document", "Mirror", "Point", "RegisteredSE", "RunView", "Tracker", "Views"]

@@ -8,10 +8,11 @@ import hashlib
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from bilevel.errors import InvalidInput
 from bilevel.nes import GenerationRecord
+from cluster.storage.run_folder import Final
 
 
 @dataclass(frozen=True)
@@ -33,6 +34,11 @@ class Point:
         values = asdict(record)
         time, step = values.pop("finished"), values.pop("generation")
         return cls(values, step, time)
+
+    @classmethod
+    def of_final(cls, final: Final) -> "Point":
+        """The scores of fresh agents on the best SE."""
+        return cls(final.metrics, final.step, final.time)
 
 
 @dataclass(frozen=True)
@@ -90,3 +96,17 @@ class RunView:
     parent: str | None = None  # key of the run it is shown under
     edition: str | None = None  # another one replaces the run: its points are of another course
     model: RegisteredSE | None = field(default=None)
+
+
+class Views(Protocol):
+    """The runs that a folder is shown as."""
+
+    @property
+    def task_id(self) -> str:
+        """The task, whose experiment they belong to."""
+
+    def keys(self) -> list[str]:
+        """Their keys, parents first."""
+
+    def view(self, key: str) -> RunView:
+        """The run with that key, from what is on disk now. Raises InvalidInput."""

@@ -19,7 +19,7 @@ from bilevel.hyperparameters import Hyperparameters, agent_hyperparameters, load
 from bilevel.nes import NES
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task, get_task
-from cluster.agent_files import load_agent_file
+from cluster.ray.agent_files import load_agent_file
 from search_spaces import search_space
 from tests.documents import documented_agent
 
@@ -30,7 +30,7 @@ AGENTS = ("ddqn", "dueling-ddqn", "td3", "reinforce")
 def _documented_agent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "path", [*sys.path])
-        patch.setattr("cluster.agent_files._FOLDERS", [])
+        patch.setattr("cluster.ray.agent_files._FOLDERS", [])
         file = tmp_path_factory.mktemp("agents") / "reinforce.py"
         file.write_text(documented_agent())
         load_agent_file(file)

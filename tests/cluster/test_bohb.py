@@ -22,11 +22,11 @@ from cluster.bohb.brackets import (
     generations_to_run,
 )
 from cluster.bohb.journal import Journal
+from cluster.bohb.profiles import METHODS, get_profile, sized
 from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
-from cluster.profiles import METHODS, get_profile, sized
-from cluster.run_folder import locked_settings
+from cluster.storage.run_folder import locked_settings
 from search_spaces import search_space
 from tests.studies import run_job
 

@@ -11,14 +11,14 @@ from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE
 from bilevel.tasks import Task
-from cluster.final import (
+from cluster.nes.final import (
     Contender,
     Round,
     agents_needed,
     choose_best,
     score_anew,
 )
-from cluster.pool import EvaluationPool
+from cluster.ray.pool import EvaluationPool
 from tests.conftest import ddqn
 
 

@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 
 from bilevel import InvalidInput
-from cluster.home import Home
-from cluster.progress import duration
+from cluster.session.terminal import duration
+from cluster.storage.home import Home
 
 
 @pytest.mark.parametrize("name", ["../x", "a/b", "", ".hidden", "x" * 81, "a\nb", "-x", "a b"])

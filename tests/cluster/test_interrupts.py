@@ -4,8 +4,8 @@ import signal
 
 import pytest
 
-from cluster.interrupts import InterruptGuard
-from cluster.progress import Terminal
+from cluster.session.interrupts import InterruptGuard
+from cluster.session.terminal import Terminal
 
 
 class Swallows:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bilevel import InvalidInput
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
-from cluster.lines import Lines
+from cluster.storage.lines import Lines
 from tests.small_disk import on_small_disk, small_disks
 
 json_values = st.recursive(
@@ -123,7 +123,7 @@ def test_a_full_disk_adds_nothing(tmp_path: Path) -> None:
     script = f"""{sys.executable} - <<'END'
 from pathlib import Path
 from bilevel.errors import StorageFailure
-from cluster.lines import Lines
+from cluster.storage.lines import Lines
 lines = Lines(Path({str(disk)!r}) / "file")
 lines.append("first")
 try:

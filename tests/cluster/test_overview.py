@@ -3,10 +3,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from cluster.home import Home
-from cluster.overview import overview, print_overview
-from cluster.profiles import ENDLESS
-from cluster.run_folder import Standing, held
+from cluster.bohb.profiles import ENDLESS
+from cluster.catalog.overview import overview, print_overview
+from cluster.storage.home import Home
+from cluster.storage.run_folder import Standing, held
 from tests.studies import make_study, new_study
 
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from bilevel.hyperparameters import RECIPES, load_recipe
-from cluster.profiles import PROFILES, get_profile, sized
+from cluster.bohb.profiles import PROFILES, get_profile, sized
 
 
 @pytest.mark.parametrize("recipe", RECIPES)

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bilevel.evaluation import Centre, EvaluationRequest, Perturbed, TrainedOn
 from bilevel.hyperparameters import load_recipe
-from cluster.request_queue import BATCHES, Batch, RequestQueue, batches
+from cluster.ray.queue import BATCHES, Batch, RequestQueue, batches
 from tests.conftest import ddqn
 
 AGENT = ddqn(load_recipe("paper", "CartPole-v0"))

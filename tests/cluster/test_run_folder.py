@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from bilevel import InvalidInput
-from cluster.run_folder import (
+from cluster.storage.run_folder import (
     Begun,
     Final,
     Standing,

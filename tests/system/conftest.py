@@ -12,7 +12,7 @@ import pytest
 import ray
 
 from bilevel.nes import NESState
-from cluster.ray_cluster import ray_cluster
+from cluster.ray.connection import ray_cluster
 from tests.commands import BILEVEL
 
 

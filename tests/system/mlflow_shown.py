@@ -9,12 +9,12 @@ from pathlib import Path
 import mlflow
 import psutil
 
-from cluster.home import Home
-from cluster.mlflow_server import mlflow_server
-from cluster.ports import free_port, listening
-from cluster.run_folder import Begun
+from cluster.catalog.kinds import views_of
+from cluster.services.mlflow_server import mlflow_server
+from cluster.services.ports import free_port, listening
+from cluster.storage.home import Home
+from cluster.storage.run_folder import Begun
 from cluster.tracking import RunView
-from cluster.views import views_of
 
 
 def disagreements(folder: Path, tracking_uri: str) -> list[str]:

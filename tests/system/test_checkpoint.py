@@ -7,8 +7,8 @@ import pytest
 
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.tasks import Task
-from cluster.nes_loop import STATE_FILE, NESRun
-from cluster.pool import EvaluationPool
+from cluster.nes.run import STATE_FILE, NESRun
+from cluster.ray.pool import EvaluationPool
 from tests.system.conftest import untimed
 
 pytestmark = pytest.mark.timeout(280)

@@ -14,7 +14,7 @@ import safetensors.numpy
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.synthetic_env import SE, Architecture, StoredSE, save_se
 from bilevel.tasks import get_task
-from cluster.nes_loop import STATE_FILE
+from cluster.nes.run import STATE_FILE
 from tests.commands import run_bilevel
 from tests.documents import documented_agent
 from tests.system.conftest import client, run_until

@@ -13,7 +13,7 @@ import pytest
 
 import bilevel  # noqa: F401  (registers the environment)
 from bilevel.nes import NESState
-from cluster.nes_loop import NESRun
+from cluster.nes.run import NESRun
 from tests.commands import run_bilevel
 from tests.system.conftest import client, run_until, untimed
 

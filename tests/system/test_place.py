@@ -8,10 +8,10 @@ from pathlib import Path
 import pytest
 import ray
 
-from cluster.home import Home
-from cluster.place import Place
-from cluster.pool import EvaluationPool
-from cluster.ray_cluster import cluster_cores, fair_share, sharing
+from cluster.ray.connection import cluster_cores, fair_share, sharing
+from cluster.ray.pool import EvaluationPool
+from cluster.session.place import Place
+from cluster.storage.home import Home
 
 pytestmark = pytest.mark.timeout(120)
 

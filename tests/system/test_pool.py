@@ -17,7 +17,7 @@ from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
 from bilevel.synthetic_env import SE
 from bilevel.tasks import Task
-from cluster.pool import EvaluationPool
+from cluster.ray.pool import EvaluationPool
 from tests.conftest import ddqn
 
 pytestmark = [pytest.mark.timeout(120), pytest.mark.usefixtures("local_ray")]

@@ -9,10 +9,10 @@ from pathlib import Path
 
 import pytest
 
-from cluster.home import Home
-from cluster.ports import free_port
-from cluster.progress import Terminal
-from cluster.sync import sync
+from cluster.catalog.sync import sync
+from cluster.services.ports import free_port
+from cluster.session.terminal import Terminal
+from cluster.storage.home import Home
 from tests.studies import make_study
 from tests.system.mlflow_shown import Server, disagreements
 

@@ -12,9 +12,9 @@ from pathlib import Path
 import psutil
 import pytest
 
-from cluster.home import Home
-from cluster.ports import free_port, listening
-from cluster.services import services
+from cluster.services.background import services
+from cluster.services.ports import free_port, listening
+from cluster.storage.home import Home
 from tests.commands import BILEVEL, run_bilevel
 from tests.system.mlflow_shown import disagreements
 

@@ -17,13 +17,14 @@ import pytest
 from bilevel import InvalidInput
 from cluster.bohb.journal import Journal
 from cluster.bohb.study import Study
-from cluster.home import Home
-from cluster.progress import Terminal
-from cluster.run_folder import Begun, held
-from cluster.sync import sync
+from cluster.bohb.view import StudyViews
+from cluster.catalog.kinds import views_of
+from cluster.catalog.sync import sync
+from cluster.session.terminal import Terminal
+from cluster.storage.home import Home
+from cluster.storage.run_folder import Begun, held
 from cluster.tracking import Mirror, Tracker
 from cluster.tracking.tracker import _IMPORT
-from cluster.views import StudyViews, views_of
 from tests.studies import make_study
 from tests.system.mlflow_shown import Server, disagreements
 
@@ -78,7 +79,7 @@ def test_the_first_runs_of_a_home_may_start_at_once(home: Home) -> None:
     go = home.folder / "go"
     code = (
         "import pathlib, sys, time, mlflow.store.tracking.sqlalchemy_store;"
-        "from cluster.home import Home; from cluster.tracking import Tracker;"
+        "from cluster.storage.home import Home; from cluster.tracking import Tracker;"
         "home = Home(pathlib.Path(sys.argv[1])); print('ready', flush=True);"
         "[time.sleep(0.001) for _ in iter((home.folder / 'go').exists, True)];"
         "Tracker(home.database_uri, 'CartPole-v0', home.artifacts)"
@@ -117,7 +118,7 @@ def test_a_first_run_killed_while_the_database_is_made_leaves_the_next_one_a_who
     code = (
         "import os, signal, sys, pathlib, alembic.command;"
         "alembic.command.upgrade = lambda *_: os.kill(os.getpid(), signal.SIGKILL);"
-        "from cluster.home import Home; from cluster.tracking import Tracker;"
+        "from cluster.storage.home import Home; from cluster.tracking import Tracker;"
         "home = Home(pathlib.Path(sys.argv[1]));"
         "Tracker(home.database_uri, 'CartPole-v0', home.artifacts)"
     )

@@ -173,8 +173,8 @@ class TestGumbelSoftmax:
             for _ in range(40):
                 td3.gradient_step(kernel, rng)
             temperature = np.exp(kernel.rho.online[0])
-            assert temperature >= td3.LOWEST_TEMPERATURE * 0.999
-            assert temperature <= td3.HIGHEST_TEMPERATURE * 1.001
+            assert temperature >= TD3Hyperparameters.temperatures[0] * 0.999
+            assert temperature <= TD3Hyperparameters.temperatures[1] * 1.001
 
 
 def se_environment(task: Task, seed: int, episodes: int, step_limit: int) -> Environment:

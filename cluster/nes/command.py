@@ -12,23 +12,25 @@ from bilevel.nes import NESState
 from bilevel.nes.confirmation import Confirmation
 from bilevel.nes.start import StartRace
 from bilevel.synthetic_env import save_se
-from cluster.final import (
+from cluster.nes import pictures
+from cluster.nes.final import (
     LAST_FILE,
     Contender,
     choose_best,
     hand_over,
     score_anew,
 )
-from cluster.interrupts import InterruptGuard
-from cluster.live_run import live_run
-from cluster.nes_loop import NESRun, start_of
-from cluster.place import Place
-from cluster.pool import EvaluationPool
-from cluster.progress import Terminal, count, duration, generation_line
-from cluster.run_folder import Begun, locked_settings
+from cluster.nes.run import NESRun, start_of
+from cluster.nes.view import NESViews
+from cluster.ray.pool import EvaluationPool
+from cluster.session.interrupts import InterruptGuard
+from cluster.session.live_run import live_run
+from cluster.session.place import Place
+from cluster.session.terminal import Terminal, count, duration, generation_line
+from cluster.storage.run_folder import Begun, locked_settings
 from cluster.tracking import Tracker
+from cluster.tracking.pictures import png
 from cluster.tracking.registry import model_address
-from cluster.views import NESViews, plots
 
 #: Fresh agents that score the best SE at the end, with seeds of their own.
 FINAL_AGENTS = 10
@@ -194,8 +196,8 @@ class _UnderWay:
         se = replace(best.se, info={**best.se.info, "real_env_steps": real_steps})
         save_se(state.current, run.folder / LAST_FILE)
         title = f"{run.folder.name} on {run.task.id}"
-        figure = plots.learning_curve(state.records, run.task, title)
-        write_aside(run.folder / "learning_curve.png", plots.png(figure))
+        figure = pictures.learning_curve(state.records, run.task, title)
+        write_aside(run.folder / "learning_curve.png", png(figure))
         path = hand_over(se, score, run.folder, state.generation)
         line(str(score))
         line(f"best SE: {path}  ({model_address(run.task.id)} in MLflow's model registry)")

@@ -5,9 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from bilevel.errors import InvalidInput
-from cluster.run_folder import Begun, Standing, finals, read_settings, stored_task
-from cluster.tracking import Document, RunView
-from cluster.views.nes import final_point
+from cluster.storage.run_folder import Begun, Standing, finals, read_settings, stored_task
+from cluster.tracking import Document, Point, RunView
 
 #: The kind of run that `settings.json` tells.
 KIND = "evaluate"
@@ -63,6 +62,6 @@ class EvaluationViews:
             standing.since if over else None,
             {"agents": kinds, "vary": settings["vary"], "seed": settings["seed"], "task": task},
             {"bilevel.kind": KIND, "mlflow.note.content": note},
-            tuple(final_point(end) for end in ends),
+            tuple(Point.of_final(end) for end in ends),
             tuple(Document.of_file(path) for path in files if over and path.exists()),
         )

@@ -6,8 +6,8 @@ import sys
 from pathlib import Path
 
 from bilevel.errors import InvalidInput
-from cluster.home import Home
-from cluster.ports import require_free
+from cluster.services.ports import require_free
+from cluster.storage.home import Home
 
 
 def mlflow_server(home: Home, host: str, port: int) -> tuple[list[str], dict[str, str]]:

@@ -10,17 +10,17 @@ from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.nes import NESState
 from cluster.bohb.journal import Journal
+from cluster.bohb.profiles import ENDLESS
 from cluster.bohb.study import KIND as STUDY_KIND
 from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
-from cluster.home import Home
-from cluster.lines import Lines
-from cluster.nes_loop import KIND as NES_KIND
-from cluster.nes_loop import STATE_FILE
-from cluster.profiles import ENDLESS
-from cluster.run_folder import Standing, finals, is_held, read_settings, stored_task
-from cluster.views.evaluation import KIND as EVALUATION_KIND
-from cluster.views.evaluation import RESULTS_FILE
+from cluster.evaluate.view import KIND as EVALUATION_KIND
+from cluster.evaluate.view import RESULTS_FILE
+from cluster.nes.run import KIND as NES_KIND
+from cluster.nes.run import STATE_FILE
+from cluster.storage.home import Home
+from cluster.storage.lines import Lines
+from cluster.storage.run_folder import Standing, finals, is_held, read_settings, stored_task
 
 _STATES = {"FINISHED": "finished", "KILLED": "stopped", "FAILED": "failed", "RUNNING": "killed"}
 

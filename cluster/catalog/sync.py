@@ -3,12 +3,12 @@
 from pathlib import Path
 
 from bilevel.errors import InvalidInput
-from cluster.home import Home
-from cluster.progress import Terminal
-from cluster.run_folder import held
+from cluster.catalog.kinds import views_of
+from cluster.session.terminal import Terminal
+from cluster.storage.home import Home
+from cluster.storage.run_folder import held
 from cluster.tracking import Tracker
 from cluster.tracking.tracker import check_tracking_uri, first_line
-from cluster.views import views_of
 
 
 def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> None:

@@ -22,7 +22,7 @@ from filelock import FileLock, Timeout
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, StorageFailure, one_of
 from bilevel.tasks import Task
-from cluster.lines import Lines
+from cluster.storage.lines import Lines
 
 #: What a run may stand at; the names are MLflow's.
 STATUSES = ("RUNNING", "FINISHED", "KILLED", "FAILED")

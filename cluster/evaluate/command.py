@@ -25,22 +25,22 @@ from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, Real
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
-from cluster.evaluation_report import Group, as_json, as_table, violins
-from cluster.lines import Lines
-from cluster.live_run import live_run
-from cluster.place import Place
-from cluster.pool import EvaluationPool
-from cluster.progress import Terminal
-from cluster.run_folder import Begun, Final, add_final, locked_settings
-from cluster.tracking import Tracker
-from cluster.views.evaluation import (
+from cluster.evaluate.report import Group, as_json, as_table, violins
+from cluster.evaluate.view import (
     KIND,
     PICTURE_FILE,
     REPORT_FILE,
     RESULTS_FILE,
     EvaluationViews,
 )
-from cluster.views.plots import png
+from cluster.ray.pool import EvaluationPool
+from cluster.session.live_run import live_run
+from cluster.session.place import Place
+from cluster.session.terminal import Terminal
+from cluster.storage.lines import Lines
+from cluster.storage.run_folder import Begun, Final, add_final, locked_settings
+from cluster.tracking import Tracker
+from cluster.tracking.pictures import png
 
 #: Names the seeds apart from all others that a run derives.
 _EVALUATE = 0x4556_414C

@@ -16,8 +16,8 @@ from bilevel.nes.algorithm import as_turn
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE, save_se
 from bilevel.tasks import Task
-from cluster.pool import EvaluationPool
-from cluster.run_folder import Final, add_final
+from cluster.ray.pool import EvaluationPool
+from cluster.storage.run_folder import Final, add_final
 
 #: What fresh seeds are derived from: the run's seed, and when in the run.
 Seed = tuple[int, ...]

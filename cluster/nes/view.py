@@ -8,11 +8,12 @@ import numpy as np
 
 from bilevel.nes import NESState
 from bilevel.synthetic_env import se_bytes
-from cluster.final import BEST_FILE, LAST_FILE
-from cluster.nes_loop import NESRun, start_of
-from cluster.run_folder import Begun, Final, Standing, finals
+from cluster.nes import pictures
+from cluster.nes.final import BEST_FILE, LAST_FILE
+from cluster.nes.run import NESRun, start_of
+from cluster.storage.run_folder import Begun, Final, Standing, finals
 from cluster.tracking import Document, Point, RegisteredSE, RunView
-from cluster.views import plots
+from cluster.tracking.pictures import png
 
 
 def generation_points(state: NESState | None) -> list[Point]:
@@ -31,7 +32,7 @@ def run_documents(run: NESRun, state: NESState, title: str, best: Document) -> l
     version = f"generation {state.generation}"
 
     def curve() -> bytes:
-        return plots.png(plots.learning_curve(state.records, run.task, title))
+        return png(pictures.learning_curve(state.records, run.task, title))
 
     return [
         best,
@@ -39,11 +40,6 @@ def run_documents(run: NESRun, state: NESState, title: str, best: Document) -> l
         Document("learning_curve.png", version, curve),
         Document.of_text("configuration.json", json.dumps(run.hp.to_dict(), indent=2)),
     ]
-
-
-def final_point(final: Final) -> Point:
-    """The scores of fresh agents on the best SE."""
-    return Point(final.metrics, final.step, final.time)
 
 
 def registered(folder: Path, task_id: str, last: Final) -> RegisteredSE:
@@ -86,7 +82,7 @@ class NESViews:
                 scores = [record.score_mean for record in state.records[: end.step]]
                 values = {"objective": float(np.mean(scores)), "budget": float(end.step)}
                 points.append(Point(values, end.step, end.time))
-            points.append(final_point(end))
+            points.append(Point.of_final(end))
         documents: list[Document] = []
         if over and state is not None and state.finalists:
             best = (

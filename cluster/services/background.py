@@ -20,9 +20,9 @@ import psutil
 
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
-from cluster.home import Home
-from cluster.mlflow_server import mlflow_server
-from cluster.ports import free_port, require_free
+from cluster.services.mlflow_server import mlflow_server
+from cluster.services.ports import free_port, require_free
+from cluster.storage.home import Home
 from cluster.tracking.database import database_ready
 
 #: What whoever joins a service takes over of its environment.

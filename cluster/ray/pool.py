@@ -14,8 +14,8 @@ from ray.exceptions import RayError, RayTaskError
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.synthetic_env import SE, SEDistribution
 from bilevel.tasks import Task
-from cluster.ray_cluster import fair_share, require_capacity
-from cluster.request_queue import Batch, RequestQueue
+from cluster.ray.connection import fair_share, require_capacity
+from cluster.ray.queue import Batch, RequestQueue
 
 #: Deaths of actors on one and the same batch after which it is given up: then it
 #: is a request of it (out of memory, say) and not the machine. Likewise deaths in a row of

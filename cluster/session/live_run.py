@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bilevel.errors import StorageFailure
-from cluster.progress import Terminal
-from cluster.run_folder import Standing
-from cluster.tracking import Mirror, Tracker
-from cluster.views import Views
+from cluster.session.terminal import Terminal
+from cluster.storage.run_folder import Standing
+from cluster.tracking import Mirror, Tracker, Views
 
 
 @dataclass

@@ -14,8 +14,8 @@ from ray.util.placement_group import (
 )
 
 from bilevel.errors import InvalidInput
-from cluster.agent_files import runtime_env
-from cluster.environment import environment_kept
+from cluster.ray.agent_files import runtime_env
+from cluster.ray.environment import environment_kept
 
 _CONNECT_TIMEOUT = 5.0  # seconds until an address counts as unreachable
 #: Begins the names of placement groups that stand for a run.

@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from types import FrameType
 from typing import Any, Self
 
-from cluster.progress import Terminal
+from cluster.session.terminal import Terminal
 
 
 class InterruptGuard:

@@ -11,8 +11,8 @@ from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import Hyperparameters, NESHyperparameters
 from bilevel.nes import NES, NESState
 from bilevel.tasks import Task
-from cluster.pool import EvaluationPool
-from cluster.run_folder import Standing, read_settings, stored_task
+from cluster.ray.pool import EvaluationPool
+from cluster.storage.run_folder import Standing, read_settings, stored_task
 
 STATE_FILE = "state.safetensors"
 

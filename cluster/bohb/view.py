@@ -12,22 +12,22 @@ from pathlib import Path
 
 from bilevel.errors import InvalidInput
 from bilevel.synthetic_env import se_bytes
+from cluster.bohb import pictures
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.study import KIND, Study, configuration_name
 from cluster.bohb.summary import StudySummary
-from cluster.final import BEST_FILE
-from cluster.nes_loop import start_of
-from cluster.progress import last_line
-from cluster.run_folder import Begun, Standing, finals
-from cluster.tracking import Document, Point, RunView
-from cluster.views import plots
-from cluster.views.nes import (
+from cluster.nes.final import BEST_FILE
+from cluster.nes.run import start_of
+from cluster.nes.view import (
     edition,
-    final_point,
     generation_points,
     registered,
     run_documents,
 )
+from cluster.session.terminal import last_line
+from cluster.storage.run_folder import Begun, Standing, finals
+from cluster.tracking import Document, Point, RunView
+from cluster.tracking.pictures import png
 
 __all__ = ["KIND", "StudyViews"]
 
@@ -116,7 +116,7 @@ class StudyViews:
                 "base": study.base.to_dict(),
             },
             tags,
-            (*points, *(final_point(end) for end in ends)),
+            (*points, *(Point.of_final(end) for end in ends)),
             tuple(self._documents(journal, summary, bool(ends))),
             model=registered(study.folder, study.task.id, ends[-1]) if ends else None,
         )
@@ -129,7 +129,7 @@ class StudyViews:
             return documents
 
         def picture() -> bytes:
-            return plots.png(plots.objective_against_cost(summary.points(), study.task, study.name))
+            return png(pictures.objective_against_cost(summary.points(), study.task, study.name))
 
         documents += [
             Document("objective_against_cost.png", f"{len(journal.results)} results", picture),

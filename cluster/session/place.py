@@ -7,9 +7,9 @@ from dataclasses import dataclass
 
 import ray
 
-from cluster.home import Home
-from cluster.progress import Terminal
-from cluster.ray_cluster import ray_cluster, require_server_for_nodes, sharing
+from cluster.ray.connection import ray_cluster, require_server_for_nodes, sharing
+from cluster.session.terminal import Terminal
+from cluster.storage.home import Home
 from cluster.tracking import Tracker
 from cluster.tracking.tracker import check_tracking_uri, mlflow_imported_meanwhile
 

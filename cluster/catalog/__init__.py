@@ -1,0 +1,1 @@
+"""The kinds of runs, and lists of them."""

@@ -1,0 +1,1 @@
+"""An evaluation of SEs: command, report and view."""

@@ -1,0 +1,1 @@
+"""An NES run: command, run, view and pictures."""

@@ -1,0 +1,1 @@
+"""What holds while a command runs: place, terminal, signals, and that MLflow follows."""
