@@ -92,7 +92,7 @@ def test_only_distilled_learns_from_more_than_scores() -> None:
 def test_a_recipe_of_ones_own(tmp_path: Path) -> None:
     text = files("bilevel.hyperparameters.recipes").joinpath("default.toml").read_text()
     path = tmp_path / "mine.toml"
-    path.write_text(text.replace("std_dev = 0.1", "std_dev = 0.3"))
+    path.write_text(text.replace("std_dev = 0.2", "std_dev = 0.3"))
     assert load_recipe(str(path), "CartPole-v0").nes.std_dev == 0.3
 
 

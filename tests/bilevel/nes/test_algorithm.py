@@ -218,7 +218,6 @@ class TestTell:
             if state.confirmed:
                 np.testing.assert_array_equal(state.best.psi, state.se.centre.psi)
         assert finished == [False, False, False, True, True]
-        assert state.best.info["generation"] == 3
 
     @pytest.mark.parametrize(("confirming", "ends"), [(200.0, True), (190.0, False)])
     def test_fresh_agents_of_all_sizes_confirm_it(
