@@ -60,7 +60,7 @@ def run_seed(task: str, seed: int, recipe: str, home: Path) -> dict[str, Any]:
         "final_score": round(final["final_score_mean"], 1),
         "final_train_steps": round(final["final_train_steps_mean"]),
         "solved": bool(final["final_score_mean"] >= run.task.solved_reward),
-        "real_env_steps": state.real_env_steps,
+        "real_env_steps": load_se(folder / BEST_FILE).info["real_env_steps"],
         "core_utilisation": round(float(np.median([r.core_utilisation for r in records])), 3),
     }
 

@@ -22,7 +22,7 @@ _SEEDS = (
     "generations",
     "train steps of an agent",
     "million real steps",
-    "core utilisation",
+    "core utilisation in generations",
 )
 
 _TAUGHT = (

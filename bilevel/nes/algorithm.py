@@ -69,7 +69,7 @@ class NES:
         return RULES[self.hp.nes.update]
 
     @property
-    def origin(self) -> dict[str, Any]:
+    def provenance(self) -> dict[str, Any]:
         """What the files of the run's SEs tell of it."""
         hp = self.hp.to_dict()
         return {"hyperparameters": hp, "seed": self.seed, "bilevel_version": __version__}
@@ -96,18 +96,18 @@ class NES:
                 self.task,
                 SEDistribution(space, start.se.psi, sigma, start.se.psi),
                 scale,
-                self.origin,
+                self.provenance,
                 real_env_steps=real_steps + start.real_env_steps,
             )
         zero = np.zeros(space.size, np.float32)
         origin = SEDistribution(space, zero, sigma, zero)
-        state = NESState(self.task, origin, scale, self.origin, real_env_steps=real_steps)
+        state = NESState(self.task, origin, scale, self.provenance, real_env_steps=real_steps)
         return self._started(state, attempt=0)
 
     def load(self, path: Path) -> NESState:
         """A state of this run that `NESState.save` wrote; a run that was out of generations goes
         on if there are more now. Raises InvalidInput."""
-        return self._ended(NESState.load(path, self.task, self.hp.se, self.origin))
+        return self._ended(NESState.load(path, self.task, self.hp.se, self.provenance))
 
     def _started(self, state: NESState, attempt: int) -> NESState:
         """The state with the candidates of an attempt, or, of one alone, at that."""

@@ -35,7 +35,7 @@ class NESState:
     se: SEDistribution
     scale: ObservationScale
     # Hyperparameters, seed and version of the run, which the files of its SEs tell.
-    origin: Mapping[str, Any] = field(default_factory=dict)
+    provenance: Mapping[str, Any] = field(default_factory=dict)
     generation: int = 0
     attempt: int = 0  # how often the run has begun again from other random SEs
     attempt_began: int = 0  # the generation in which it did last
@@ -81,7 +81,7 @@ class NESState:
         ]
 
     def _stored(self, se: SE, **info: object) -> StoredSE:
-        task, told = self.task, {**self.origin, "real_env_steps": self.real_env_steps, **info}
+        task, told = self.task, {**self.provenance, "real_env_steps": self.real_env_steps, **info}
         return StoredSE(se, task.id, task.step_limit, task.solved_reward, told)
 
     @property
@@ -143,7 +143,11 @@ class NESState:
 
     @classmethod
     def load(
-        cls, path: Path, task: Task, hp: SEHyperparameters, origin: Mapping[str, Any] | None = None
+        cls,
+        path: Path,
+        task: Task,
+        hp: SEHyperparameters,
+        provenance: Mapping[str, Any] | None = None,
     ) -> "NESState":
         """The inverse of `save`, of a run on `task` with such SEs (see also `NES.load`). Raises
         InvalidInput for a damaged file."""
@@ -180,7 +184,7 @@ class NESState:
                 task=task,
                 se=se,
                 scale=scale,
-                origin=origin or {},
+                provenance=provenance or {},
                 race=race,
                 confirmation=confirmation,
                 finalists=finalists,

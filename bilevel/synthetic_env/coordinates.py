@@ -109,10 +109,10 @@ class PlainCoordinates:
 
 
 #: Factor by which one step carries states away from the mean observation. Above 1, an episode
-#: leaves the narrow region in which the task's own episodes start, and at last the box: its length
-#: follows from this factor.
+#: leaves the narrow region in which the task's own episodes start. Further out tanh holds it back;
+#: some episodes leave the box, others go on until the step limit.
 SPREAD = 1.12
-#: Distance from the mean observation, in units of c, at which tanh begins to saturate.
+#: Size of the components of x at which tanh begins to saturate.
 RANGE = 3.0
 #: Half-width of the box in a random SE, in units of c, and how steeply done rises at its sides.
 EDGE, SIDES = 2.0, 2.0
