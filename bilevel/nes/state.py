@@ -63,7 +63,7 @@ class NESState:
 
     @property
     def current(self) -> StoredSE:
-        """The unperturbed SE as it is now, which no agent has been trained on yet."""
+        """The unperturbed SE as it is now, after the last step."""
         return self._stored(self.se.centre, generation=self.generation)
 
     @property

@@ -120,19 +120,11 @@ class _UnderWay:
             elif state.confirmation is not None:
                 state = self._confirmed(state, state.confirmation)
             else:
-                done = state.generation - first
-                left = (
-                    (time.monotonic() - started)
-                    / max(done, 1)
-                    * (nes.generations - state.generation)
-                )
-                self.terminal.bar(
-                    f"generation {state.generation}",
-                    0,
-                    nes.evaluations,
-                    "evaluations",
-                    f"ETA at most {duration(left)}" if done else "",
-                )
+                done, left = state.generation - first, nes.generations - state.generation
+                seconds = (time.monotonic() - started) / max(done, 1) * left
+                note = f"ETA at most {duration(seconds)}" if done else ""
+                title = f"generation {state.generation}"
+                self.terminal.bar(title, 0, nes.evaluations, "evaluations", note)
                 state = self._advanced(state)
                 changed()
                 self.terminal.line(generation_line(state.records[-1], state.best_score))
@@ -169,9 +161,10 @@ class _UnderWay:
         state = self._advanced(state, lambda result: scores.append(result.score))
         if state.confirmation is None:
             verdict = "solved" if state.confirmed else "not surely solved yet, going on"
+            kind = "fresh agents" if self.run.hp.vary_agent == "no" else "fresh agents of all sizes"
             self.terminal.line(
-                f"{len(scores)} fresh agents of all sizes score {np.mean(scores):.1f} ± "
-                f"{np.std(scores):.1f} on the current SE: {verdict}"
+                f"{len(scores)} {kind} score {np.mean(scores):.1f} ± {np.std(scores):.1f} on the "
+                f"current SE: {verdict}"
             )
         return state
 
@@ -186,8 +179,10 @@ class _UnderWay:
     def _finish(self, state: NESState) -> None:
         run, line = self.run, self.terminal.line
         reason = "solved and stayed solved" if state.confirmed else "all generations done"
-        seconds = duration(sum(record.generation_seconds for record in state.records))
-        line(f"{reason}: {count(state.generation, 'generation')} in {seconds}")
+        elapsed = duration(time.monotonic() - self.terminal.started)
+        line(
+            f"{reason}: {count(state.generation, 'generation')}, {elapsed} after the command began"
+        )
         before = self.pool.real_env_steps
         best = Contender(state.best, run.hp) if state.confirmed else self._best(state)
         score = score_anew(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
