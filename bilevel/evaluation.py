@@ -22,6 +22,7 @@ from bilevel.kernels import training
 from bilevel.kernels.blas import one_blas_thread
 from bilevel.kernels.environment import Environment, environment
 from bilevel.kernels.stopping import NOT_FINITE
+from bilevel.seeds import split
 from bilevel.synthetic_env import SE, Architecture, SEDistribution
 from bilevel.tasks import Task
 
@@ -128,9 +129,7 @@ def train_and_test(
     The compiled twin of the agent is used where there is one (and the real task, if
     trained on, is compiled), unless `compiled` is False.
     """
-    agent_seed, physics_seed, test_seed = (
-        int(word) for word in np.random.SeedSequence(seed).generate_state(3, np.uint64)
-    )
+    agent_seed, physics_seed, test_seed = split(seed, 3)
     run = _Run(task, se, hp, agent_seed, physics_seed, test_seed)
     has_kernel = get_agent(hp.agent).build_kernel is not None
     with one_blas_thread():

@@ -1,5 +1,5 @@
 """Seeds are derived here, and nowhere else: from a run's seed, a purpose, and a path of numbers
-that tell which seed of that purpose it is."""
+that tell which seed of that purpose it is. What is random in one evaluation splits its seed."""
 
 from enum import IntEnum
 
@@ -20,9 +20,17 @@ class Purpose(IntEnum):
     RETEST = 8  # evaluations that choose the best SE at the end of a run
     FINAL = 9  # evaluations that score the chosen SE
     CONFIRM = 10  # evaluations that decide whether a run has solved the task
+    CONFIGURATION = 11  # the NES run of a study's configuration
+    PROPOSAL = 12  # a study's next configuration
+    EVALUATION = 13  # fresh agents of `bilevel evaluate`
 
 
 def derive(root: int, purpose: Purpose, *path: int) -> int:
     """A seed of 64 bits, the same for the same arguments everywhere."""
     words = np.random.SeedSequence([root, int(purpose), *path]).generate_state(1, np.uint64)
     return int(words[0])
+
+
+def split(seed: int, parts: int) -> list[int]:
+    """So many independent seeds of 64 bits, from one."""
+    return [int(word) for word in np.random.SeedSequence(seed).generate_state(parts, np.uint64)]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from bilevel.errors import one_of
 from bilevel.hyperparameters import AgentHyperparameters, agent_hyperparameters
+from bilevel.seeds import split
 
 #: Packages name modules that register agents under this group of entry points.
 ENTRY_POINTS = "bilevel.agents"
@@ -107,5 +108,5 @@ def registered_agents() -> tuple[str, ...]:
 def agent_seeds(seed: int) -> tuple[int, int]:
     """Of a built-in agent: the seed of its initial parameters, and that of its
     exploration, noise and minibatches."""
-    initial, loop = np.random.SeedSequence(seed).generate_state(2, np.uint64)
-    return int(initial), int(loop)
+    initial, loop = split(seed, 2)
+    return initial, loop

@@ -41,6 +41,7 @@ from bilevel.distilled.action_values import SMALL, ActionValues
 from bilevel.distilled.transitions import Transitions
 from bilevel.kernels.blas import one_blas_thread
 from bilevel.kernels.offline import fit, regression
+from bilevel.seeds import split
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task
 
@@ -91,8 +92,7 @@ def distill(task: Task, architecture: Architecture, seed: int) -> DistilledSE:
 
 def lessons(task: Task, seed: int) -> Lessons:
     """Steps on the real task, and what their actions are worth; by `seed` alone."""
-    words = np.random.SeedSequence(seed).generate_state(4 + TEACHERS, np.uint64)
-    recording, first, following, fitting, *teaching = (int(word) for word in words)
+    recording, first, following, fitting, *teaching = split(seed, 4 + TEACHERS)
     with one_blas_thread():
         data = Transitions.recorded(task, RANDOM_STEPS, recording)
         policy = ActionValues.learned(task, data, first)

@@ -11,6 +11,7 @@ from bilevel.evaluation import real_returns
 from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.kernels import ddqn
 from bilevel.kernels.offline import learn_offline
+from bilevel.seeds import split
 from bilevel.tasks import Task
 
 #: Snapshots of Q, the gradient steps between them, and the test episodes of each.
@@ -55,7 +56,7 @@ class ActionValues:
         What Q-learning on a fixed set of steps knows is good at one time and bad a little
         later, so its snapshots are tested on the real task.
         """
-        learning, testing = (int(w) for w in np.random.SeedSequence(seed).generate_state(2))
+        learning, testing = split(seed, 2)
         mean, scale = data.states.mean(axis=0), data.states.std(axis=0) + SMALL
         states, next_states = ((s - mean) / scale for s in (data.states, data.next_states))
         rewards = data.rewards * (1 - _LEARNER.discount)  # values are then of their size

@@ -1,7 +1,7 @@
 """`bilevel bohb`: run a study, or go on with it."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal
@@ -17,12 +17,11 @@ from cluster.nes.final import RACE, Contender, agents_needed, choose_best, hand_
 from cluster.nes.run import start_of
 from cluster.ray.connection import fair_share, require_capacity, require_server_for_nodes
 from cluster.ray.pool import EvaluationPool
-from cluster.session.interrupts import InterruptGuard
-from cluster.session.live_run import live_run
 from cluster.session.place import Place
-from cluster.session.terminal import Terminal, count, duration
-from cluster.storage.run_folder import Begun, Standing, locked_settings
-from cluster.tracking import Mirror, Tracker
+from cluster.session.session import Session
+from cluster.session.terminal import count, duration
+from cluster.storage.run_folder import Standing
+from cluster.tracking import Mirror
 from cluster.tracking.registry import model_address
 
 #: Seconds of a time budget that are kept for the end: stopping the trials, scoring
@@ -64,33 +63,25 @@ def brackets_to_reach(
 
 
 def run_study(command: StudyCommand) -> int:
-    """Run (or continue) the study; returns the exit code: 0, 1 if no trial
-    succeeded, 130 after Ctrl-C. Raises InvalidInput before anything is written, and
+    """Run (or continue) the study; returns the exit code: 0, or 1 if no trial
+    succeeded. Raises InvalidInput before anything is written, and
     StorageFailure when there is no room any more."""
     study = command.study
-    with (
-        command.place.entered() as terminal,
-        InterruptGuard(terminal) as guard,  # after Ray, which takes SIGTERM for itself
-    ):
+    with command.place.entered() as driver:
         require_capacity(command.workers_per_trial, command.trials)
-        tracker = command.place.tracker(study.task.id)
-        with locked_settings(study.folder, study.settings()) as begun:
-            return _UnderWay(command, begun, tracker, terminal, guard).go()
+        with driver.session(study.folder, study.task.id, study.settings()) as session:
+            return _UnderWay(command, session).go()
 
 
-@dataclass
 class _UnderWay:
     """A study under way."""
 
-    command: StudyCommand
-    begun: Begun
-    tracker: Tracker
-    terminal: Terminal
-    guard: InterruptGuard
-    live: set[str] = field(default_factory=set)  # names of configurations
-
-    def __post_init__(self) -> None:
-        study = self.command.study
+    def __init__(self, command: StudyCommand, session: Session) -> None:
+        self.command = command
+        self.session = session
+        self.terminal = session.terminal
+        self.live: set[str] = set()  # names of configurations
+        study = command.study
         self.journal = Journal(study.folder)
         self.brackets = brackets_to_reach(
             self.journal, study.schedule, self.command.brackets, Standing.load(study.folder)
@@ -101,30 +92,26 @@ class _UnderWay:
         """To the end; the exit code."""
         study = self.command.study
         self._introduce()
-        views = StudyViews(study, self.begun, self.live)
-        try:
-            with live_run(study.folder, self.brackets, views, self.tracker, self.terminal) as run:
-                try:
-                    code = self._to_the_end(views, run.mirror)
-                finally:
-                    self.live.clear()
-                run.status = "FINISHED" if code == 0 else "FAILED"
-                return code
-        except KeyboardInterrupt:
-            self.terminal.line("stopped; the same command goes on where it was, nothing is lost")
-            return 130
+        views = StudyViews(study, self.session.begun, self.live)
+        goes_on = "the same command goes on where it was, nothing is lost"
+        with self.session.live(views, self.brackets, goes_on) as mirror:
+            try:
+                code = self._to_the_end(views, mirror)
+            finally:
+                self.live.clear()
+            self.session.status = "FINISHED" if code == 0 else "FAILED"
+            return code
 
     def _introduce(self) -> None:
         command, line = self.command, self.terminal.line
         study = command.study
-        line(
+        self.session.introduce(
             f"{study.method_name} on {study.task.id}: study {study.name!r}, space {study.space}, "
             f"recipe {study.base.recipe}, {start_of(study.base.nes)}, "
             f"rule {study.base.nes.update}, population {study.base.nes.population_size}, "
             f"budgets {'/'.join(map(str, study.schedule.budgets))} generations, "
             f"{command.trials} trial(s) at a time with {command.workers_per_trial} worker(s) each"
         )
-        line(f"folder {study.folder}; to look at it: {self.tracker.address}")
         if command.time_budget is not None:
             line(f"time budget {duration(command.time_budget)}")
         if self.journal.results:
@@ -155,15 +142,15 @@ class _UnderWay:
             mirror,
             self.terminal,
         )
-        with self.guard.orderly():
+        with self.session.guard.orderly():
             run_trials(
                 command.study,
                 command.workers_per_trial,
                 searcher,
-                StudyStopper(searcher, self.guard),
+                StudyStopper(searcher, self.session.guard),
                 report,
             )
-        self.guard.check()
+        self.session.guard.check()
         if searcher.stopped_by is not None:
             raise searcher.stopped_by
         if searcher.time_is_up and not self.search.finished:

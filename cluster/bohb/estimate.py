@@ -68,9 +68,10 @@ def dry_run(command: StudyCommand) -> None:
     one core. Raises InvalidInput where the study itself would.
     """
     study, schedule = command.study, command.study.schedule
-    with command.place.entered() as terminal:
+    with command.place.entered() as driver:
         trials = command.trials
         require_capacity(command.workers_per_trial, trials)
+    terminal = driver.terminal
     terminal.line(
         f"{study.method_name} on {study.task.id}: study {study.name!r}, budgets in generations"
     )

@@ -25,6 +25,7 @@ from hpbandster.optimizers.config_generators.bohb import BOHB
 from hpbandster.optimizers.iterations import SuccessiveHalving
 
 from bilevel.errors import InvalidInput
+from bilevel.seeds import Purpose, derive, split
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, ResultLine
 from cluster.bohb.study import Study
@@ -154,10 +155,11 @@ class BracketSearch:
 
         hpbandster draws from numpy's global generator, which is put back after.
         """
-        words = np.random.SeedSequence([self._seed, len(self._journal.configs)]).generate_state(2)
+        seed = derive(self._seed, Purpose.PROPOSAL, len(self._journal.configs))
+        of_model, of_space = (word % 2**32 for word in split(seed, 2))
         before = np.random.get_state()
-        np.random.seed(words[0])
-        self._space.seed(int(words[1]))
+        np.random.seed(of_model)
+        self._space.seed(of_space)
         try:
             with _hpbandsters_warnings_ignored():
                 configuration, info = self._generator.get_config(budget)

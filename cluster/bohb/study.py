@@ -4,10 +4,9 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import Hyperparameters
+from bilevel.seeds import Purpose, derive
 from bilevel.tasks import Task
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, Configuration
@@ -60,10 +59,8 @@ class Study:
         """
         hp = to_hyperparameters(self.base, configuration)
         folder = self.folder / "configurations" / configuration_name(config_id)
-        return NESRun(self.task, hp, self._seed(*config_id), folder)
-
-    def _seed(self, *path: int) -> int:
-        return int(np.random.SeedSequence([self.seed, *path]).generate_state(1)[0])
+        seed = derive(self.seed, Purpose.CONFIGURATION, *config_id)
+        return NESRun(self.task, hp, seed, folder)
 
     def settings(self) -> dict[str, Any]:
         """What `settings.json` holds of it."""

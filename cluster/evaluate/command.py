@@ -14,15 +14,13 @@ import json
 import time
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
-
-import numpy as np
 
 from bilevel.agents.variation import draw_agent
 from bilevel.durable import write_aside
 from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, RealTask
 from bilevel.hyperparameters import AgentHyperparameters
+from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
 from cluster.evaluate.report import Group, as_json, as_table, violins
@@ -34,16 +32,11 @@ from cluster.evaluate.view import (
     EvaluationViews,
 )
 from cluster.ray.pool import EvaluationPool
-from cluster.session.live_run import live_run
 from cluster.session.place import Place
-from cluster.session.terminal import Terminal
+from cluster.session.session import Session
 from cluster.storage.lines import Lines
-from cluster.storage.run_folder import Begun, Final, add_final, locked_settings
-from cluster.tracking import Tracker
+from cluster.storage.run_folder import Final, add_final
 from cluster.tracking.pictures import png
-
-#: Names the seeds apart from all others that a run derives.
-_EVALUATE = 0x4556_414C
 
 
 @dataclass(frozen=True)
@@ -75,8 +68,7 @@ class EvaluateCommand:
 
     def request(self, hp: AgentHyperparameters, i: int, real: bool) -> EvaluationRequest:
         """Agent `i` of a kind."""
-        seed = np.random.SeedSequence([self.seed, _EVALUATE, i])
-        word = int(seed.generate_state(1, np.uint64)[0])
+        word = derive(self.seed, Purpose.EVALUATION, i)
         on = RealTask() if real else Centre()
         return EvaluationRequest(i, word, draw_agent((hp,), self.vary, word), on)
 
@@ -89,43 +81,37 @@ def run_evaluate(command: EvaluateCommand) -> list[Group]:
     """
     folder = command.place.home.run_folder(command.task.id, command.name)
     with (
-        command.place.entered() as terminal,
+        command.place.entered() as driver,
         EvaluationPool.on_cluster(command.workers) as pool,
+        driver.session(folder, command.task.id, command.settings()) as session,
     ):
-        tracker = command.place.tracker(command.task.id)
-        with locked_settings(folder, command.settings()) as begun:
-            return _UnderWay(command, folder, begun, pool, tracker, terminal).go()
+        return _UnderWay(command, session, pool).go()
 
 
-@dataclass
 class _UnderWay:
     """An evaluation under way."""
 
-    command: EvaluateCommand
-    folder: Path
-    begun: Begun
-    pool: EvaluationPool
-    tracker: Tracker
-    terminal: Terminal
+    def __init__(self, command: EvaluateCommand, session: Session, pool: EvaluationPool) -> None:
+        self.command = command
+        self.session = session
+        self.terminal = session.terminal
+        self.folder = session.folder
+        self.pool = pool
 
     def go(self) -> list[Group]:
         """From what is on disk to the report."""
-        command, line = self.command, self.terminal.line
-        line(
+        command = self.command
+        self.session.introduce(
             f"{command.agents} fresh {_list(hp.agent for hp in command.kinds)} agents on "
             f"{_list(command.sources)}, tested on {command.task.id}; {self.pool.size} worker(s), "
             f"seed {command.seed}"
         )
-        line(f"folder {self.folder}; to look at it: {self.tracker.address}")
-        views = EvaluationViews(self.folder, self.begun, live=True)
-        try:
-            with live_run(self.folder, command.agents, views, self.tracker, self.terminal):
-                groups = self._groups()
-                self._report(groups)
-                return groups
-        except KeyboardInterrupt:
-            line("stopped; the same command goes on with the agents that are missing")
-            raise
+        views = EvaluationViews(self.folder, self.session.begun, live=True)
+        goes_on = "the same command goes on with the agents that are missing"
+        with self.session.live(views, command.agents, goes_on):
+            groups = self._groups()
+            self._report(groups)
+            return groups
 
     def _groups(self) -> list[Group]:
         command = self.command

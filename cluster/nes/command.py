@@ -23,12 +23,9 @@ from cluster.nes.final import (
 from cluster.nes.run import NESRun, start_of
 from cluster.nes.view import NESViews
 from cluster.ray.pool import EvaluationPool
-from cluster.session.interrupts import InterruptGuard
-from cluster.session.live_run import live_run
 from cluster.session.place import Place
-from cluster.session.terminal import Terminal, count, duration, generation_line
-from cluster.storage.run_folder import Begun, locked_settings
-from cluster.tracking import Tracker
+from cluster.session.session import Session
+from cluster.session.terminal import count, duration, generation_line
 from cluster.tracking.pictures import png
 from cluster.tracking.registry import model_address
 
@@ -53,53 +50,36 @@ def run_nes(command: NESCommand) -> NESState:
     """
     run = command.run
     with (
-        command.place.entered() as terminal,
-        InterruptGuard(terminal) as guard,  # after Ray, which takes SIGTERM for itself
+        command.place.entered() as driver,
         EvaluationPool.on_cluster(command.workers) as pool,
+        driver.session(run.folder, run.task.id, run.settings()) as session,
     ):
-        tracker = command.place.tracker(run.task.id)
-        with locked_settings(run.folder, run.settings()) as begun:
-            return _UnderWay(command, run, begun, pool, tracker, terminal, guard).go()
+        return _UnderWay(run, session, pool).go()
 
 
-@dataclass
 class _UnderWay:
-    """A run under way: pool, tracker and terminal at hand."""
+    """An NES run under way."""
 
-    command: NESCommand
-    run: NESRun
-    begun: Begun
-    pool: EvaluationPool
-    tracker: Tracker
-    terminal: Terminal
-    guard: InterruptGuard
+    def __init__(self, run: NESRun, session: Session, pool: EvaluationPool) -> None:
+        self.run = run
+        self.session = session
+        self.terminal = session.terminal
+        self.pool = pool
 
     def go(self) -> NESState:
         """From what is on disk to the end."""
-        self._introduce()
-        run = self.run
-        views = NESViews(run, self.begun, live=True)
-        target = run.hp.nes.generations
-        try:
-            with live_run(run.folder, target, views, self.tracker, self.terminal) as live:
-                state = self._evolved(self._open(), lambda: live.mirror.mark(views.keys()))
-                self._finish(state)
-                return state
-        except KeyboardInterrupt:
-            self.terminal.line(
-                "stopped; the same command goes on from the last finished generation"
-            )
-            raise
-
-    def _introduce(self) -> None:
-        run, line = self.run, self.terminal.line
-        nes = run.hp.nes
-        line(
+        run, nes = self.run, self.run.hp.nes
+        self.session.introduce(
             f"NES on {run.task.id}: recipe {run.hp.recipe}, {start_of(nes)}, rule {nes.update}, "
             f"SE structure {run.hp.se.structure}, population {nes.population_size}, at most "
             f"{nes.generations} generations, {self.pool.size} worker(s), seed {run.seed}"
         )
-        line(f"folder {run.folder}; to look at it: {self.tracker.address}")
+        views = NESViews(run, self.session.begun, live=True)
+        goes_on = "the same command goes on from the last finished generation"
+        with self.session.live(views, nes.generations, goes_on) as mirror:
+            state = self._evolved(self._open(), lambda: mirror.mark(views.keys()))
+            self._finish(state)
+            return state
 
     def _open(self) -> NESState:
         if self.run.hp.nes.start == "distilled":
@@ -114,7 +94,7 @@ class _UnderWay:
         nes = self.run.hp.nes
         started, first = time.monotonic(), state.generation
         while not state.finished:
-            self.guard.check()
+            self.session.guard.check()
             if state.race is not None:
                 state = self._chosen(state, state.race)
             elif state.confirmation is not None:
@@ -150,7 +130,7 @@ class _UnderWay:
         self.terminal.line(f"choosing a start among {race.candidates} random SEs")
         self.terminal.bar("choosing the start", 0, race.evaluations, "evaluations")
         while not state.started:
-            self.guard.check()
+            self.session.guard.check()
             state = self._advanced(state)
         return state
 

@@ -1,15 +1,19 @@
 """Where a command runs this time: its home, its MLflow, its Ray cluster."""
 
 import contextlib
-import signal
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import ray
 
 from cluster.ray.connection import ray_cluster, require_server_for_nodes, sharing
+from cluster.session.interrupts import InterruptGuard
+from cluster.session.session import Session
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
+from cluster.storage.run_folder import locked_settings
 from cluster.tracking import Tracker
 from cluster.tracking.tracker import check_tracking_uri, mlflow_imported_meanwhile
 
@@ -23,7 +27,7 @@ class Place:
     address: str | None = None  # of a Ray cluster to join; None: one of the process's own
 
     @contextlib.contextmanager
-    def entered(self) -> Iterator[Terminal]:
+    def entered(self) -> Iterator["Driver"]:
         """Within the block this process is a driver of the cluster; nothing is written.
 
         Raises InvalidInput for a tracking URI or a cluster that will not do.
@@ -33,25 +37,32 @@ class Place:
             Terminal() as terminal,
             mlflow_imported_meanwhile(),
             ray_cluster(self.address),
-            _termination_is_an_interrupt(),  # after Ray, which takes SIGTERM for itself
+            InterruptGuard(terminal) as guard,  # after Ray, which takes SIGTERM for itself
         ):
             require_server_for_nodes(self.tracking_uri)
             if ray.available_resources().get("CPU", 0) < 1:
                 terminal.line("all cores of the cluster are taken: waiting until one is free")
             with sharing():
-                yield terminal
-
-    def tracker(self, task_id: str) -> Tracker:
-        """Of the task's experiment. Raises InvalidInput if the home cannot be written."""
-        self.home.prepare()
-        return Tracker(self.tracking_uri, task_id, self.home.artifacts)
+                yield Driver(self, terminal, guard)
 
 
-@contextlib.contextmanager
-def _termination_is_an_interrupt() -> Iterator[None]:
-    """Within the block SIGTERM stops what is run as orderly as Ctrl-C does."""
-    before = signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGTERM, before)
+@dataclass(frozen=True)
+class Driver:
+    """This process as a driver of the cluster."""
+
+    place: Place
+    terminal: Terminal
+    guard: InterruptGuard
+
+    @contextlib.contextmanager
+    def session(self, folder: Path, task_id: str, settings: dict[str, Any]) -> Iterator[Session]:
+        """Within the block this process alone works on the run in the folder.
+
+        Raises InvalidInput if the home cannot be written, if another process holds the folder,
+        or if the run was begun with other settings.
+        """
+        home = self.place.home
+        home.prepare()
+        tracker = Tracker(self.place.tracking_uri, task_id, home.artifacts)
+        with locked_settings(folder, settings) as begun:
+            yield Session(folder, begun, tracker, self.terminal, self.guard)
