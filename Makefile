@@ -8,7 +8,7 @@ INSTALLED := $(VENV)/.installed
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot up status down studies ui test check bench format clean
+.PHONY: help setup lock bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot up status down studies ui test check bench format clean
 
 help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /|/' | column -t -s '|'
@@ -17,13 +17,25 @@ setup: $(INSTALLED) ## Set up the virtual environment (the other targets do it b
 
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"Python 3.11 to 3.13 is needed, $(PYTHON) is {v[0]}.{v[1]}: make PYTHON=...")'
-	@echo "setting up $(VENV) (once, a few minutes)"
+	@echo "setting up $(VENV), once, 2 minutes or so: PyTorch"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --no-deps --requirement constraints.txt
-	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --editable .
-	@echo "compiling the kernels (once)"
+	@# By pip, whose settings may name a build without CUDA; the others by uv, in seconds.
+	@$(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^(torch|uv)==' constraints.txt)
+	@echo "setting up $(VENV): all other packages"
+	@$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --requirement constraints.txt \
+		|| $(BIN)/python -m pip install --quiet --no-deps --requirement constraints.txt
+	@# As a path: from the folder above, a folder called bilevel would hide what a finder finds.
+	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --config-settings \
+		editable_mode=compat --editable .
+	@echo "compiling the kernels, on all cores"
 	@$(BIN)/python -m bilevel.compile
 	@touch $@
+
+lock: $(INSTALLED) ## Resolve the dependencies anew and pin them in constraints.txt
+	@(sed '/^[^#]/,$$d' constraints.txt; $(BIN)/uv pip compile --quiet --universal --upgrade \
+		--all-extras --no-annotate --no-header pyproject.toml \
+		| grep -vE '^(cuda|netifaces|nvidia|triton)') > constraints.new
+	@mv constraints.new constraints.txt
 
 bohb-cartpole: $(INSTALLED) ## BOHB over NES on CartPole-v0, local Ray, results in MLflow
 	@$(BIN)/bilevel bohb CartPole-v0 $(ARGS)

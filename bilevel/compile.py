@@ -1,5 +1,6 @@
 """Compile all kernels once, into the disk cache: `python -m bilevel.compile`."""
 
+from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -11,20 +12,35 @@ from bilevel.hyperparameters import load_recipe
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import get_task
 
+_TASK = "CartPole-v0"
+
+
+def compile_agent(name: str) -> None:
+    """Run the smallest evaluation of an agent that goes through all of its kernels."""
+    task = get_task(_TASK)
+    hp = load_recipe("paper", task.id, agents=(name,))
+    agent = replace(hp.agents[0], max_episodes=2, init_episodes=0, test_episodes=1)
+    shape = Architecture.of(task, hp.se)
+    psi = shape.initialize(np.random.default_rng(0))
+    evaluate(task, SE(shape, psi), EvaluationRequest(0, 0, agent))
+    train_and_test(task, None, agent, 0)
+
+
+def compile_distillation() -> None:
+    """Distil an SE."""
+    task = get_task(_TASK)
+    distill(task, Architecture.of(task, load_recipe("paper", task.id).se), 0)
+
 
 def main() -> None:
-    """Run the smallest evaluation of every agent that goes through every kernel; distil an SE."""
-    task = get_task("CartPole-v0")
-    for name in registered_agents():
-        if get_agent(name).build_kernel is None:
-            continue
-        hp = load_recipe("paper", task.id, agents=(name,))
-        agent = replace(hp.agents[0], max_episodes=2, init_episodes=0, test_episodes=1)
-        shape = Architecture.of(task, hp.se)
-        psi = shape.initialize(np.random.default_rng(0))
-        evaluate(task, SE(shape, psi), EvaluationRequest(0, 0, agent))
-        train_and_test(task, None, agent, 0)
-    distill(task, shape, 0)
+    """Compile on all cores, what takes longest first."""
+    agents = [name for name in registered_agents() if get_agent(name).build_kernel is not None]
+    agents.sort(key=lambda name: name != "td3")
+    with ProcessPoolExecutor() as pool:
+        jobs = [pool.submit(compile_agent, name) for name in agents]
+        jobs.append(pool.submit(compile_distillation))
+        for job in jobs:
+            job.result()
 
 
 if __name__ == "__main__":
