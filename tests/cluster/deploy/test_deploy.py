@@ -6,7 +6,7 @@ from typing import Any
 import yaml
 from ray.autoscaler._private.util import prepare_config, validate_config
 
-DEPLOY = Path(__file__).parents[2] / "cluster" / "deploy"
+DEPLOY = Path(__file__).parents[3] / "cluster" / "deploy"
 
 
 def objects() -> list[dict[str, Any]]:
