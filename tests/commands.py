@@ -1,5 +1,5 @@
-"""`bilevel ARGUMENTS` as tests give it: in a process of its own that need not import all of it
-again, or by the console script itself."""
+"""`bilevel ARGUMENTS` as tests give it: in a process of its own that may be killed at any moment,
+and need not import all of it again; or by the console script itself."""
 
 import contextlib
 import multiprocessing
@@ -7,6 +7,8 @@ import os
 import subprocess
 import sys
 import tempfile
+from collections.abc import Sequence
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 
 #: The console script.
@@ -27,6 +29,19 @@ _SERVER.set_forkserver_preload(
 )
 
 
+def start_bilevel(
+    arguments: Sequence[str], out: Path, errors: Path | None = None, cwd: Path | None = None
+) -> BaseProcess:
+    """The command, under way with the environment of now; its output is appended to `out`, and
+    what is meant for stderr to `errors`, or there too."""
+    where = str(cwd or Path.cwd())
+    process = _SERVER.Process(
+        target=_run, args=(list(arguments), out, errors or out, where, dict(os.environ))
+    )
+    process.start()
+    return process
+
+
 def run_bilevel(
     *arguments: str | Path, cwd: Path | None = None, timeout: float = 280
 ) -> subprocess.CompletedProcess[str]:
@@ -34,9 +49,7 @@ def run_bilevel(
     words = [str(argument) for argument in arguments]
     with tempfile.TemporaryDirectory() as folder:
         out, errors = Path(folder) / "out", Path(folder) / "errors"
-        where = str(cwd or Path.cwd())
-        process = _SERVER.Process(target=_run, args=(words, out, errors, where, dict(os.environ)))
-        process.start()
+        process = start_bilevel(words, out, errors, cwd)
         process.join(timeout)
         alive = process.is_alive()
         if alive:

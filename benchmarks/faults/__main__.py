@@ -13,10 +13,10 @@ from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
 
-from benchmarks.faults import disks, processes, tracking
-from benchmarks.faults.row import Row
-from benchmarks.faults.stage import ACTOR, ONE_BY_ONE, TRIAL, Stage
 from benchmarks.machine import RESULTS, write_result
+from tests.faults import disks, processes, tracking
+from tests.faults.row import Row
+from tests.faults.stage import ACTOR, ONE_BY_ONE, TRIAL, Stage
 
 Fault = Callable[[], Row]
 

@@ -14,6 +14,7 @@ import ray
 from bilevel.nes import NESState
 from cluster.ray.connection import ray_cluster
 from tests.commands import BILEVEL
+from tests.faults.outcome import TIMES
 
 
 @pytest.fixture(scope="module")
@@ -35,20 +36,10 @@ def client(home: Path) -> mlflow.MlflowClient:
     return mlflow.MlflowClient(uri, registry_uri=uri)
 
 
-#: Fields of a generation's record that are measured.
-_TIMES = (
-    "evaluation_seconds",
-    "env_steps_per_second",
-    "generation_seconds",
-    "core_utilisation",
-    "finished",
-)
-
-
 def untimed(state: NESState) -> list[dict[str, Any]]:
     """A run's records, less the measured times."""
     return [
-        {name: value for name, value in asdict(record).items() if name not in _TIMES}
+        {name: value for name, value in asdict(record).items() if name not in TIMES}
         for record in state.records
     ]
 

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from benchmarks.faults import processes
-from benchmarks.faults.outcome import Outcome
-from benchmarks.faults.row import Row
-from benchmarks.faults.stage import ONE_BY_ONE, TRIAL, Stage
+from tests.faults import processes
+from tests.faults.outcome import Outcome
+from tests.faults.row import Row
+from tests.faults.stage import ONE_BY_ONE, TRIAL, Stage
 
 pytestmark = pytest.mark.timeout(295)
 

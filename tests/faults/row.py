@@ -3,10 +3,10 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from benchmarks.faults.outcome import Outcome
+from tests.faults.outcome import Outcome
 
 if TYPE_CHECKING:
-    from benchmarks.faults.stage import StudyOnStage
+    from tests.faults.stage import StudyOnStage
 
 
 @dataclass(frozen=True)

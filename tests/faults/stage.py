@@ -11,9 +11,9 @@ from typing import Self
 import psutil
 from ray.cluster_utils import Cluster
 
-from benchmarks.faults import lives
-from benchmarks.faults.outcome import Outcome
 from cluster.storage.home import Home
+from tests.commands import start_bilevel
+from tests.faults.outcome import Outcome
 from tests.system.mlflow_shown import disagreements
 
 TASK = "CartPole-v0"
@@ -95,7 +95,7 @@ class StudyOnStage:
     def live(self, seconds: float, *numbers: int) -> int:
         """Run until `seconds` have passed, then send the signals, half a second apart; the
         exit code."""
-        process = lives.start(self.arguments, self.log)
+        process = start_bilevel(self.arguments, self.log)
         process.join(seconds)
         for number in numbers:
             if process.is_alive() and process.pid is not None:
@@ -108,7 +108,7 @@ class StudyOnStage:
 
     def run(self, meanwhile: Callable[[], None] | None = None) -> int:
         """Run to the end; the exit code. `meanwhile` is called over and over."""
-        process = lives.start(self.arguments, self.log)
+        process = start_bilevel(self.arguments, self.log)
         deadline = time.monotonic() + _LONGEST
         while process.is_alive():
             if meanwhile is not None:

@@ -3,9 +3,9 @@
 import sqlite3
 import time
 
-from benchmarks.faults.outcome import Outcome
-from benchmarks.faults.row import Row
-from benchmarks.faults.stage import ONE_BY_ONE, Stage
+from tests.faults.outcome import Outcome
+from tests.faults.row import Row
+from tests.faults.stage import ONE_BY_ONE, Stage
 from tests.system.mlflow_shown import Server
 
 

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import psutil
 
-from benchmarks.faults.outcome import Outcome
-from benchmarks.faults.row import Row
-from benchmarks.faults.stage import ACTOR, ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
 from cluster.storage.home import Home
 from cluster.storage.run_folder import Standing
+from tests.faults.outcome import Outcome
+from tests.faults.row import Row
+from tests.faults.stage import ACTOR, ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
 from tests.system.mlflow_shown import Server, disagreements
 
 

@@ -12,7 +12,7 @@ from safetensors import safe_open
 from cluster.bohb.journal import Journal
 
 #: Fields of a generation's record that are measured.
-_TIMES = (
+TIMES = (
     "evaluation_seconds",
     "env_steps_per_second",
     "generation_seconds",
@@ -71,7 +71,7 @@ def comparable_state(path: Path) -> Any:
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
     del header["sha256"]  # it covers the times
     for record in header["records"]:
-        for name in _TIMES:
+        for name in TIMES:
             del record[name]
     digests = {
         name: hashlib.sha256(tensor.tobytes()).hexdigest() for name, tensor in tensors.items()

@@ -7,10 +7,10 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks.faults.outcome import Outcome
-from benchmarks.faults.row import Row
-from benchmarks.faults.stage import ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
 from cluster.storage.home import Home
+from tests.faults.outcome import Outcome
+from tests.faults.row import Row
+from tests.faults.stage import ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
 from tests.system.mlflow_shown import disagreements
 
 
