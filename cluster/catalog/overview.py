@@ -88,7 +88,7 @@ def _nes(folder: Path, generations: int) -> tuple[str, str]:
         return f"0/{generations} generations", ""
     # The agents of the run, which may be a user's own, need not be known here.
     settings = read_settings(folder)
-    se = SEHyperparameters.from_dict(settings["se"])
+    se = SEHyperparameters(**settings["se"])
     state = NESState.load(path, stored_task(settings["task"]), se)
     if not state.records:
         return f"0/{generations} generations", ""
