@@ -3,9 +3,11 @@
 import json
 from collections.abc import Callable
 from functools import cache
+from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
+from pydantic_core import ErrorDetails
 
 from bilevel.errors import InvalidInput
 
@@ -41,10 +43,26 @@ def decode_json(kind: type[_T], text: str | bytes, what: str) -> _T:
         raise InvalidInput(f"{what}: {reason(error)}") from None
 
 
+def decode_file(kind: type[_T], path: Path, what: str = "damaged") -> _T:
+    """The same of a file of JSON, which the message names after `what`."""
+    try:
+        text = path.read_bytes()
+    except OSError as error:
+        raise InvalidInput(f"cannot read {str(path)!r}: {error.strerror}") from None
+    return decode_json(kind, text, f"{what} {str(path)!r}")
+
+
+def first_fault(error: ValidationError) -> ErrorDetails:
+    """The first thing that is wrong: if a name is, that, and not what is missing for it."""
+    faults = error.errors(include_url=False)
+    return min(faults, key=lambda fault: fault["type"] != "unexpected_keyword_argument")
+
+
 def reason(error: ValidationError) -> str:
-    """The first thing that is wrong, in one line."""
-    first = error.errors(include_url=False)[0]
-    place = ".".join(str(part) for part in first["loc"])
+    """What is wrong first, in one line."""
+    first = first_fault(error)
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"])
+    place = "".join(parts).removeprefix(".")
     given = repr(first["input"])
     given = given if len(given) <= _TOLD else f"{given[:_TOLD]}..."
     match first["type"]:
@@ -57,5 +75,6 @@ def reason(error: ValidationError) -> str:
         case "json_invalid":
             told = first["msg"]
         case _:
-            told = f"{place + ': ' if place else ''}{first['msg']}; got {given}"
+            says = first["msg"].replace("Input should", "must")
+            told = f"{place + ': ' if place else ''}{says}; got {given}"
     return " ".join(told.split())

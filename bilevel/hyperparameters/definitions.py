@@ -109,7 +109,7 @@ class Hyperparameters:
     nes: NESHyperparameters
     se: SEHyperparameters
     agents: tuple[AgentHyperparameters, ...]
-    vary_agent: Variation
+    vary_agent: Variation = Field(title="variation of agents")
     recipe: str  # the name of the recipe that they were read from, whatever was replaced since
 
     def __post_init__(self) -> None:

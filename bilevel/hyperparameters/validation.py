@@ -8,7 +8,7 @@ from pydantic import ConfigDict, Field, ValidationError
 from pydantic.dataclasses import dataclass
 from pydantic.fields import FieldInfo
 
-from bilevel.decode import reason
+from bilevel.decode import first_fault, reason
 from bilevel.errors import InvalidInput, one_of
 
 _T = TypeVar("_T")
@@ -22,13 +22,14 @@ def hyperparameters(cls: type[_T]) -> type[_T]:
     """Make a class a frozen dataclass whose fields are given by name, and checked.
 
     A range is written `Annotated[int, Field(ge=1, le=9)]`, a choice is a `Literal`;
-    `__post_init__` may check more. What is not allowed raises InvalidInput.
+    `__post_init__` may check more. What is not allowed raises InvalidInput, which tells the field
+    by its name or title.
     """
     checked: Any = dataclass(frozen=True, kw_only=True, config=_STRICT)(cls)
     build: Callable[..., None] = checked.__init__
 
     @wraps(build)
-    def init(self: Any, **values: Any) -> None:
+    def init(self: Any, /, **values: Any) -> None:
         try:
             build(self, **values)
         except ValidationError as error:
@@ -40,7 +41,7 @@ def hyperparameters(cls: type[_T]) -> type[_T]:
 
 def _refused(cls: str, fields: Mapping[str, FieldInfo], error: ValidationError) -> InvalidInput:
     """What is wrong, and what is allowed instead."""
-    first = error.errors(include_url=False)[0]
+    first = first_fault(error)
     name = str(next(iter(first["loc"]), ""))
     if first["type"] == "unexpected_keyword_argument":
         return one_of(f"{cls} field", name, fields)
@@ -48,12 +49,13 @@ def _refused(cls: str, fields: Mapping[str, FieldInfo], error: ValidationError) 
         return InvalidInput(f"{cls}: {reason(error)}")
     if first["type"] == "value_error":  # of the class's own check, which tells all
         return InvalidInput(reason(error))
-    what = f"{cls.removesuffix('Hyperparameters')} {name}".strip()
-    kind, given = fields[name].annotation, first["input"]
+    field, given = fields[name], first["input"]
+    what, kind = field.title or f"{cls.removesuffix('Hyperparameters')} {name}", field.annotation
     if get_origin(kind) is Literal:
         return one_of(what, given, get_args(kind))
-    rules = fields[name].metadata
-    ends = [getattr(rule, end) for end in ("ge", "le") for rule in rules if hasattr(rule, end)]
+    ends = [
+        getattr(rule, end) for end in ("ge", "le") for rule in field.metadata if hasattr(rule, end)
+    ]
     if kind is bool:
         told = "bool, true or false"
     elif kind in (int, float) and len(ends) == 2:

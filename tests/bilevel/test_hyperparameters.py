@@ -67,7 +67,7 @@ def test_a_distilled_start_needs_plain_ses() -> None:
 
 def test_unknown_and_missing_fields() -> None:
     with pytest.raises(InvalidInput, match="unknown SEHyperparameters field 'width'"):
-        replace(load_recipe("paper", "").se, width=3)  # type: ignore[call-arg]
+        SEHyperparameters(width=3)  # type: ignore[call-arg]
     with pytest.raises(InvalidInput, match=r"^SEHyperparameters: 'activation' is missing$"):
         SEHyperparameters(structure="plain", hidden_layers=1, hidden_size=4, step_limit=0)  # type: ignore[call-arg]
     with pytest.raises(InvalidInput, match=r"^hyperparameters: 'nes' is missing$"):
