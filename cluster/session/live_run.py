@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bilevel.errors import StorageFailure
 from cluster.session.terminal import Terminal
-from cluster.storage.run_folder import Standing
+from cluster.storage.run_folder import Standing, Status
 from cluster.tracking import Mirror, Tracker, Views
 
 
@@ -18,7 +18,7 @@ class LiveRun:
     it ends without an error."""
 
     mirror: Mirror
-    status: str = "FINISHED"
+    status: Status = "FINISHED"
 
 
 @contextlib.contextmanager
@@ -31,13 +31,13 @@ def live_run(
     What MLflow lacks even then is told, with what to do about it.
     """
 
-    def stand(status: str) -> None:
+    def stand(status: Status) -> None:
         Standing(status, time.time(), target).save(folder)
 
     stand("RUNNING")
     run = LiveRun(Mirror(tracker, views.view, terminal.line))
     run.mirror.mark(views.keys())  # what an earlier process did not get to show
-    status = "FAILED"
+    status: Status = "FAILED"
     try:
         yield run
         status = run.status
