@@ -6,7 +6,7 @@ in `search_spaces`. "Table 1" is the paper's table of optimized hyperparameters,
 """
 
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field
 
@@ -133,26 +133,28 @@ class Hyperparameters:
         }
 
     @classmethod
-    def from_dict(cls, values: Any) -> Self:
+    def from_dict(cls, values: Any) -> "Hyperparameters":
         """The inverse of `to_dict`. Raises InvalidInput."""
-        stored = decode(_Sections, values, "hyperparameters")
-        return cls(
-            nes=NESHyperparameters(**stored.nes),
-            se=SEHyperparameters(**stored.se),
-            agents=tuple(
-                agent_hyperparameters(name)(**fields) for name, fields in stored.agents.items()
-            ),
-            vary_agent=stored.vary_agent,
-            recipe=stored.recipe,
-        )
+        return decode(StoredHyperparameters, values, "hyperparameters").checked()
 
 
-@dataclass(frozen=True)
-class _Sections:
-    """What `to_dict` makes; each section is checked by its class."""
+@dataclass(frozen=True, kw_only=True)
+class StoredHyperparameters:
+    """What `Hyperparameters.to_dict` makes, its sections not yet checked: agents of a user's own
+    may be unknown."""
 
     nes: dict[str, Any]
     se: dict[str, Any]
     agents: dict[str, dict[str, Any]]
     vary_agent: Variation
     recipe: str
+
+    def checked(self) -> Hyperparameters:
+        """All of them. Raises InvalidInput."""
+        return Hyperparameters(
+            nes=NESHyperparameters(**self.nes),
+            se=SEHyperparameters(**self.se),
+            agents=tuple(agent_hyperparameters(n)(**fields) for n, fields in self.agents.items()),
+            vary_agent=self.vary_agent,
+            recipe=self.recipe,
+        )

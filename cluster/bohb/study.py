@@ -8,7 +8,7 @@ import numpy as np
 
 from bilevel.decode import decode
 from bilevel.errors import InvalidInput, one_of
-from bilevel.hyperparameters import Hyperparameters
+from bilevel.hyperparameters import Hyperparameters, StoredHyperparameters
 from bilevel.tasks import Task
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, Configuration
@@ -35,7 +35,7 @@ class _Settings(Settings):
     method: str
     budgets: tuple[int, ...]
     cycle: int
-    base: dict[str, Any]
+    base: StoredHyperparameters
 
 
 @dataclass(frozen=True)
@@ -104,7 +104,7 @@ class Study:
                 settings.seed,
                 settings.space,
                 Schedule(settings.budgets, settings.cycle),
-                Hyperparameters.from_dict(settings.base),
+                settings.base.checked(),
                 get_method(settings.method),
             )
         except InvalidInput as error:

@@ -5,13 +5,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from bilevel.decode import decode
-from cluster.storage.run_folder import (
-    Begun,
-    Settings,
-    Standing,
-    finals,
-    read_settings,
-)
+from cluster.storage.run_folder import Begun, Settings, Standing, finals, read_settings
 from cluster.tracking import Document, Point, RunView
 
 #: The kind of run that `settings.json` tells.

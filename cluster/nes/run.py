@@ -2,14 +2,14 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
 from bilevel.decode import decode
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import EvaluationResult
-from bilevel.hyperparameters import Hyperparameters, NESHyperparameters
+from bilevel.hyperparameters import Hyperparameters, NESHyperparameters, StoredHyperparameters
 from bilevel.nes import NES, NESState
 from bilevel.tasks import Task
 from cluster.ray.pool import EvaluationPool
@@ -31,15 +31,8 @@ def start_of(nes: NESHyperparameters) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class NESSettings(Settings):
-    """What `settings.json` holds of an NES run: hyperparameters in sections, unchecked, because
-    agents of a user's own may be unknown here."""
-
-    nes: dict[str, Any]  # without `generations`
-    se: dict[str, Any]
-    agents: dict[str, dict[str, Any]]
-    vary_agent: str
-    recipe: str
+class NESSettings(Settings, StoredHyperparameters):
+    """What `settings.json` holds of an NES run: hyperparameters without `nes.generations`."""
 
     @classmethod
     def read(cls, folder: Path) -> Self:
@@ -73,16 +66,10 @@ class NESRun:
     def read(cls, folder: Path) -> "NESRun":
         """The run in a folder, as it was begun. Raises InvalidInput."""
         settings, standing = NESSettings.read(folder), Standing.load(folder)
-        sections: dict[str, Any] = {
-            "nes": {**settings.nes, "generations": 1 if standing is None else standing.target},
-            "se": settings.se,
-            "agents": settings.agents,
-            "vary_agent": settings.vary_agent,
-            "recipe": settings.recipe,
-        }
+        generations = 1 if standing is None else standing.target
+        whole = replace(settings, nes={**settings.nes, "generations": generations})
         try:
-            hp = Hyperparameters.from_dict(sections)
-            return cls(settings.task, hp, settings.seed, folder)
+            return cls(settings.task, whole.checked(), settings.seed, folder)
         except InvalidInput as error:
             raise InvalidInput(f"{str(folder)!r} holds no NES run: {error}") from None
 

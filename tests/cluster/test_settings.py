@@ -54,7 +54,7 @@ def test_of_a_study(tmp_path: Path) -> None:
         ({"cycle": 9}, "holds no study: a cycle of brackets must be 1 to 2"),
         ({"space": "huge"}, "holds no study: unknown search space 'huge'"),
         ({"method": "x"}, "holds no study: unknown method 'x'"),
-        ({"base": {}}, "holds no study: hyperparameters: 'nes' is missing"),
+        ({"base": {}}, "holds no study: 'base.nes' is missing"),
     ):
         refused(Study.read, tmp_path, settings, told)
 
