@@ -20,7 +20,7 @@ from bilevel.hyperparameters import (
     DuelingDDQNHyperparameters,
     TD3Hyperparameters,
 )
-from bilevel.hyperparameters.validation import choice, ranged
+from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.kernels import ddqn, td3
 
 
@@ -45,10 +45,9 @@ __all__ = [
     "AgentHyperparameters",
     "RegisteredAgent",
     "Transition",
-    "choice",
     "get_agent",
+    "hyperparameters",
     "load_plugins",
-    "ranged",
     "register_agent",
     "registered_agents",
 ]

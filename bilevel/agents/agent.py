@@ -12,8 +12,9 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic.dataclasses import is_pydantic_dataclass
 
-from bilevel.errors import one_of
+from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters import AgentHyperparameters, agent_hyperparameters
 from bilevel.seeds import split
 
@@ -78,8 +79,13 @@ def register_agent(
     build_kernel: Callable[[Any, int, int, np.random.Generator], Any] | None = None,
     kernel_parameters: Callable[[Any], list[NDArray[np.float32]]] | None = None,
 ) -> None:
-    """Make an agent known under the name that its hyperparameters give."""
+    """Make an agent known under the name that its hyperparameters give.
+
+    Raises InvalidInput if these are not checked: the decorator `hyperparameters` does that.
+    """
     name = hyperparameters.agent
+    if not is_pydantic_dataclass(hyperparameters):
+        raise InvalidInput(f"{hyperparameters.__name__} must be decorated with `hyperparameters`")
     _AGENTS[name] = RegisteredAgent(name, build, build_kernel, kernel_parameters)
 
 

@@ -16,6 +16,7 @@ from bilevel.hyperparameters.definitions import (
     Hyperparameters,
     NESHyperparameters,
     SEHyperparameters,
+    StoredHyperparameters,
 )
 from bilevel.hyperparameters.recipes import RECIPES, load_recipe
 
@@ -31,6 +32,7 @@ __all__ = [
     "Hyperparameters",
     "NESHyperparameters",
     "SEHyperparameters",
+    "StoredHyperparameters",
     "TD3Hyperparameters",
     "agent_hyperparameters",
     "agent_names",

@@ -3,34 +3,41 @@
 A class names its agent when it is defined, and is found under that name.
 """
 
-from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Annotated, Any, ClassVar, Literal, get_args
 
-from bilevel.activations import CODES
+from pydantic import Field
+
 from bilevel.errors import InvalidInput, one_of
-from bilevel.hyperparameters.validation import Validated, choice, ranged
+from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.networks import Network, network
 
-ACTIVATIONS = tuple(CODES)
+#: The names of `bilevel.activations`.
+Activation = Literal["tanh", "relu", "lrelu", "prelu"]
+ACTIVATIONS: tuple[str, ...] = get_args(Activation)
+
+_Episodes = Annotated[int, Field(ge=1, le=1_000_000)]
+_Share = Annotated[float, Field(ge=0.0, le=1.0)]
+_Noise = Annotated[float, Field(ge=0.0, le=10.0)]
 
 _BY_NAME: dict[str, type["AgentHyperparameters"]] = {}
 
 
-@dataclass(frozen=True, kw_only=True)
-class AgentHyperparameters(Validated):
+@hyperparameters
+class AgentHyperparameters:
     """What every agent has: how long it trains, and is tested.
 
-    A subclass gives its agent's name, `class MyHyperparameters(AgentHyperparameters,
-    agent="mine")`, and adds the agent's own fields with `ranged` and `choice`.
+    A subclass, which is decorated likewise, gives its agent's name, `class
+    MyHyperparameters(AgentHyperparameters, agent="mine")`, and adds the agent's own fields.
     """
 
     agent: ClassVar[str] = ""
 
-    init_episodes: int = ranged(0, 1_000_000, 10)  # episodes before the first gradient step
-    max_episodes: int = ranged(1, 1_000_000, 1000)  # n_e
-    early_out_episodes: int = ranged(1, 1_000_000, 10)  # d
-    early_out_difference: float = ranged(0.0, 1e6, 0.01)  # C_diff
-    test_episodes: int = ranged(1, 1_000_000, 10)  # n_te
+    # Episodes before the first gradient step.
+    init_episodes: Annotated[int, Field(ge=0, le=1_000_000)] = 10
+    max_episodes: _Episodes = 1000  # n_e
+    early_out_episodes: _Episodes = 10  # d
+    early_out_difference: Annotated[float, Field(ge=0.0, le=1e6)] = 0.01  # C_diff
+    test_episodes: _Episodes = 10  # n_te
 
     def __init_subclass__(cls, agent: str = "", **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -58,18 +65,18 @@ def agent_hyperparameters(agent: str) -> type[AgentHyperparameters]:
     return _BY_NAME[agent]
 
 
-@dataclass(frozen=True, kw_only=True)
+@hyperparameters
 class _OffPolicy(AgentHyperparameters):
     """What the three agents of the paper share (Table "Default HPs")."""
 
-    batch_size: int = ranged(1, 65536)
-    learning_rate: float = ranged(1e-8, 1.0)  # of Adam
-    target_update_rate: float = ranged(0.0, 1.0)  # of the soft update
-    discount: float = ranged(0.0, 1.0)
-    hidden_layers: int = ranged(1, 3)
-    hidden_size: int = ranged(1, 4096)
-    activation: str = choice(ACTIVATIONS)
-    replay_capacity: int = ranged(1, 100_000_000, 100_000)
+    batch_size: Annotated[int, Field(ge=1, le=65536)]
+    learning_rate: Annotated[float, Field(ge=1e-8, le=1.0)]  # of Adam
+    target_update_rate: _Share  # of the soft update
+    discount: _Share
+    hidden_layers: Annotated[int, Field(ge=1, le=3)]
+    hidden_size: Annotated[int, Field(ge=1, le=4096)]
+    activation: Activation
+    replay_capacity: Annotated[int, Field(ge=1, le=100_000_000)] = 100_000
 
     @property
     def step_cost(self) -> float:
@@ -79,29 +86,28 @@ class _OffPolicy(AgentHyperparameters):
         return float(self.batch_size * self.hidden_size * (between + 8))
 
 
-@dataclass(frozen=True, kw_only=True)
+@hyperparameters
 class DDQNHyperparameters(_OffPolicy, agent="ddqn"):
     """Double DQN (van Hasselt et al., 2016), as the inner loop trains it."""
 
     dueling: ClassVar[bool] = False
 
-    initial_epsilon: float = ranged(0.0, 1.0)  # in the first episode
-    minimal_epsilon: float = ranged(0.0, 1.0)
-    epsilon_decay: float = ranged(0.0, 1.0)  # factor per episode
+    initial_epsilon: _Share  # in the first episode
+    minimal_epsilon: _Share
+    epsilon_decay: _Share  # factor per episode
 
     def network(self, state_size: int, n_actions: int) -> Network:
         """The shape of the Q-network."""
         return network(state_size, self.hidden_size, self.hidden_layers, n_actions, self.activation)
 
 
-@dataclass(frozen=True, kw_only=True)
+@hyperparameters
 class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
     """Dueling Double DQN (Wang et al., 2016): DDQN with another network."""
 
     dueling: ClassVar[bool] = True
 
     def __post_init__(self) -> None:
-        super().__post_init__()
         if self.hidden_size < 2:
             raise InvalidInput(
                 "DuelingDDQN hidden_size must be at least 2, one unit a stream; "
@@ -122,7 +128,7 @@ class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
         )
 
 
-@dataclass(frozen=True, kw_only=True)
+@hyperparameters
 class TD3Hyperparameters(_OffPolicy, agent="td3"):
     """TD3 (Fujimoto et al., 2018) with Gumbel-Softmax actions (Jang et al., 2017).
 
@@ -133,11 +139,13 @@ class TD3Hyperparameters(_OffPolicy, agent="td3"):
     #: Temperatures stay within: below, gradients vanish; above, actions are all alike.
     temperatures: ClassVar[tuple[float, float]] = (0.1, 10.0)
 
-    policy_delay: int = ranged(1, 1000, 2)  # critic steps a step of actor and targets
-    action_noise: float = ranged(0.0, 10.0, 0.1)  # std. dev. added to relaxed actions
-    target_noise: float = ranged(0.0, 10.0, 0.2)  # std. dev. of target smoothing
-    target_noise_clip: float = ranged(0.0, 10.0, 0.5)
-    initial_temperature: float = ranged(0.1, 10.0, 1.0)  # of the Gumbel-Softmax, learned
+    # Critic steps a step of actor and targets.
+    policy_delay: Annotated[int, Field(ge=1, le=1000)] = 2
+    action_noise: _Noise = 0.1  # std. dev. added to relaxed actions
+    target_noise: _Noise = 0.2  # std. dev. of target smoothing
+    target_noise_clip: _Noise = 0.5
+    # Of the Gumbel-Softmax, learned.
+    initial_temperature: Annotated[float, Field(ge=0.1, le=10.0)] = 1.0
 
     @property
     def step_cost(self) -> float:

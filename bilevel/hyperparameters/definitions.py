@@ -6,19 +6,19 @@ in `search_spaces`. "Table 1" is the paper's table of optimized hyperparameters,
 """
 
 from dataclasses import asdict, dataclass
-from typing import Any, Self
+from typing import Annotated, Any, Literal, get_args
 
-from bilevel.errors import InvalidInput, one_of
-from bilevel.hyperparameters.agents import (
-    ACTIVATIONS,
-    AgentHyperparameters,
-    agent_hyperparameters,
-)
-from bilevel.hyperparameters.validation import Validated, choice, ranged
+from pydantic import Field
+
+from bilevel.decode import decode
+from bilevel.errors import InvalidInput
+from bilevel.hyperparameters.agents import Activation, AgentHyperparameters, agent_hyperparameters
+from bilevel.hyperparameters.validation import hyperparameters
 
 #: The update rules and score transforms by name; `bilevel.nes` implements them.
-UPDATES = ("snes", "antithetic", "paper", "authors")
-SCORE_TRANSFORMS = (
+Update = Literal["snes", "antithetic", "paper", "authors"]
+UPDATES: tuple[str, ...] = get_args(Update)
+ScoreTransform = Literal[
     "linear",
     "rank",
     "nes",
@@ -27,55 +27,59 @@ SCORE_TRANSFORMS = (
     "single-better-average",
     "better-average",
     "better-average-sum",
-)
+]
+SCORE_TRANSFORMS: tuple[str, ...] = get_args(ScoreTransform)
 
 #: The rank of equal scores in a transform: their mean rank, or the order of the members (as the
 #: authors' code has it).
-TIES = ("mean", "order")
+Ties = Literal["mean", "order"]
 
 #: Whether learning rate, batch size and network of the agents are drawn anew: from all of the
 #: paper's ranges, or only small networks and batches.
-VARIATIONS = ("no", "small", "all")
+Variation = Literal["no", "small", "all"]
+VARIATIONS: tuple[str, ...] = get_args(Variation)
 
 #: What NES starts from: random SEs, as the paper, or one that is distilled from action values
 #: learned on the real task (the supervised baseline).
-STARTS = ("random", "distilled")
+Start = Literal["random", "distilled"]
 
 #: How NES parametrises an SE (`bilevel.synthetic_env.coordinates`).
-STRUCTURES = ("plain", "exogenous")
+Structure = Literal["plain", "exogenous"]
+
+_Count = Annotated[int, Field(ge=1, le=65536)]
 
 
-@dataclass(frozen=True, kw_only=True)
-class NESHyperparameters(Validated):
+@hyperparameters
+class NESHyperparameters:
     """Natural evolution strategies (paper, Algorithm 1)."""
 
-    update: str = choice(UPDATES)
-    step_size: float = ranged(1e-6, 100.0)  # alpha
-    std_dev: float = ranged(1e-6, 10.0)  # sigma of the perturbations
+    update: Update
+    step_size: Annotated[float, Field(ge=1e-6, le=100.0)]  # alpha
+    std_dev: Annotated[float, Field(ge=1e-6, le=10.0)]  # sigma of the perturbations
     mirrored_sampling: bool  # evaluate psi - eps beside psi + eps
-    score_transform: str = choice(SCORE_TRANSFORMS)  # read by `paper` and `authors`
-    ties: str = choice(TIES)  # read by `paper` and `authors`
-    population_size: int = ranged(1, 65536)  # n_p, members a generation
-    generations: int = ranged(1, 1_000_000)  # n_o, outer loops at most
+    score_transform: ScoreTransform  # read by `paper` and `authors`
+    ties: Ties  # read by `paper` and `authors`
+    population_size: _Count  # n_p, members a generation
+    generations: Annotated[int, Field(ge=1, le=1_000_000)]  # n_o, outer loops at most
     # One agent and one set of random numbers for all members of a generation, new ones in the
     # next (common random numbers); false: every member has its own.
     shared_agent: bool
-    centre_agents: int = ranged(1, 65536)  # trained on the unperturbed SE, each generation
+    centre_agents: _Count  # trained on the unperturbed SE, each generation
     # Every second generation its agents train until max_episodes (an even number of agents on
     # the unperturbed SE likewise), whatever their returns. 0: the stopping rule decides always.
-    patient_episodes: int = ranged(0, 1_000_000)
+    patient_episodes: Annotated[int, Field(ge=0, le=1_000_000)]
     # Share of the moving average of psi that is kept in a generation; the average is the
     # unperturbed SE. 0: psi itself is, as in the paper.
-    averaging: float = ranged(0.0, 0.999)
-    start: str = choice(STARTS)
-    start_candidates: int = ranged(1, 65536)  # random SEs of which the start is chosen
+    averaging: Annotated[float, Field(ge=0.0, le=0.999)]
+    start: Start
+    start_candidates: _Count  # random SEs of which the start is chosen
     # Generations without a new highest score after which a run that has not solved the task
     # begins again from other random SEs. 0: it never does.
-    restart_after: int = ranged(0, 1_000_000)
+    restart_after: Annotated[int, Field(ge=0, le=1_000_000)]
     # Generations in a row that must solve the task for the run to be finished. 0: it goes on.
-    solved_for: int = ranged(0, 1_000_000)
+    solved_for: Annotated[int, Field(ge=0, le=1_000_000)]
     # Fresh agents that must surely solve the task then; if they do not, the run goes on.
-    confirming_agents: int = ranged(0, 65536)
+    confirming_agents: Annotated[int, Field(ge=0, le=65536)]
 
     @property
     def evaluations(self) -> int:
@@ -83,19 +87,19 @@ class NESHyperparameters(Validated):
         return self.centre_agents + self.population_size * (2 if self.mirrored_sampling else 1)
 
 
-@dataclass(frozen=True, kw_only=True)
-class SEHyperparameters(Validated):
+@hyperparameters
+class SEHyperparameters:
     """The three networks of a synthetic environment, and its step limit."""
 
-    structure: str = choice(STRUCTURES)
-    hidden_layers: int = ranged(1, 2)
-    hidden_size: int = ranged(1, 4096)
-    activation: str = choice(ACTIVATIONS)
+    structure: Structure
+    hidden_layers: Annotated[int, Field(ge=1, le=2)]
+    hidden_size: Annotated[int, Field(ge=1, le=4096)]
+    activation: Activation
     # Steps after which an episode on the SE is truncated. 0: the task's own limit.
-    step_limit: int = ranged(0, 1_000_000)
+    step_limit: Annotated[int, Field(ge=0, le=1_000_000)]
 
 
-@dataclass(frozen=True, kw_only=True)
+@hyperparameters
 class Hyperparameters:
     """Everything one NES run is given besides task and seed.
 
@@ -105,12 +109,10 @@ class Hyperparameters:
     nes: NESHyperparameters
     se: SEHyperparameters
     agents: tuple[AgentHyperparameters, ...]
-    vary_agent: str  # of VARIATIONS
+    vary_agent: Variation = Field(title="variation of agents")
     recipe: str  # the name of the recipe that they were read from, whatever was replaced since
 
     def __post_init__(self) -> None:
-        if self.vary_agent not in VARIATIONS:
-            raise one_of("variation of agents", self.vary_agent, VARIATIONS)
         names = [hp.agent for hp in self.agents]
         if not names or len(set(names)) < len(names):
             raise InvalidInput(f"agents must be one or more, each once; got {names}")
@@ -131,18 +133,28 @@ class Hyperparameters:
         }
 
     @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Self:
+    def from_dict(cls, values: Any) -> "Hyperparameters":
         """The inverse of `to_dict`. Raises InvalidInput."""
-        try:
-            return cls(
-                nes=NESHyperparameters.from_dict(values["nes"]),
-                se=SEHyperparameters.from_dict(values["se"]),
-                agents=tuple(
-                    agent_hyperparameters(name).from_dict(fields)
-                    for name, fields in values["agents"].items()
-                ),
-                vary_agent=values["vary_agent"],
-                recipe=str(values["recipe"]),
-            )
-        except (KeyError, TypeError, AttributeError) as error:
-            raise InvalidInput(f"hyperparameters lack the section {error}") from None
+        return decode(StoredHyperparameters, values, "hyperparameters").checked()
+
+
+@dataclass(frozen=True, kw_only=True)
+class StoredHyperparameters:
+    """What `Hyperparameters.to_dict` makes, its sections not yet checked: agents of a user's own
+    may be unknown."""
+
+    nes: dict[str, Any]
+    se: dict[str, Any]
+    agents: dict[str, dict[str, Any]]
+    vary_agent: Variation
+    recipe: str
+
+    def checked(self) -> Hyperparameters:
+        """All of them. Raises InvalidInput."""
+        return Hyperparameters(
+            nes=NESHyperparameters(**self.nes),
+            se=SEHyperparameters(**self.se),
+            agents=tuple(agent_hyperparameters(n)(**fields) for n, fields in self.agents.items()),
+            vary_agent=self.vary_agent,
+            recipe=self.recipe,
+        )

@@ -1,64 +1,65 @@
-"""Frozen dataclasses whose fields carry, and check, their allowed range."""
+"""Frozen dataclasses whose fields pydantic checks, however they are built."""
 
-from dataclasses import MISSING, Field, field, fields
-from typing import Any, Self
+from collections.abc import Callable, Mapping
+from functools import wraps
+from typing import Any, Literal, TypeVar, cast, dataclass_transform, get_args, get_origin
 
+from pydantic import ConfigDict, Field, ValidationError
+from pydantic.dataclasses import dataclass
+from pydantic.fields import FieldInfo
+
+from bilevel.decode import first_fault, reason
 from bilevel.errors import InvalidInput, one_of
 
+_T = TypeVar("_T")
 
-def ranged(low: float, high: float, default: Any = MISSING) -> Any:
-    """A number in [low, high]."""
-    return field(default=default, metadata={"low": low, "high": high})
-
-
-def choice(options: tuple[str, ...], default: Any = MISSING) -> Any:
-    """One of the named options."""
-    return field(default=default, metadata={"options": options})
+#: A bool is no int, an int will do for a float, and there are no fields but those of the class.
+_STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 
 
-def allowed(spec: Field[Any]) -> str:
-    """What a field allows, in words."""
-    if "options" in spec.metadata:
-        return ", ".join(spec.metadata["options"])
-    if "low" in spec.metadata:
-        return f"{spec.metadata['low']} to {spec.metadata['high']}"
-    return "true or false"
+@dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(Field,))
+def hyperparameters(cls: type[_T]) -> type[_T]:
+    """Make a class a frozen dataclass whose fields are given by name, and checked.
 
+    A range is written `Annotated[int, Field(ge=1, le=9)]`, a choice is a `Literal`;
+    `__post_init__` may check more. What is not allowed raises InvalidInput, which tells the field
+    by its name or title.
+    """
+    checked: Any = dataclass(frozen=True, kw_only=True, config=_STRICT)(cls)
+    build: Callable[..., None] = checked.__init__
 
-class Validated:
-    """Base of the hyperparameter dataclasses: checked when built."""
-
-    def __post_init__(self) -> None:
-        for spec in fields(self):  # type: ignore[arg-type]
-            self._check(spec, getattr(self, spec.name))
-
-    def _check(self, spec: Field[Any], value: Any) -> None:
-        kind = type(self).__name__.removesuffix("Hyperparameters")
-        if "options" in spec.metadata:
-            if value not in spec.metadata["options"]:
-                raise one_of(f"{kind} {spec.name}", value, spec.metadata["options"])
-            return
-        accepted = {int: (int,), float: (int, float), bool: (bool,)}[spec.type]  # type: ignore[index]
-        right_type = isinstance(value, accepted) and (
-            spec.type is bool or not isinstance(value, bool)
-        )
-        in_range = right_type and (
-            "low" not in spec.metadata or spec.metadata["low"] <= value <= spec.metadata["high"]
-        )
-        if not in_range:
-            assert isinstance(spec.type, type)
-            raise InvalidInput(
-                f"{kind} {spec.name} must be {spec.type.__name__}, {allowed(spec)}; got {value!r}"
-            )
-
-    @classmethod
-    def from_dict(cls, values: dict[str, Any]) -> Self:
-        """Build from a mapping; an unknown or missing name is an InvalidInput."""
-        names = [spec.name for spec in fields(cls)]  # type: ignore[arg-type]
-        for name in values:
-            if name not in names:
-                raise one_of(f"{cls.__name__} field", name, names)
+    @wraps(build)
+    def init(self: Any, /, **values: Any) -> None:
         try:
-            return cls(**values)
-        except TypeError as error:
-            raise InvalidInput(f"{cls.__name__}: {error}") from None
+            build(self, **values)
+        except ValidationError as error:
+            raise _refused(checked.__name__, checked.__pydantic_fields__, error) from None
+
+    checked.__init__ = init
+    return cast("type[_T]", checked)
+
+
+def _refused(cls: str, fields: Mapping[str, FieldInfo], error: ValidationError) -> InvalidInput:
+    """What is wrong, and what is allowed instead."""
+    first = first_fault(error)
+    name = str(next(iter(first["loc"]), ""))
+    if first["type"] == "unexpected_keyword_argument":
+        return one_of(f"{cls} field", name, fields)
+    if first["type"] == "missing":
+        return InvalidInput(f"{cls}: {reason(error)}")
+    if first["type"] == "value_error":  # of the class's own check, which tells all
+        return InvalidInput(reason(error))
+    field, given = fields[name], first["input"]
+    what, kind = field.title or f"{cls.removesuffix('Hyperparameters')} {name}", field.annotation
+    if get_origin(kind) is Literal:
+        return one_of(what, given, get_args(kind))
+    ends = [
+        getattr(rule, end) for end in ("ge", "le") for rule in field.metadata if hasattr(rule, end)
+    ]
+    if kind is bool:
+        told = "bool, true or false"
+    elif kind in (int, float) and len(ends) == 2:
+        told = f"{kind.__name__}, {ends[0]} to {ends[1]}"
+    else:
+        return InvalidInput(f"{cls}: {reason(error)}")
+    return InvalidInput(f"{what} must be {told}; got {given!r}")

@@ -12,6 +12,7 @@ import safetensors.numpy
 from numpy.typing import NDArray
 from safetensors import SafetensorError
 
+from bilevel.decode import decode, decode_json
 from bilevel.durable import checksum, write_aside
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import NESHyperparameters, SEHyperparameters
@@ -155,58 +156,62 @@ class NESState:
             with safetensors.safe_open(path, framework="numpy") as file:
                 metadata = file.metadata() or {}
                 tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-            header = json.loads(metadata["nes"])
-            if header.pop("sha256") != _checksum(json.dumps(header), tensors):
-                raise ValueError("its checksum is wrong")
-            scale = ObservationScale(
-                tensors["observation_mean"],
-                tensors["observation_deviation"],
-                int(header.pop("scale_steps")),
-            )
+            told = decode_json(dict[str, Any], metadata.get("nes", ""), "header")
+            if told.pop("sha256", None) != _checksum(json.dumps(told), tensors):
+                raise InvalidInput("its checksum is wrong")
+            header = decode(_Header, told, "header")
+            finalists = [f"finalist_{i}" for i in range(len(header.finalists))]
+            if tensors.keys() != {*_TENSORS, *finalists}:
+                raise InvalidInput("its parts do not fit together")
+            theta, std_dev, average, mean, deviation = (tensors[name] for name in _TENSORS)
+            scale = ObservationScale(mean, deviation, header.scale_steps)
             space = coordinates(task, hp, scale)
-            finalists = tuple(
-                Finalist(theta=tensors[f"finalist_{i}"], **values)
-                for i, values in enumerate(header.pop("finalists"))
-            )
-            records = tuple(GenerationRecord(**record) for record in header.pop("records"))
-            race = header.pop("race")
-            if race is not None:
-                race = StartRace(tuple(race["seeds"]), race["candidates"], race["round"])
-            confirmation = header.pop("confirmation")
-            if confirmation is not None:
-                confirmation = Confirmation(confirmation["agents"], tuple(confirmation["scores"]))
-            se = SEDistribution(space, *(tensors[n] for n in ("theta", "std_dev", "average")))
-            own = {se.mean.shape, se.std_dev.shape, se.average.shape}
-            shapes = own | {f.theta.shape for f in finalists}
-            if header["generation"] != len(records) or shapes != {(space.size,)}:
-                raise ValueError("its parts do not fit together")
-            return cls(
-                task=task,
-                se=se,
-                scale=scale,
-                provenance=provenance or {},
-                race=race,
-                confirmation=confirmation,
-                finalists=finalists,
-                records=records,
-                **header,
-            )
-        except _DAMAGE as error:
+            shapes = {tensors[name].shape for name in ("theta", "std_dev", "average", *finalists)}
+            if header.generation != len(header.records) or shapes != {(space.size,)}:
+                raise InvalidInput("its parts do not fit together")
+            same = vars(header) | {
+                "finalists": tuple(
+                    Finalist(theta=tensors[name], **vars(finalist))
+                    for name, finalist in zip(finalists, header.finalists, strict=True)
+                )
+            }
+            del same["scale_steps"]
+            se = SEDistribution(space, theta, std_dev, average)
+            return cls(task=task, se=se, scale=scale, provenance=provenance or {}, **same)
+        except (SafetensorError, OSError, ValueError, TypeError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise InvalidInput(f"damaged checkpoint {str(path)!r}: {reason}") from None
 
 
-#: What reading a file that is not what it should be may raise.
-_DAMAGE = (
-    SafetensorError,
-    OSError,
-    ValueError,
-    TypeError,
-    KeyError,
-    AttributeError,
-    OverflowError,
-    RecursionError,
-)
+@dataclass(frozen=True)
+class _Finalist:
+    """What the header tells of a `Finalist`."""
+
+    generation: int
+    score_mean: float
+    perturbed_score_mean: float
+
+
+@dataclass(frozen=True)
+class _Header:
+    """What a checkpoint holds besides tensors, under the names that `NESState` has."""
+
+    generation: int
+    attempt: int
+    attempt_began: int
+    race: StartRace | None
+    solved_streak: int
+    confirmation: Confirmation | None
+    confirmed: bool
+    real_env_steps: int
+    scale_steps: int  # of the scale of observations
+    finished: bool
+    finalists: tuple[_Finalist, ...]
+    records: tuple[GenerationRecord, ...]
+
+
+#: The tensors of a checkpoint, besides those of the finalists.
+_TENSORS = ("theta", "std_dev", "average", "observation_mean", "observation_deviation")
 
 
 def _checksum(text: str, tensors: Mapping[str, NDArray[np.float32]]) -> str:

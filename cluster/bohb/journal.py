@@ -4,32 +4,26 @@ This is hpbandster's own format, so its tools read it
 (`hpbandster.core.result.logged_results_to_HBS_result(folder)`).
 """
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, NamedTuple
+
+from pydantic import Field, FiniteFloat, PositiveInt
 
 from cluster.storage.lines import Lines
 
-ConfigId = tuple[int, int, int]  # bracket, rung it entered at, number in that rung
+_Number = Annotated[int, Field(ge=0, lt=10**6)]
+ConfigId = tuple[_Number, _Number, _Number]  # bracket, rung it entered at, number in that rung
 Configuration = dict[str, Any]
-_T = TypeVar("_T")
 
 
-@dataclass(frozen=True)
-class ConfigLine:
-    """A configuration was proposed."""
+class ConfigLine(NamedTuple):
+    """A configuration was proposed: a line of `configs.json`."""
 
     id: ConfigId
     configuration: Configuration
     info: dict[str, Any]  # {"model_based_pick": bool}
-
-    @classmethod
-    def read(cls, row: Any) -> "ConfigLine":
-        """A line of `configs.json`. Raises ValueError, TypeError."""
-        identifier, configuration, info = row
-        return cls(_config_id(identifier), _mapping(configuration), _mapping(info))
 
 
 @dataclass(frozen=True)
@@ -53,21 +47,38 @@ class ResultLine:
         """When it came; unix time, seconds."""
         return self.timestamps["finished"]
 
-    @classmethod
-    def read(cls, row: Any) -> "ResultLine":
-        """A line of `results.json`. Raises ValueError, TypeError, KeyError."""
-        identifier, budget, timestamps, result, exception = row
-        loss = None if result is None else _finite(result["loss"])
-        stamps = {name: _finite(_mapping(timestamps)[name]) for name in _STAMPS}
-        if type(budget) is not int or budget < 1:
-            raise ValueError(f"budget {budget!r}")
-        if not (exception is None or isinstance(exception, str)):
-            raise TypeError(f"exception {exception!r}")
-        info = {} if result is None else _mapping(result["info"])
-        return cls(_config_id(identifier), budget, loss, info, stamps, exception)
+
+@dataclass(frozen=True)
+class _Stamps:
+    """When a job was submitted, started and finished; unix time, seconds."""
+
+    submitted: FiniteFloat
+    started: FiniteFloat
+    finished: FiniteFloat
 
 
-_STAMPS = ("submitted", "started", "finished")
+@dataclass(frozen=True)
+class _Result:
+    """What came of a job that did not fail."""
+
+    loss: FiniteFloat
+    info: dict[str, Any]
+
+
+class _ResultRow(NamedTuple):
+    """A line of `results.json`."""
+
+    id: ConfigId
+    budget: PositiveInt
+    timestamps: _Stamps
+    result: _Result | None
+    exception: str | None
+
+    @property
+    def line(self) -> ResultLine:
+        """What it says."""
+        loss, info = (None, {}) if self.result is None else (self.result.loss, self.result.info)
+        return ResultLine(self.id, self.budget, loss, info, asdict(self.timestamps), self.exception)
 
 
 class Journal:
@@ -80,10 +91,10 @@ class Journal:
     def __init__(self, folder: Path) -> None:
         self._config_file = Lines(folder / "configs.json")
         self._result_file = Lines(folder / "results.json")
-        self.configs = _read(self._config_file, ConfigLine.read, lambda line: line.id)
-        self.results = _read(
-            self._result_file, ResultLine.read, lambda line: (line.id, line.budget)
-        )
+        self.configs = self._config_file.decoded(ConfigLine)
+        self.results = [row.line for row in self._result_file.decoded(_ResultRow)]
+        _require_once(self._config_file, [line.id for line in self.configs])
+        _require_once(self._result_file, [(line.id, line.budget) for line in self.results])
         proposed = {line.id for line in self.configs}
         for index, line in enumerate(self.results):
             if line.id not in proposed:
@@ -106,38 +117,10 @@ class Journal:
         self.results.append(line)
 
 
-def _read(file: Lines, parse: Callable[[Any], _T], key: Callable[[_T], object]) -> list[_T]:
-    lines: list[_T] = []
+def _require_once(file: Lines, keys: Sequence[object]) -> None:
+    """Raises InvalidInput for a line whose key an earlier one has."""
     seen: set[object] = set()
-    for index, row in enumerate(file.values):
-        try:
-            line = parse(row)
-        except (ValueError, TypeError, KeyError, OverflowError) as error:
-            raise file.damaged(index, error) from None
-        if key(line) in seen:
-            raise file.damaged(index, f"{key(line)} stands there twice")
-        seen.add(key(line))
-        lines.append(line)
-    return lines
-
-
-def _config_id(value: Any) -> ConfigId:
-    if not (
-        isinstance(value, list)
-        and len(value) == 3
-        and all(type(part) is int and 0 <= part < 10**6 for part in value)
-    ):
-        raise ValueError(f"configuration id {value!r}")
-    return value[0], value[1], value[2]
-
-
-def _mapping(value: Any) -> dict[str, Any]:
-    if not isinstance(value, dict):
-        raise TypeError(f"{value!r} is not an object")
-    return value
-
-
-def _finite(value: Any) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise ValueError(f"{value!r} is not a finite number")
-    return float(value)
+    for index, key in enumerate(keys):
+        if key in seen:
+            raise file.damaged(index, f"{key} stands there twice")
+        seen.add(key)

@@ -4,15 +4,16 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from bilevel.errors import InvalidInput
-from bilevel.hyperparameters import Hyperparameters
+from bilevel.decode import decode
+from bilevel.errors import InvalidInput, one_of
+from bilevel.hyperparameters import Hyperparameters, StoredHyperparameters
 from bilevel.seeds import Purpose, derive
 from bilevel.tasks import Task
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, Configuration
 from cluster.bohb.profiles import METHODS, get_method
 from cluster.nes.run import NESRun
-from cluster.storage.run_folder import read_settings, stored_task
+from cluster.storage.run_folder import Settings, read_settings
 from search_spaces import SPACES, to_hyperparameters
 
 #: The kind of run that `settings.json` tells.
@@ -23,6 +24,17 @@ def configuration_name(config_id: ConfigId) -> str:
     """`bracket-rung-number`, zero-padded so that names sort."""
     bracket, rung, number = config_id
     return f"{bracket:03d}-{rung}-{number:03d}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Settings(Settings):
+    """What `settings.json` holds of a study."""
+
+    space: str
+    method: str
+    budgets: tuple[int, ...]
+    cycle: int
+    base: StoredHyperparameters
 
 
 @dataclass(frozen=True)
@@ -78,19 +90,19 @@ class Study:
     @classmethod
     def read(cls, folder: Path) -> "Study":
         """The study in a folder. Raises InvalidInput."""
-        settings = read_settings(folder)
+        damaged = f"{str(folder)!r} holds no study"
+        settings = decode(_Settings, read_settings(folder), damaged)
         try:
-            study = cls(
+            if settings.space not in SPACES:
+                raise one_of("search space", settings.space, SPACES)
+            return cls(
                 folder,
-                stored_task(settings["task"]),
-                int(settings["seed"]),
-                str(settings["space"]),
-                Schedule(tuple(map(int, settings["budgets"])), int(settings["cycle"])),
-                Hyperparameters.from_dict(settings["base"]),
-                get_method(str(settings["method"])),
+                settings.task,
+                settings.seed,
+                settings.space,
+                Schedule(settings.budgets, settings.cycle),
+                settings.base.checked(),
+                get_method(settings.method),
             )
-            if study.space not in SPACES or study.seed < 0:
-                raise ValueError(f"space {study.space!r}, seed {study.seed}")
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
-            raise InvalidInput(f"{str(folder)!r} holds no study: {error}") from None
-        return study
+        except InvalidInput as error:
+            raise InvalidInput(f"{damaged}: {error}") from None

@@ -16,12 +16,12 @@ from cluster.tracking import Views
 
 def views_of(folder: Path) -> Views:
     """The views of a folder that nobody works on. Raises InvalidInput."""
-    kinds: dict[object, Callable[[Path], Views]] = {
+    kinds: dict[str, Callable[[Path], Views]] = {
         STUDY_KIND: StudyViews.of,
         NES_KIND: NESViews.of,
         EVALUATION_KIND: EvaluationViews.of,
     }
-    kind = read_settings(folder).get("kind")
+    kind = str(read_settings(folder).get("kind"))
     if kind not in kinds:
         raise one_of("kind of run", kind, kinds)
     return kinds[kind](folder)

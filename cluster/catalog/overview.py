@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.nes import NESState
 from cluster.bohb.journal import Journal
@@ -15,12 +15,12 @@ from cluster.bohb.study import KIND as STUDY_KIND
 from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
 from cluster.evaluate.view import KIND as EVALUATION_KIND
-from cluster.evaluate.view import RESULTS_FILE
+from cluster.evaluate.view import RESULTS_FILE, EvaluationSettings
 from cluster.nes.run import KIND as NES_KIND
-from cluster.nes.run import STATE_FILE
+from cluster.nes.run import STATE_FILE, NESSettings
 from cluster.storage.home import Home
 from cluster.storage.lines import Lines
-from cluster.storage.run_folder import Standing, finals, is_held, read_settings, stored_task
+from cluster.storage.run_folder import Standing, finals, is_held, read_settings
 
 _STATES = {"FINISHED": "finished", "KILLED": "stopped", "FAILED": "failed", "RUNNING": "killed"}
 
@@ -59,15 +59,17 @@ def print_overview(lines: list[Line], console: Console) -> None:
 def _line(folder: Path) -> Line:
     task, name = folder.parent.name, folder.name
     try:
-        kind = str(read_settings(folder)["kind"])
+        kind = str(read_settings(folder).get("kind"))
+        kinds = {STUDY_KIND: _study, NES_KIND: _nes, EVALUATION_KIND: _evaluation}
+        if kind not in kinds:
+            raise one_of("kind of run", kind, kinds)
         standing = Standing.load(folder)
         state = "running" if is_held(folder) else _STATES[standing.status if standing else "KILLED"]
         target = 0 if standing is None else standing.target
-        kinds = {STUDY_KIND: _study, NES_KIND: _nes, EVALUATION_KIND: _evaluation}
         progress, best = kinds[kind](folder, target)
         scores = [end.metrics.get("final_score_mean") for end in finals(folder)]
         final = f"{scores[-1]:.1f}" if scores and scores[-1] is not None else ""
-    except (InvalidInput, KeyError, ValueError, TypeError, OSError) as error:
+    except (InvalidInput, OSError) as error:
         return Line(task, name, "", "damaged", str(error), "", "")
     return Line(task, name, kind, state, progress, best, final)
 
@@ -87,15 +89,14 @@ def _nes(folder: Path, generations: int) -> tuple[str, str]:
     if not path.exists():
         return f"0/{generations} generations", ""
     # The agents of the run, which may be a user's own, need not be known here.
-    settings = read_settings(folder)
-    se = SEHyperparameters.from_dict(settings["se"])
-    state = NESState.load(path, stored_task(settings["task"]), se)
+    settings = NESSettings.read(folder)
+    state = NESState.load(path, settings.task, SEHyperparameters(**settings.se))
     if not state.records:
         return f"0/{generations} generations", ""
     return f"{state.generation}/{generations} generations", f"{state.best_score:.1f}"
 
 
 def _evaluation(folder: Path, agents: int) -> tuple[str, str]:
-    settings = read_settings(folder)
-    total = agents * len(settings["sources"]) * len(settings["kinds"])
+    settings = EvaluationSettings.read(folder)
+    total = agents * len(settings.sources) * len(settings.kinds)
     return f"{len(Lines(folder / RESULTS_FILE).values)}/{total} agents", ""

@@ -208,7 +208,8 @@ class RunOptions:
         from search_spaces import to_hyperparameters
 
         hp = load_recipe(self.recipe or usual_recipe, task.id, self.the_agents())
-        hp = replace(hp, vary_agent=self.vary or hp.vary_agent)
+        vary: Any = self.vary or hp.vary_agent  # checked where it is set
+        hp = replace(hp, vary_agent=vary)
         if self.population is not None:
             hp = replace(hp, nes=replace(hp.nes, population_size=self.population))
         return to_hyperparameters(hp, dict(self.settings))

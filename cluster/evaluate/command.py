@@ -151,15 +151,8 @@ class _UnderWay:
 
     def _stored(self, file: Lines) -> Iterator[tuple[tuple[str, str, int], EvaluationResult]]:
         """What an earlier call has left. Raises InvalidInput if damaged."""
-        for index, value in enumerate(file.values):
-            try:
-                label, agent, i, fields = value
-                fields = {**fields, "test_returns": tuple(fields["test_returns"])}
-                result = EvaluationResult(**fields)
-                wanted = label in self.command.sources and int(i) < self.command.agents
-            except (ValueError, TypeError, KeyError) as error:
-                raise file.damaged(index, error) from None
-            if wanted:
+        for label, agent, i, result in file.decoded(tuple[str, str, int, EvaluationResult]):
+            if label in self.command.sources and i < self.command.agents:
                 yield (label, agent, i), result
 
     def _report(self, groups: list[Group]) -> None:

@@ -2,16 +2,30 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
-from bilevel.errors import InvalidInput
-from cluster.storage.run_folder import Begun, Standing, finals, read_settings, stored_task
+from bilevel.decode import decode
+from cluster.storage.run_folder import Begun, Settings, Standing, finals, read_settings
 from cluster.tracking import Document, Point, RunView
 
 #: The kind of run that `settings.json` tells.
 KIND = "evaluate"
 
 RESULTS_FILE, REPORT_FILE, PICTURE_FILE = "results.jsonl", "report.json", "violins.png"
+
+
+@dataclass(frozen=True, kw_only=True)
+class EvaluationSettings(Settings):
+    """What `settings.json` holds of an evaluation."""
+
+    vary: str
+    sources: dict[str, str]  # label: digest of the SE, or "real"
+    kinds: dict[str, dict[str, Any]]  # hyperparameters by the agent's name
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Of the evaluation in a folder. Raises InvalidInput."""
+        return decode(cls, read_settings(folder), f"{str(folder)!r} holds no evaluation")
 
 
 @dataclass(frozen=True)
@@ -25,21 +39,13 @@ class EvaluationViews:
     @classmethod
     def of(cls, folder: Path) -> "EvaluationViews":
         """Of an evaluation that nobody works on. Raises InvalidInput."""
-        settings = read_settings(folder)
-        try:
-            stored_task(settings["task"])
-            types = {"kinds": dict, "sources": dict, "vary": str, "seed": int}
-            for name, kind in types.items():
-                if not isinstance(settings[name], kind):
-                    raise TypeError(f"{name} is {settings[name]!r}")
-        except (KeyError, TypeError, ValueError) as error:
-            raise InvalidInput(f"{str(folder)!r} holds no evaluation: {error}") from None
+        EvaluationSettings.read(folder)
         return cls(folder, Begun.read(folder), False)
 
     @property
     def task_id(self) -> str:
         """The task that the agents are tested on."""
-        return str(read_settings(self.folder)["task"]["id"])
+        return EvaluationSettings.read(self.folder).task.id
 
     def keys(self) -> list[str]:
         """The evaluation's identity."""
@@ -47,11 +53,10 @@ class EvaluationViews:
 
     def view(self, key: str) -> RunView:
         """The run as it is on disk. Raises InvalidInput."""
-        settings, ends = read_settings(self.folder), finals(self.folder)
+        settings, ends = EvaluationSettings.read(self.folder), finals(self.folder)
         standing = Standing.load(self.folder) or Standing("KILLED", self.begun.time, 0)
         over = not (self.live and standing.status == "RUNNING")
-        kinds: dict[str, Any] = settings["kinds"]
-        sources, task = ", ".join(settings["sources"]), settings["task"]["id"]
+        sources, task = ", ".join(settings.sources), settings.task.id
         note = f"{standing.target} fresh agents of each kind on {sources}, tested on {task}."
         files = [self.folder / name for name in (REPORT_FILE, PICTURE_FILE, RESULTS_FILE)]
         return RunView(
@@ -60,7 +65,7 @@ class EvaluationViews:
             standing.ended_as if over else "RUNNING",
             self.begun.time,
             standing.since if over else None,
-            {"agents": kinds, "vary": settings["vary"], "seed": settings["seed"], "task": task},
+            {"agents": settings.kinds, "vary": settings.vary, "seed": settings.seed, "task": task},
             {"bilevel.kind": KIND, "mlflow.note.content": note},
             tuple(Point.of_final(end) for end in ends),
             tuple(Document.of_file(path) for path in files if over and path.exists()),

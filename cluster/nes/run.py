@@ -2,17 +2,18 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
+from bilevel.decode import decode
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import EvaluationResult
-from bilevel.hyperparameters import Hyperparameters, NESHyperparameters
+from bilevel.hyperparameters import Hyperparameters, NESHyperparameters, StoredHyperparameters
 from bilevel.nes import NES, NESState
 from bilevel.tasks import Task
 from cluster.ray.pool import EvaluationPool
-from cluster.storage.run_folder import Standing, read_settings, stored_task
+from cluster.storage.run_folder import Settings, Standing, read_settings
 
 STATE_FILE = "state.safetensors"
 
@@ -27,6 +28,16 @@ def start_of(nes: NESHyperparameters) -> str:
     if nes.start_candidates == 1:
         return "from a random SE"
     return f"from the best of {nes.start_candidates} random SEs"
+
+
+@dataclass(frozen=True, kw_only=True)
+class NESSettings(Settings, StoredHyperparameters):
+    """What `settings.json` holds of an NES run: hyperparameters without `nes.generations`."""
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Of the run in a folder. Raises InvalidInput."""
+        return decode(cls, read_settings(folder), f"{str(folder)!r} holds no NES run")
 
 
 @dataclass(frozen=True)
@@ -54,13 +65,12 @@ class NESRun:
     @classmethod
     def read(cls, folder: Path) -> "NESRun":
         """The run in a folder, as it was begun. Raises InvalidInput."""
-        settings, standing = read_settings(folder), Standing.load(folder)
+        settings, standing = NESSettings.read(folder), Standing.load(folder)
+        generations = 1 if standing is None else standing.target
+        whole = replace(settings, nes={**settings.nes, "generations": generations})
         try:
-            generations = standing.target if standing is not None else 1
-            nes = {**settings["nes"], "generations": generations}
-            hp = Hyperparameters.from_dict({**settings, "nes": nes})
-            return cls(stored_task(settings["task"]), hp, int(settings["seed"]), folder)
-        except (KeyError, TypeError, ValueError, OverflowError) as error:
+            return cls(settings.task, whole.checked(), settings.seed, folder)
+        except InvalidInput as error:
             raise InvalidInput(f"{str(folder)!r} holds no NES run: {error}") from None
 
     @property

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import psutil
 
+from bilevel.decode import decode_file
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
 from cluster.services.mlflow_server import mlflow_server
@@ -67,12 +68,7 @@ class Service:
 def services(home: Home) -> list[Service]:
     """What `up` started in this home. Raises InvalidInput if the record is damaged."""
     path = _record(home)
-    if not path.exists():
-        return []
-    try:
-        return [Service(**values) for values in json.loads(path.read_bytes())]
-    except (OSError, ValueError, TypeError) as error:
-        raise InvalidInput(f"damaged {str(path)!r}: {error}") from None
+    return decode_file(list[Service], path) if path.exists() else []
 
 
 def join(name: str, home: Home) -> str | None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from bilevel.errors import StorageFailure
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal
-from cluster.storage.run_folder import Begun, Standing
+from cluster.storage.run_folder import Begun, Standing, Status
 from cluster.tracking import Mirror, Tracker, Views
 
 
@@ -23,7 +23,7 @@ class Session:
     terminal: Terminal
     guard: InterruptGuard
     #: How the run will stand if it ends without an error.
-    status: str = "FINISHED"
+    status: Status = "FINISHED"
 
     def introduce(self, what: str) -> None:
         """Tell what is run, where it is kept, and where to look at it."""
@@ -41,7 +41,7 @@ class Session:
         self._stand("RUNNING", target)
         mirror = Mirror(self.tracker, views.view, self.terminal.line)
         mirror.mark(views.keys())  # what an earlier process did not get to show
-        ended_as = "FAILED"
+        ended_as: Status = "FAILED"
         try:
             yield mirror
             ended_as = self.status
@@ -63,5 +63,5 @@ class Session:
                     f"`bilevel sync {self.folder.name}` writes them"
                 )
 
-    def _stand(self, status: str, target: int) -> None:
+    def _stand(self, status: Status, target: int) -> None:
         Standing(status, time.time(), target).save(self.folder)

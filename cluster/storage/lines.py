@@ -10,10 +10,13 @@ import errno
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
+from bilevel.decode import decode
 from bilevel.durable import sync_folder
 from bilevel.errors import InvalidInput, StorageFailure
+
+_T = TypeVar("_T")
 
 
 class Lines:
@@ -37,10 +40,19 @@ class Lines:
             for number, line in enumerate(data[: self._end].split(b"\n")[:-1], start=1)
         ]
 
+    def decoded(self, kind: type[_T]) -> list[_T]:
+        """The values as that type. Raises InvalidInput for one of another form."""
+        return [
+            decode(kind, value, self._damaged(index)) for index, value in enumerate(self.values)
+        ]
+
     def damaged(self, index: int, reason: object) -> InvalidInput:
         """The error for the value at `index`, if whoever reads it finds it wrong."""
         text = " ".join(str(reason).split()) or type(reason).__name__
-        return InvalidInput(f"damaged journal {str(self.path)!r}, line {index + 1}: {text}")
+        return InvalidInput(f"{self._damaged(index)}: {text}")
+
+    def _damaged(self, index: int) -> str:
+        return f"damaged journal {str(self.path)!r}, line {index + 1}"
 
     def append(self, value: Any) -> None:
         """Add a value, durably. Raises StorageFailure, with nothing added."""

@@ -8,24 +8,24 @@ finals.json     a line each time it ended: fresh agents' scores of its best SE
 
 import contextlib
 import json
-import math
-import re
 import time
 import uuid
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 from filelock import FileLock, Timeout
+from pydantic import Field, FiniteFloat, NonNegativeInt, PlainValidator
 
+from bilevel.decode import decode, decode_file
 from bilevel.durable import write_aside
-from bilevel.errors import InvalidInput, StorageFailure, one_of
+from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.tasks import Task
 from cluster.storage.lines import Lines
 
 #: What a run may stand at; the names are MLflow's.
-STATUSES = ("RUNNING", "FINISHED", "KILLED", "FAILED")
+Status = Literal["RUNNING", "FINISHED", "KILLED", "FAILED"]
 
 #: Seconds until a folder counts as taken: long enough for someone who just looks.
 _LOCK_TIMEOUT = 1.0
@@ -35,32 +35,22 @@ _LOCK_TIMEOUT = 1.0
 class Standing:
     """How far a run is meant to go, and how its last process ended."""
 
-    status: str  # RUNNING if it was never written again: the process was killed
-    since: float  # unix time, seconds
+    status: Status  # RUNNING if it was never written again: the process was killed
+    since: FiniteFloat  # unix time, seconds
     target: int  # brackets of a study, generations of an NES run
 
     @classmethod
     def load(cls, folder: Path) -> "Standing | None":
         """What the folder says, if it says anything. Raises InvalidInput if damaged."""
         path = folder / "standing.json"
-        if not path.exists():
-            return None
-        try:
-            standing = cls(**json.loads(path.read_bytes()))
-            if standing.status not in STATUSES:
-                raise one_of("status", standing.status, STATUSES)
-            if type(standing.target) is not int or not math.isfinite(standing.since):
-                raise ValueError("its values are of another kind")
-        except (OSError, ValueError, TypeError, RecursionError) as error:
-            raise InvalidInput(f"damaged {str(path)!r}: {error}") from None
-        return standing
+        return decode_file(cls, path) if path.exists() else None
 
     def save(self, folder: Path) -> None:
         """Write durably. Raises StorageFailure."""
         write_aside(folder / "standing.json", json.dumps(asdict(self)).encode())
 
     @property
-    def ended_as(self) -> str:
+    def ended_as(self) -> Status:
         """How it stands when nobody works on it."""
         return "KILLED" if self.status == "RUNNING" else self.status
 
@@ -70,8 +60,9 @@ class Begun:
     """Which run it is: what is shown elsewhere under its name belongs to it only if it
     carries the identity too."""
 
-    identity: str  # a string made up when it was begun
-    time: float  # unix time, seconds
+    # 32 hexadecimal digits, made up when it was begun.
+    identity: Annotated[str, Field(pattern="^[0-9a-f]{32}$")]
+    time: FiniteFloat  # unix time, seconds
 
     @classmethod
     def read(cls, folder: Path) -> "Begun":
@@ -91,17 +82,7 @@ class Final:
 
 def finals(folder: Path) -> list[Final]:
     """The ends of the run so far. Raises InvalidInput if damaged."""
-    file = Lines(folder / "finals.json")
-    found = []
-    for index, value in enumerate(file.values):
-        try:
-            final = Final(int(value["step"]), float(value["time"]), dict(value["metrics"]))
-            if not all(isinstance(number, int | float) for number in final.metrics.values()):
-                raise TypeError("a metric is not a number")
-        except (ValueError, TypeError, KeyError, OverflowError) as error:
-            raise file.damaged(index, error) from None
-        found.append(final)
-    return found
+    return Lines(folder / "finals.json").decoded(Final)
 
 
 def add_final(folder: Path, final: Final) -> None:
@@ -170,30 +151,32 @@ def is_held(folder: Path) -> bool:
 
 def read_settings(folder: Path) -> dict[str, Any]:
     """What a run was begun with. Raises InvalidInput if that is missing or damaged."""
-    path = folder / "settings.json"
-    try:
-        settings = json.loads(path.read_bytes())
-        if not re.fullmatch("[0-9a-f]{32}", settings["identity"]):
-            raise ValueError("its identity is not 32 hexadecimal digits")
-        if not math.isfinite(settings["begun"]):
-            raise ValueError("its time is not finite")
-    except FileNotFoundError:
-        raise InvalidInput(f"no run in {str(folder)!r}") from None
-    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
-        raise InvalidInput(f"damaged settings {str(path)!r}: {error}") from None
-    return dict(settings)
+    path, damaged = folder / "settings.json", "damaged settings"
+    if not path.exists():
+        raise InvalidInput(f"no run in {str(folder)!r}")
+    settings = decode_file(dict[str, Any], path, damaged)
+    begun = {"identity": settings.get("identity"), "time": settings.get("begun")}
+    decode(Begun, begun, f"{damaged} {str(path)!r}")
+    return settings
 
 
 def stored_task(facts: Any) -> Task:
     """The task that a run was begun on, from the facts in its settings alone: asking
-    gymnasium for it could import what the file names. Raises TypeError, ValueError."""
-    task = Task(**facts)
-    kinds = {"id": str, "solved_reward": float, "worst_score": float}
-    for name, value in asdict(task).items():
-        if type(value) is not kinds.get(name, int):
-            raise TypeError(f"task {name} is {value!r}")
+    gymnasium for it could import what the file names. Raises InvalidInput."""
+    task = decode(Task, facts, "task")
     if ".." in task.id:
-        raise ValueError(f"task id {task.id!r}")
+        raise InvalidInput(f"task id {task.id!r} is not allowed")
     if min(task.state_size, task.n_actions, task.step_limit) < 1:
-        raise ValueError("the task's sizes are not positive")
+        raise InvalidInput("the task's sizes are not positive")
     return task
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings:
+    """What `settings.json` tells of every kind of run; each adds its own."""
+
+    identity: str
+    begun: float  # unix time, seconds
+    kind: str
+    task: Annotated[Task, PlainValidator(stored_task)]
+    seed: NonNegativeInt

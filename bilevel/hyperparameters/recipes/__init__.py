@@ -14,16 +14,19 @@ section each holds the hyperparameters of NES, the SE and every agent.
 
 import tomllib
 from collections.abc import Sequence
+from dataclasses import dataclass, fields
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Protocol
 
+from bilevel.decode import decode
 from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters.agents import agent_hyperparameters
 from bilevel.hyperparameters.definitions import (
     Hyperparameters,
     NESHyperparameters,
     SEHyperparameters,
+    Variation,
 )
 
 #: The recipes that come with the package.
@@ -36,6 +39,16 @@ class _Task(Protocol):
         """Of a task of gymnasium."""
 
 
+@dataclass(frozen=True)
+class _Recipe:
+    """What every recipe file holds, besides a section an agent."""
+
+    agents: tuple[str, ...]
+    vary_agent: Variation
+    nes: dict[str, Any]
+    se: dict[str, Any]
+
+
 def load_recipe(
     name: str, task: _Task | str, agents: Sequence[str] | None = None
 ) -> Hyperparameters:
@@ -44,22 +57,20 @@ def load_recipe(
     `agents` replaces those that the recipe draws; one that it does not know has the defaults of
     its own fields. Raises InvalidInput for an unknown name, and for a file that is not a recipe.
     """
-    values = _read(name, task if isinstance(task, str) else task.id)
-    try:
-        names = tuple(agents if agents is not None else values["agents"])
-        return Hyperparameters(
-            nes=NESHyperparameters.from_dict(values["nes"]),
-            se=SEHyperparameters.from_dict(values["se"]),
-            agents=tuple(
-                agent_hyperparameters(agent).from_dict(values.get(agent, {})) for agent in names
-            ),
-            vary_agent=values["vary_agent"],
-            recipe=Path(name).stem,
-        )
-    except KeyError as error:
-        raise InvalidInput(f"recipe {name!r} lacks {error}") from None
-    except (TypeError, AttributeError) as error:
-        raise InvalidInput(f"recipe {name!r}: {error}") from None
+    values, what = _read(name, task if isinstance(task, str) else task.id), f"recipe {name!r}"
+    own = {spec.name: values[spec.name] for spec in fields(_Recipe) if spec.name in values}
+    recipe = decode(_Recipe, own, what)
+    sections = [
+        (agent, decode(dict[str, Any], values.get(agent, {}), f"{what}, {agent}"))
+        for agent in (recipe.agents if agents is None else agents)
+    ]
+    return Hyperparameters(
+        nes=NESHyperparameters(**recipe.nes),
+        se=SEHyperparameters(**recipe.se),
+        agents=tuple(agent_hyperparameters(agent)(**own) for agent, own in sections),
+        vary_agent=recipe.vary_agent,
+        recipe=Path(name).stem,
+    )
 
 
 def _read(name: str, task_id: str) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Iterator
-from dataclasses import fields, replace
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +12,10 @@ import torch
 
 from bilevel import InvalidInput
 from bilevel.agents import agent as registry
-from bilevel.agents import get_agent, registered_agents
+from bilevel.agents import get_agent, register_agent, registered_agents
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
-from bilevel.hyperparameters import Hyperparameters, agent_hyperparameters, load_recipe
+from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters, load_recipe
 from bilevel.nes import NES
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task, get_task
@@ -102,7 +102,7 @@ class TestEveryAgent:
         hp = load_recipe("paper", "", (name,))
         assert Hyperparameters.from_dict(hp.to_dict()) == hp
         with pytest.raises(InvalidInput, match="max_episodes"):
-            agent_hyperparameters(name).from_dict({**vars(hp.agents[0]), "max_episodes": 0})
+            replace(hp.agents[0], max_episodes=0)
 
 
 def test_a_mixture_draws_an_agent_an_evaluation(cartpole: Task) -> None:
@@ -125,6 +125,28 @@ def test_an_agent_without_a_name_or_file_is_told(tmp_path: Path) -> None:
         load_agent_file(twice)
     with pytest.raises(InvalidInput, match=r"must be a Python file"):
         load_agent_file(tmp_path / "not-a-module.py")
+
+
+def test_annotations_may_be_strings(tmp_path: Path) -> None:
+    """As they are under `from __future__ import annotations`."""
+    code = documented_agent().replace('agent="reinforce"', 'agent="postponed-reinforce"')
+    docstring, newline, rest = code.partition("\n")
+    file = tmp_path / "postponed_agent.py"
+    file.write_text(f"{docstring}{newline}from __future__ import annotations\n{rest}")
+    load_agent_file(file)
+    (hp,) = load_recipe("paper", "", ("postponed-reinforce",)).agents
+    assert replace(hp, hidden_size=3) != hp  # type: ignore[call-arg]
+    with pytest.raises(InvalidInput, match="Reinforce hidden_size must be int, 1 to 4096"):
+        replace(hp, hidden_size="3")  # type: ignore[call-arg]
+
+
+def test_hyperparameters_that_nothing_checks_are_refused() -> None:
+    @dataclass(frozen=True, kw_only=True)
+    class Unchecked(AgentHyperparameters):
+        learning_rate: float = 1.0
+
+    with pytest.raises(InvalidInput, match="Unchecked must be decorated with `hyperparameters`"):
+        register_agent(Unchecked, lambda *_: None)  # type: ignore[arg-type]
 
 
 def test_entry_points_of_installed_packages_are_loaded(

@@ -1,3 +1,4 @@
+import pickle
 from dataclasses import replace
 
 import pytest
@@ -33,6 +34,8 @@ def test_a_dueling_network_needs_a_unit_a_stream() -> None:
         ({"hidden_layers": 4}, "hidden_layers must be int, 1 to 3; got 4"),
         ({"hidden_layers": True}, "hidden_layers"),
         ({"batch_size": 12.0}, "batch_size must be int"),
+        ({"discount": True}, "DDQN discount must be float, 0.0 to 1.0; got True"),
+        ({"discount": "\n"}, r"^DDQN discount must be float, 0.0 to 1.0; got '\\n'$"),
         ({"activation": "gelu"}, "unknown DDQN activation 'gelu': allowed are tanh, relu"),
     ],
 )
@@ -43,6 +46,19 @@ def test_out_of_range(
         replace(small_agent, **changes)  # type: ignore[arg-type]
 
 
+def test_what_is_neither_true_nor_false() -> None:
+    nes = load_recipe("paper", "").nes
+    with pytest.raises(InvalidInput, match="NES shared_agent must be bool, true or false; got 1"):
+        replace(nes, shared_agent=1)  # type: ignore[arg-type]
+
+
+def test_a_whole_number_will_do_for_a_float(small_agent: DDQNHyperparameters) -> None:
+    changed = replace(small_agent, discount=1)
+    assert isinstance(changed.discount, float)
+    assert changed == replace(small_agent, discount=1.0)
+    assert hash(changed) == hash(pickle.loads(pickle.dumps(changed)))
+
+
 def test_a_distilled_start_needs_plain_ses() -> None:
     hp = load_recipe("distilled", "CartPole-v0")
     with pytest.raises(InvalidInput, match="start 'distilled' needs the SE structure 'plain'"):
@@ -51,8 +67,8 @@ def test_a_distilled_start_needs_plain_ses() -> None:
 
 def test_unknown_and_missing_fields() -> None:
     with pytest.raises(InvalidInput, match="unknown SEHyperparameters field 'width'"):
-        SEHyperparameters.from_dict({"width": 3})
-    with pytest.raises(InvalidInput, match="activation"):
-        SEHyperparameters.from_dict({"hidden_layers": 1, "hidden_size": 4})
-    with pytest.raises(InvalidInput, match="lack the section 'nes'"):
+        SEHyperparameters(width=3)  # type: ignore[call-arg]
+    with pytest.raises(InvalidInput, match=r"^SEHyperparameters: 'activation' is missing$"):
+        SEHyperparameters(structure="plain", hidden_layers=1, hidden_size=4, step_limit=0)  # type: ignore[call-arg]
+    with pytest.raises(InvalidInput, match=r"^hyperparameters: 'nes' is missing$"):
         Hyperparameters.from_dict({})

@@ -100,7 +100,7 @@ def test_a_recipe_of_ones_own(tmp_path: Path) -> None:
     ("content", "message"),
     [
         ("not toml", "not a TOML file"),
-        ("[nes]", "lacks 'agents'"),
+        ("[nes]", "'agents' is missing"),
         ('agents = ["ddqn"]\nvary_agent = "no"\nnes = 3\nse = 4', "recipe"),
     ],
 )

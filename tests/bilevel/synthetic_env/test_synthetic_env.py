@@ -4,6 +4,7 @@ import pickle
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -29,7 +30,7 @@ from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task, get_task
 
 
-def make_se(task: Task, layers: int = 1, activation: str = "lrelu", seed: int = 0) -> StoredSE:
+def make_se(task: Task, layers: int = 1, activation: Any = "lrelu", seed: int = 0) -> StoredSE:
     hp = SEHyperparameters(
         structure="plain",
         hidden_layers=layers,

@@ -127,7 +127,7 @@ def test_bad_input_is_one_line_and_exit_code_2(args: list[str], told: str, tmp_p
     ("text", "told"),
     [
         ("nonsense", "is not a TOML file"),
-        ("[nes]\nstep_size = 1.0\n", "recipe 'my.toml' lacks"),
+        ("[nes]\nstep_size = 1.0\n", "recipe 'my.toml': 'agents' is missing"),
         ('agents = ["ddqn"]\nnes = 3\n', "recipe 'my.toml'"),
     ],
 )

@@ -89,18 +89,30 @@ def test_any_json_line_is_read_or_refused(
 @pytest.mark.parametrize(
     ("name", "line", "told"),
     [
-        ("results.json", "[[0, 0, 2], 1, {}, null, null]", "line 3: 'submitted'"),
+        ("results.json", "[[0, 0, 2], 1, {}, null, null]", "line 3: '[2].submitted' is missing"),
         ("results.json", json.dumps([[0, 0, 9], 1, STAMPS, None, ""]), "was never proposed"),
         ("results.json", json.dumps([[0, 0, 0], 1, STAMPS, None, ""]), "stands there twice"),
-        ("results.json", json.dumps([[0, 0, 2], 0, STAMPS, None, ""]), "line 3: budget 0"),
+        (
+            "results.json",
+            json.dumps([[0, 0, 2], 0, STAMPS, None, ""]),
+            "line 3: [1]: must be greater than 0; got 0",
+        ),
         (
             "results.json",
             json.dumps([[0, 0, 2], 1, STAMPS, {"loss": float("nan"), "info": {}}, None]),
-            "line 3: nan is not a finite number",
+            "line 3: [3].loss: must be a finite number; got nan",
         ),
         ("configs.json", "[[0, 0, 1], {}, {}]", "line 4: (0, 0, 1) stands there twice"),
-        ("configs.json", "[[0, -1, 1], {}, {}]", "line 4: configuration id [0, -1, 1]"),
-        ("configs.json", '["../..", {}, {}]', "line 4: configuration id '../..'"),
+        (
+            "configs.json",
+            "[[0, -1, 1], {}, {}]",
+            "line 4: [0][1]: must be greater than or equal to 0; got -1",
+        ),
+        (
+            "configs.json",
+            '["../..", {}, {}]',
+            "line 4: [0]: must be a valid array; got '../..'",
+        ),
         ("configs.json", "[" * 100_000, "line 4: "),
     ],
 )

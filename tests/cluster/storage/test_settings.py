@@ -1,0 +1,92 @@
+"""What stands in the folders of runs is read as it was written, or refused in one line."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from bilevel import InvalidInput
+from bilevel.hyperparameters import Hyperparameters
+from bilevel.tasks import Task
+from cluster.bohb.study import Study
+from cluster.evaluate.view import EvaluationSettings, EvaluationViews
+from cluster.nes.run import NESRun
+from cluster.services.background import services
+from cluster.storage.home import Home
+from cluster.storage.run_folder import finals, locked_settings
+from tests.studies import new_study
+
+
+def refused(read: Any, folder: Path, settings: dict[str, Any], told: str) -> None:
+    before = (folder / "settings.json").read_text()
+    (folder / "settings.json").write_text(json.dumps(json.loads(before) | settings))
+    with pytest.raises(InvalidInput, match=rf"^[^\n]*{told}[^\n]*$"):
+        read(folder)
+    (folder / "settings.json").write_text(before)
+
+
+def test_of_an_nes_run(cartpole: Task, small_hp: Hyperparameters, tmp_path: Path) -> None:
+    run = NESRun(cartpole, small_hp, 3, tmp_path)
+    with locked_settings(tmp_path, run.settings()):
+        pass
+    read = NESRun.read(tmp_path)
+    assert read.settings() == run.settings()
+    for settings, told in (
+        ({"seed": -1}, "holds no NES run: seed: must be greater than or equal to 0; got -1"),
+        ({"task": {}}, "holds no NES run: task: 'id' is missing"),
+        ({"nes": {}}, "holds no NES run: NESHyperparameters: 'update' is missing"),
+        ({"agents": {"mine": {}}}, "holds no NES run: unknown agent 'mine'"),
+        ({"se": {"self": 1}}, "holds no NES run: unknown SEHyperparameters field 'self'"),
+        ({"colour": "red"}, "holds no NES run: unknown 'colour'"),
+    ):
+        refused(NESRun.read, tmp_path, settings, told)
+
+
+def test_of_a_study(tmp_path: Path) -> None:
+    study = new_study(tmp_path)
+    with locked_settings(tmp_path, study.settings()):
+        pass
+    assert Study.read(tmp_path) == study
+    for settings, told in (
+        ({"budgets": [1, "3"]}, r"holds no study: budgets\[1\]: must be a valid integer; got '3'"),
+        ({"cycle": 9}, "holds no study: a cycle of brackets must be 1 to 2"),
+        ({"space": "huge"}, "holds no study: unknown search space 'huge'"),
+        ({"method": "x"}, "holds no study: unknown method 'x'"),
+        ({"base": {}}, "holds no study: 'base.nes' is missing"),
+    ):
+        refused(Study.read, tmp_path, settings, told)
+
+
+def test_of_an_evaluation(cartpole: Task, small_hp: Hyperparameters, tmp_path: Path) -> None:
+    (agent,) = small_hp.agents
+    settings = {
+        "kind": "evaluate",
+        "task": asdict(cartpole),
+        "seed": 0,
+        "vary": "no",
+        "sources": {"real": "real"},
+        "kinds": {agent.agent: asdict(agent)},
+    }
+    with locked_settings(tmp_path, settings):
+        pass
+    assert EvaluationSettings.read(tmp_path).task == cartpole
+    assert EvaluationViews.of(tmp_path).task_id == cartpole.id
+    for name, wrong in (("sources", []), ("kinds", None), ("vary", 3), ("task", {"id": "../x"})):
+        refused(EvaluationViews.of, tmp_path, {name: wrong}, "holds no evaluation: ")
+
+
+@pytest.mark.parametrize("line", ["7", "{}", '{"step": 1, "time": 1, "metrics": {"a": null}}'])
+def test_damaged_ends_are_told(line: str, tmp_path: Path) -> None:
+    (tmp_path / "finals.json").write_text(line + "\n")
+    with pytest.raises(InvalidInput, match=r"finals.json', line 1: "):
+        finals(tmp_path)
+
+
+@pytest.mark.parametrize("content", ["", "{}", "[1]", '[{"name": "ray"}]'])
+def test_damaged_services_are_told(content: str, tmp_path: Path) -> None:
+    assert services(Home(tmp_path)) == []
+    (tmp_path / "services.json").write_text(content)
+    with pytest.raises(InvalidInput, match=r"^damaged '.*services.json': [^\n]+$"):
+        services(Home(tmp_path))
