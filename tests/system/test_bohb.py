@@ -124,7 +124,7 @@ def test_the_same_command_adds_brackets(study_home: tuple[Path, str], tmp_path: 
     shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
     result = run_bilevel(*SMOKE, "--brackets", "1", "--home", home)
     assert result.returncode == 0, result.stderr
-    assert "going on: 6 results of this study count already" in result.stdout
+    assert "resuming with the 6 results of this study so far" in result.stdout
     before, after = results(study_home[0]), results(home)
     assert len(after) == 10
     assert before.items() <= after.items()
@@ -157,7 +157,7 @@ def test_ctrl_c_stops_orderly(tmp_path: Path) -> None:
     os.killpg(process.pid, signal.SIGINT)  # to everyone, as a terminal does
     rest, _ = process.communicate(timeout=90)
     assert process.returncode == 130
-    assert "the same command goes on where it was" in rest
+    assert "run the same command again to resume" in rest
     experiment = client(tmp_path).get_experiment_by_name("CartPole-v0")
     assert experiment is not None
     runs = client(tmp_path).search_runs([experiment.experiment_id])

@@ -120,8 +120,11 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path) -> None:
         (("--real", "Pong-v99"), "unknown task 'Pong-v99'"),
         (("--real", "CartPole-v0", "--agent", "dqn"), "unknown agent 'dqn': allowed are ddqn"),
         (("--real", "CartPole-v0", "--agent", "td3,td3"), "each once"),
-        (("SE", "--real", "Acrobot-v1"), "sources of several tasks: Acrobot-v1 (500 steps"),
-        (("SE", "--step-limit", "100"), "--solved-reward and --step-limit go with --real"),
+        (
+            ("SE", "--real", "Acrobot-v1"),
+            "all sources must have the same task; got Acrobot-v1 (500 steps",
+        ),
+        (("SE", "--step-limit", "100"), "--solved-reward and --step-limit need --real"),
         (
             ("SE", "--real", "CartPole-v0", "--step-limit", "100"),
             "CartPole-v0 (100 steps, solved at 195), CartPole-v0 (200 steps, solved at 195)",

@@ -47,7 +47,7 @@ def test_a_run_its_tracking_and_its_continuation(
     assert "10 fresh agents trained on the best SE score" in result.stdout
     longer = run_bilevel(*SMALL, "--generations", "3", "--workers", "1", "--home", tmp_path)
     assert longer.returncode == 0, longer.stderr
-    assert "going on after generation 1" in longer.stdout
+    assert "resuming after generation 1" in longer.stdout
     assert "generation   0" not in longer.stdout
 
     refused = run_bilevel(*SMALL, "--set", "nes.update=paper", "--home", tmp_path)
@@ -121,7 +121,7 @@ def test_killed_in_the_middle_it_goes_on(
     rest, _ = process.communicate(timeout=60)
     assert process.returncode == (130 if number is signal.SIGINT else -number), rest
     if number is signal.SIGINT:
-        assert "the same command goes on from the last finished generation" in rest
+        assert "run the same command again to resume after the last finished generation" in rest
     again = run_bilevel(*SMALL, "--generations", "12", "--workers", "1", "--home", parts)
     assert again.returncode == 0, again.stderr
     assert scores(parts) == scores(whole)
@@ -147,8 +147,8 @@ def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     confirmed = "4 fresh agents of all sizes score .* on the current SE: solved"
     assert re.search(confirmed, result.stdout)
-    assert "solved and stayed solved: 2 generations" in result.stdout
-    assert "10 of 10 agents do" in result.stdout
+    assert "solved and confirmed: 2 generations" in result.stdout
+    assert "10 of 10 agents reach 5" in result.stdout
 
 
 def test_it_begins_again_from_other_starts(tmp_path: Path) -> None:

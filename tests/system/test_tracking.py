@@ -202,11 +202,11 @@ def test_a_server_killed_and_started_again_has_everything_once(
     server.kill()
     mirror.mark(keys)
     until(lambda: bool(told))
-    assert f"MLflow at {server.uri} is away" in told[0]
+    assert f"MLflow at {server.uri} is unreachable" in told[0]
     assert "\n" not in told[0]
     server.start()
     until(lambda: len(told) > 1)
-    assert told[1] == "MLflow is back, and catches up"
+    assert told[1] == "MLflow is reachable again and catches up"
     assert mirror.close() == 0
     assert disagreements(folder, server.uri) == []
     assert len(told) == 2
