@@ -1,7 +1,6 @@
-"""Faults injected into real studies, and what came of them.
+"""Fault injection into real studies.
 
-A study is run once undisturbed. Then it is run again and again, and killed, cut off or
-starved meanwhile; in the end its journal, checkpoints and best SE are compared with those
-of the first, and MLflow with the disk. `python -m benchmarks.faults` makes the table of
-docs/reliability.md.
+A study runs once undisturbed. Then it runs repeatedly with faults; at the end its journal,
+checkpoints and best SE are compared with the first study's, and MLflow with the disk. `python -m
+benchmarks.faults` measures the table of docs/reliability.md.
 """

@@ -1,7 +1,7 @@
-"""`bilevel` in processes that may be killed at any moment, and begin within a second.
+"""Starts `bilevel` in processes that may be killed at any moment, and start within a second.
 
-The processes are forked from a server that has imported what the command line needs; for
-the rest they are what the console script is.
+The processes are forked from a server that has imported the command line's modules; otherwise they
+equal the console script.
 """
 
 import contextlib
@@ -34,7 +34,7 @@ def _live(
 ) -> None:
     from cluster.cli import main
 
-    os.setsid()  # signals of this terminal are not for it
+    os.setsid()  # protect the process from signals of this terminal
     for path, stream in ((log, 1), (errors, 2)):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)
     os.environ.clear()

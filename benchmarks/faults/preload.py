@@ -1,4 +1,4 @@
-"""What the processes of `lives` share: all the command line imports, and nothing begun."""
+"""Imports of the command line that the processes of `lives` share."""
 
 import mlflow.pyfunc
 import ray.tune

@@ -9,7 +9,7 @@ from typing import Any
 import numba
 import numpy as np
 
-#: Reordering and contraction are allowed. `nnan` and `ninf` are left out: they make comparisons with
+#: Allow reordering and contraction. `nnan` and `ninf` are left out: they make comparisons with
 #: NaN undefined, and diverged agents could not be detected.
 FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
 

@@ -30,7 +30,7 @@ def results(home: Path, study: str = "smoke") -> dict[object, float | None]:
 
 @pytest.fixture(scope="module")
 def study_home(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """A smoke study, run once, and what it printed."""
+    """The home of a smoke study, run once, and its output."""
     home = tmp_path_factory.mktemp("home")
     result = run_bilevel(*SMOKE, "--home", home)
     assert result.returncode == 0, result.stderr
@@ -166,11 +166,11 @@ def test_ctrl_c_stops_orderly(tmp_path: Path) -> None:
 
 
 def test_time_budget_ends_the_search(tmp_path: Path) -> None:
-    """How far it comes is the machine's affair: it may be no result, and then it says so."""
+    """The number of results depends on the machine; without any, a message says so."""
     args = ("--brackets", "99", "--time-budget", "30s")
     result = run_bilevel(*SMOKE, *args, "--home", tmp_path)
     assert "the time budget is spent" in result.stdout
-    # a number of brackets that it will not come to is not shown
+    # a number of brackets that the study will not reach is not shown
     assert "/99" not in result.stdout
     scored = "fresh agents trained on the best SE" in result.stdout
     nothing = "no configuration finished a generation in this time" in result.stdout
@@ -183,7 +183,7 @@ def test_time_budget_ends_the_search(tmp_path: Path) -> None:
 
 
 def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(tmp_path: Path) -> None:
-    """A file lies where one configuration wants its folder: that one cannot save."""
+    """A file blocks the folder of one configuration, which cannot be saved."""
     in_the_way = tmp_path / "CartPole-v0" / "smoke" / "configurations" / "000-0-001"
     in_the_way.parent.mkdir(parents=True)
     in_the_way.touch()

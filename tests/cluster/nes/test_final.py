@@ -1,4 +1,4 @@
-"""Which SE is handed over, by scores given by hand."""
+"""The choice of the best SE, with scores set by hand."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -23,7 +23,7 @@ from tests.conftest import ddqn
 
 
 class ByHand:
-    """Stands for a pool: score and train steps of the SE whose parameters are all k."""
+    """A fake pool: returns score and train steps k for the SE whose parameters are all k."""
 
     def __init__(self, *outcomes: tuple[float, int]) -> None:
         self.outcomes, self.asked = outcomes, list[EvaluationRequest]()
@@ -92,7 +92,7 @@ def test_the_best_is_chosen(
 
 @pytest.mark.parametrize("count", [1, 2, 3, 9])
 def test_each_round_keeps_the_best(count: int, cartpole: Task, small_hp: Hyperparameters) -> None:
-    """Who is left is tried on more agents, all on the same."""
+    """The remaining SEs are tested with more agents, the same for all."""
     by_hand = ByHand(*((100.0 + (3 * k) % 5, 1000) for k in range(count)))
     pool = cast(EvaluationPool, by_hand)
     entered = contenders(cartpole, small_hp, count)
@@ -110,7 +110,7 @@ def test_each_round_keeps_the_best(count: int, cartpole: Task, small_hp: Hyperpa
 def test_a_score_that_was_lucky_is_found_out(
     cartpole: Task, small_hp: Hyperparameters, later: float, expected: int
 ) -> None:
-    """More agents count, and beside them the first ones: two score 120, six `later`."""
+    """All agents so far count: the first two score 120, the next six `later`."""
 
     class Lucky(ByHand):
         def score(self, score: float, request: EvaluationRequest, asked: int) -> float:
@@ -140,7 +140,7 @@ def test_the_final_score_has_seeds_of_its_own(cartpole: Task, small_hp: Hyperpar
 def test_agents_of_the_final_score_are_drawn_from_all_of_the_papers_ranges(
     cartpole: Task, small_hp: Hyperparameters
 ) -> None:
-    """And trained by the stopping rule, although NES has patient and small agents."""
+    """They train by the stopping rule, although NES has patient and small agents."""
     hp = replace(small_hp, vary_agent="small", nes=replace(small_hp.nes, patient_episodes=99))
     (contender,) = contenders(cartpole, hp, 1)
     by_hand = ByHand((60.0, 2000))

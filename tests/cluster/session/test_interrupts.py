@@ -1,4 +1,4 @@
-"""Ctrl-C where it may get lost."""
+"""Ctrl-C in places where Python may swallow it."""
 
 import signal
 
