@@ -15,7 +15,7 @@ hypothesis.settings.load_profile("no-deadline")
 
 
 def ddqn(hp: Hyperparameters) -> DDQNHyperparameters:
-    """The agent of a run of DDQN alone."""
+    """The agent of a run that has DDQN as its only agent."""
     (agent,) = hp.agents
     assert isinstance(agent, DDQNHyperparameters)
     return agent

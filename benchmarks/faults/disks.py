@@ -74,7 +74,7 @@ def two_processes(stage: Stage, whole: Outcome, times: int) -> Row:
 def full_disk(folder: Path, whole: Outcome) -> Row:
     """Fill the disk of the home during the study, then make room again.
 
-    The disk is a tmpfs in a mount namespace of its own, with a Ray cluster in it.
+    The disk is a tmpfs in its own mount namespace, in which a Ray cluster runs.
     """
     disk, kept = folder / "disk", folder / "kept"
     disk.mkdir()
@@ -96,7 +96,7 @@ def full_disk(folder: Path, whole: Outcome) -> Row:
         raise OSError("no disk can be mounted here")
     assert code // 10 == 2, log.read_text()
     assert "No space left on device" in log.read_text()
-    shutil.copytree(kept, disk, dirs_exist_ok=True)  # where MLflow says that artifacts lie
+    shutil.copytree(kept, disk, dirs_exist_ok=True)  # MLflow expects the artifacts there
     study = Home(disk).run_folder(TASK, STUDY)
     wrong = disagreements(study, uri)
     return Row.compare("disk full", 1, code % 10, whole, Outcome.of(study), wrong)

@@ -19,8 +19,8 @@ _SERVER.set_forkserver_preload(["benchmarks.faults.preload"])
 def start(
     arguments: Sequence[str], log: Path, errors: Path | None = None, cwd: Path | None = None
 ) -> BaseProcess:
-    """`bilevel ARGUMENTS`, its output appended to `log` (and what is meant for stderr to
-    `errors`), with the environment of now."""
+    """Start `bilevel ARGUMENTS` with the current environment; append stdout to `log` and stderr to
+    `errors`."""
     where = str(cwd or Path.cwd())
     process = _SERVER.Process(
         target=_live, args=(list(arguments), log, errors or log, where, dict(os.environ))

@@ -11,7 +11,7 @@ from safetensors import safe_open
 
 from cluster.bohb.journal import Journal
 
-#: Fields of a generation's record that are measured.
+#: Measured fields of a generation's record.
 _TIMES = (
     "evaluation_seconds",
     "env_steps_per_second",

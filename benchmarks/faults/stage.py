@@ -19,7 +19,7 @@ from tests.system.mlflow_shown import disagreements
 TASK = "CartPole-v0"
 STUDY = "study"
 
-#: Small enough to be run over and over: two brackets, six results, eleven generations.
+#: Small enough to run repeatedly: two brackets, six results, eleven generations.
 SMOKE = ("--profile", "smoke", "--brackets", "2", "--study", STUDY)
 ONE_BY_ONE = ("--concurrent-trials", "1")
 

@@ -11,7 +11,7 @@ n_p      -         population size n
 rule          theta + ...
 -----------   -------------------------------------------------------------------
 snes          alpha * sigma * sum_i (u_i+ - u_i-) z_i, u the utilities of the ranks of all 2n
-              scores: separable NES (Schaul et al., 2011), sigma left as it is
+              scores: separable NES (Schaul et al., 2011), with fixed sigma
 antithetic    alpha * mean_i (u_i+ - u_i-) z_i, u the centred ranks of all 2n scores: the
               textbook estimator (Salimans et al., 2017)
 paper         alpha / (n_p sigma) * sum_i w_i eps_i = alpha * mean_i w_i z_i

@@ -1,7 +1,7 @@
 """The choice of a random SE to start from, by successive halving (Jamieson and Talwalkar, 2016).
 
 Agents learn nothing on most random SEs. The first round trains one agent on each candidate, the
-second four on the best eighth, the third eight on the best quarter of those (at least one); its
+second four on the best eighth, the third eight on the best quarter of these (at least one); its
 best candidate is the start. All candidates of a round get the same agents and random numbers, so
 that scores are comparable.
 """

@@ -160,7 +160,7 @@ def get_task(
     solved = solved_reward if solved_reward is not None else spec.reward_threshold
     limit = step_limit if step_limit is not None else spec.max_episode_steps
     if solved is None:
-        raise InvalidInput(f"{task_id} has no reward threshold of its own: give its solved reward")
+        raise InvalidInput(f"{task_id} has no reward threshold: give its solved reward")
     if not math.isfinite(solved):
         raise InvalidInput(f"{task_id}: solved reward must be finite, got {solved}")
     if limit is None or not 1 <= limit <= MAX_STEP_LIMIT:

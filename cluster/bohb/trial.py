@@ -1,4 +1,4 @@
-"""One trial: an NES run up to a budget, with an actor pool of its own.
+"""One trial: an NES run up to a budget, with its own actor pool.
 
 Ray Tune places the trial and its pool together, in one placement group: an empty
 bundle for the trial itself, which mostly waits, and a core for each worker.

@@ -140,7 +140,7 @@ class _UnderWay:
         scores = list(confirmation.scores)
         state = self._advanced(state, lambda result: scores.append(result.score))
         if state.confirmation is None:
-            verdict = "solved" if state.confirmed else "not confirmed, continuing"
+            verdict = "solved" if state.confirmed else "not confirmed"
             kind = "fresh agents" if self.run.hp.vary_agent == "no" else "fresh agents of all sizes"
             self.terminal.line(
                 f"{len(scores)} {kind} score {np.mean(scores):.1f} ± {np.std(scores):.1f} on the "

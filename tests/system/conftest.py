@@ -35,7 +35,7 @@ def client(home: Path) -> mlflow.MlflowClient:
     return mlflow.MlflowClient(uri, registry_uri=uri)
 
 
-#: Fields of a generation's record that are measured.
+#: Measured fields of a generation's record.
 _TIMES = (
     "evaluation_seconds",
     "env_steps_per_second",

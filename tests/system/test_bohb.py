@@ -51,7 +51,7 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
 
 
 def test_a_terminal_shows_what_has_begun(study_home: tuple[Path, str], tmp_path: Path) -> None:
-    """Before a first generation is over; the study goes on, with brackets more."""
+    """The bar appears before the first generation ends; the rerun adds brackets."""
     home = tmp_path / "home"
     shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
     controller, terminal = pty.openpty()

@@ -287,7 +287,7 @@ class TestJournal:
         path.write_bytes(content[: max(len(content) - cut, last)])
         torn = path.read_bytes()
         assert len(Journal(folder).results) == 12
-        assert path.read_bytes() == torn  # whoever only looks changes nothing
+        assert path.read_bytes() == torn  # reading does not change the file
         run_to_end(new_search(folder, brackets=1))
         assert len(Journal(folder).results) == 13
 

@@ -59,7 +59,7 @@ class ByHand:
         return results
 
     def score(self, score: float, request: EvaluationRequest, asked: int) -> float:
-        """Of a request, one of so many that are asked for together."""
+        """Score of a request that is one of `asked` requests."""
         return score
 
 
@@ -74,8 +74,8 @@ def contenders(task: Task, hp: Hyperparameters, count: int) -> list[Contender]:
     [
         (((90.0, 1000), (100.0, 9000)), 1),
         (((200.0, 9000), (195.0, 1000)), 0),  # both solve the task
-        (((100.0, 9000), (100.0, 1000)), 1),  # as good in fewer steps
-        (((100.0, 1000), (100.0, 1000)), 0),  # as good: what came first
+        (((100.0, 9000), (100.0, 1000)), 1),  # equally good in fewer steps
+        (((100.0, 1000), (100.0, 1000)), 0),  # equally good: the first one
         (((0.0, 10), (20.0, 1000)), 1),
     ],
 )
@@ -99,7 +99,7 @@ def test_each_round_keeps_the_best(count: int, cartpole: Task, small_hp: Hyperpa
     rounds = (Round(4, 2), Round(2, 5))
     steps: list[int] = []
     best = choose_best(cartpole, entered, (1,), pool, lambda: steps.append(1), rounds)
-    # 100, 103, 101 and 104; those behind the fourth are in no round
+    # scores 100, 103, 101 and 104; no round includes the SEs after the fourth
     assert best is entered[{1: 0, 2: 1, 3: 1, 9: 3}[count]]
     told = {1: 0, 2: 2 * 2 + 2 * 3, 3: 3 * 2 + 2 * 3, 9: 4 * 2 + 2 * 3}[count]
     assert len(by_hand.seeds) == len(steps) == agents_needed(count, rounds) == told

@@ -9,7 +9,7 @@ from cluster.session.terminal import Terminal
 
 
 class Swallows:
-    """A finaliser, in which Python ignores what is raised."""
+    """An object with a finaliser, in which Python ignores exceptions."""
 
     def __init__(self, number: signal.Signals) -> None:
         self.number = number
