@@ -4,7 +4,7 @@ This baseline does not use NES. It is off by default (`--recipe distilled`), and
 real task are counted.
 
     D <- steps of random actions on the real task
-    Q <- double Q-learning on D alone; the snapshot that scores best on the task
+    Q <- double Q-learning on D alone; its first snapshot that solves the task, or else the best
     D <- D and twice as many steps of Q's greedy policy, with some random actions
     A <- mean advantages Q(s, a) - mean_a' Q(s, a') of TEACHERS other Q, learned on D
     D <- D with initial states of the task in place of episode ends, if it rewards survival
