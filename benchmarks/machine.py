@@ -1,4 +1,4 @@
-"""What every result carries: the machine and the versions it was measured with."""
+"""Machine and versions that every result states."""
 
 import json
 import os
@@ -33,7 +33,7 @@ def machine() -> dict[str, Any]:
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:
-    """Median, lowest and highest."""
+    """Median, lowest and highest value."""
     return {
         "median": round(statistics.median(values), 2),
         "low": round(min(values), 2),
@@ -42,7 +42,7 @@ def spread(values: Sequence[float]) -> dict[str, float]:
 
 
 def write_result(name: str, command: str, values: dict[str, Any]) -> Path:
-    """Write `results/NAME.json`, a list of plain values on one line."""
+    """Write `results/NAME.json`, with lists of plain values on one line."""
     RESULTS.mkdir(exist_ok=True)
     path = RESULTS / f"{name}.json"
     content = json.dumps({"command": command, "machine": machine(), **values}, indent=2)
@@ -51,11 +51,11 @@ def write_result(name: str, command: str, values: dict[str, Any]) -> Path:
 
 
 class NotMeasured(LookupError):
-    """A result is not there."""
+    """A result has not been measured yet."""
 
 
 def read_result(name: str, *parts: str) -> dict[str, Any]:
-    """`results/NAME.json`. Raises NotMeasured if there is none, or one without these parts."""
+    """Read `results/NAME.json`. Raises NotMeasured if the file or one of `parts` is missing."""
     path = RESULTS / f"{name}.json"
     content: dict[str, Any] = json.loads(path.read_text()) if path.exists() else {}
     if not content or any(part not in content for part in parts):

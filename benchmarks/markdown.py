@@ -1,17 +1,17 @@
-"""Tables in Markdown, and where their figures come from."""
+"""Markdown tables, and the sources of their figures."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
-    """The table, without a line's end."""
+    """The table, without a trailing newline."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
 
 
 def source(*results: dict[str, Any]) -> str:
-    """The machine of the first result, and the commands of all."""
+    """The machine of the first result, and the commands of all results."""
     machine = results[0]["machine"]
     commands = ", ".join(f"`{result['command']}`" for result in results)
     return f"({machine['cores']} cores of {machine['processor']}; {commands})"

@@ -18,7 +18,7 @@ ROOT = Path(__file__).parent.parent
 
 
 def inner_loop() -> str:
-    """Kernel against definition."""
+    """Speed of kernel and definition."""
     result = read_result("inner_loop")
     rows = ["| agent | compiled | torch definition | ratio |", "| --- | --- | --- | --- |"]
     for name, case in result["results"].items():
@@ -32,7 +32,7 @@ def inner_loop() -> str:
     return "\n".join(rows)
 
 
-#: The documents, and the tables in each by the name of their place in it.
+#: The documents and their tables, by the names of the markers.
 DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     ROOT / "README.md": {
         "inner-loop": inner_loop,
@@ -46,7 +46,7 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
 
 
 def filled(text: str, tables: dict[str, Callable[[], str]]) -> str:
-    """A document's text with all tables made anew."""
+    """A document's text with all tables regenerated."""
     for name, table in tables.items():
         try:
             content = table()

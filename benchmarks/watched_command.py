@@ -1,9 +1,9 @@
-"""The command `bilevel`, telling when it has come to each part of its start, as JSON lines
-of part and seconds; it is stopped at its first evaluation.
+"""Runs `bilevel` up to its first evaluation and prints JSON lines of each part of the start and its
+seconds since BEGUN.
 
     python -m benchmarks.watched_command BEGUN nes CartPole-v0 ...
 
-BEGUN is when the process was started, unix time in seconds.
+BEGUN is the start of the process, unix time in seconds.
 """
 
 import json
@@ -11,7 +11,7 @@ import sys
 import time
 from typing import Any
 
-#: What the command comes to, in this order.
+#: Parts of the start, in order.
 PARTS = ("python", "imports", "ray", "mlflow and actors", "first evaluation")
 
 
@@ -43,7 +43,7 @@ def main() -> None:
             tell("first evaluation")
             raise KeyboardInterrupt
 
-        return pool_run(pool, task, se, requests[:1], stop)  # a batch of its own
+        return pool_run(pool, task, se, requests[:1], stop)  # a batch of one request
 
     ray.init = init
     EvaluationPool.run = run  # type: ignore[assignment,method-assign]

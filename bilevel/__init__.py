@@ -6,7 +6,7 @@ Reinforcement Learning with Evolution Strategies" (2021).
     se = bilevel.learn("CartPole-v0", seed=0, workers=2)
     bilevel.save(se, "se.safetensors")
 
-or, with a loop of one's own:
+or with an explicit loop:
 
     task = bilevel.get_task("CartPole-v0")
     nes = bilevel.NES(task, bilevel.load_recipe("default", task), seed=0)
@@ -17,7 +17,7 @@ or, with a loop of one's own:
     bilevel.save(state.best, "se.safetensors")
 
 Importing this package registers the gymnasium environment `bilevel/SyntheticEnv-v0`. The other
-names are imported when they are used, and numba and torch with them.
+names, and with them numba and torch, are imported on first use.
 """
 
 from importlib import import_module
@@ -47,7 +47,7 @@ __all__ = [
     "save",
 ]
 
-#: Where the names that are imported when they are used are defined.
+#: Module and attribute of each name that is imported on first use.
 _LAZY = {
     "NES": ("bilevel.nes", "NES"),
     "evaluate": ("bilevel.evaluation", "evaluate"),
@@ -60,7 +60,7 @@ _LAZY = {
 
 
 def __getattr__(name: str) -> Any:
-    """A name of `_LAZY`, imported (PEP 562)."""
+    """Import a name of `_LAZY` (PEP 562)."""
     if name not in _LAZY:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     module, attribute = _LAZY[name]

@@ -1,4 +1,4 @@
-"""The activation functions by name, and what configuration, kernels and torch share of them."""
+"""Activation functions: codes and slopes shared by configuration, kernels and torch."""
 
 TANH, RELU, LRELU, PRELU = 0, 1, 2, 3
 

@@ -16,7 +16,7 @@ _TASK = "CartPole-v0"
 
 
 def compile_agent(name: str) -> None:
-    """Run the smallest evaluation of an agent that goes through all of its kernels."""
+    """Run the smallest evaluation that calls all kernels of an agent."""
     task = get_task(_TASK)
     hp = load_recipe("paper", task.id, agents=(name,))
     agent = replace(hp.agents[0], max_episodes=2, init_episodes=0, test_episodes=1)
@@ -27,13 +27,13 @@ def compile_agent(name: str) -> None:
 
 
 def compile_distillation() -> None:
-    """Distil an SE."""
+    """Distil an SE, which calls all kernels of the supervised baseline."""
     task = get_task(_TASK)
     distill(task, Architecture.of(task, load_recipe("paper", task.id).se), 0)
 
 
 def main() -> None:
-    """Compile on all cores, what takes longest first."""
+    """Compile all kernels on all cores, the slowest first."""
     agents = [name for name in registered_agents() if get_agent(name).build_kernel is not None]
     agents.sort(key=lambda name: name != "td3")
     with ProcessPoolExecutor() as pool:

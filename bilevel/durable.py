@@ -1,4 +1,4 @@
-"""Files that are whole or not there: written aside, flushed, renamed into place."""
+"""Atomic file writes: to a temporary file that is flushed and renamed into place."""
 
 import contextlib
 import errno
@@ -8,8 +8,8 @@ from pathlib import Path
 
 from bilevel.errors import StorageFailure
 
-#: What a disk answers that is full, read-only, broken, another's, or (one that nodes
-#: share) away: no other file fares better.
+#: Errors of a disk that is full, read-only, broken, not ours or (if shared) unreachable: writing
+#: other files would fail too.
 DISK_ERRORS = {
     errno.ENOSPC,
     errno.EDQUOT,
@@ -26,10 +26,10 @@ DISK_ERRORS = {
 
 
 def write_aside(path: Path, data: bytes) -> None:
-    """Replace a file at once or not at all, durably, whatever happens meanwhile.
+    """Replace a file atomically and durably.
 
-    Raises StorageFailure, with the old file untouched, if the disk takes no more;
-    OSError if it is this path that cannot be written.
+    Raises StorageFailure, with the old file untouched, if the disk is full or broken, and OSError
+    if only this path cannot be written.
     """
     aside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
@@ -49,7 +49,7 @@ def write_aside(path: Path, data: bytes) -> None:
 
 
 def sync_folder(folder: Path) -> None:
-    """Make the names in a folder durable: a rename is in the folder, not in the file."""
+    """Flush a folder to disk: renames are stored in the folder, not in the file."""
     descriptor = os.open(folder, os.O_RDONLY)
     try:
         os.fsync(descriptor)
@@ -58,7 +58,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def checksum(*parts: bytes) -> str:
-    """SHA-256 of the parts, each with its length, in hexadecimal."""
+    """SHA-256 in hexadecimal of the parts, each preceded by its length."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(len(part).to_bytes(8, "little"))

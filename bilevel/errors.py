@@ -1,4 +1,4 @@
-"""The one kind of error that is the caller's to mend: bad values, and full disks."""
+"""Errors that the user can fix: invalid values, and full or broken disks."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -6,22 +6,26 @@ from typing import Self
 
 
 class InvalidInput(ValueError):
-    """A value from outside is not allowed. The message is one line that says
-    what, which value, and what is allowed; the command line prints it and exits
-    with code 2."""
+    """An input value is not allowed.
+
+    The message is one line that names the value and what is allowed; the command line prints it
+    and exits with code 2.
+    """
 
 
 class StorageFailure(InvalidInput):
-    """The disk is full, read-only, broken or away. Nothing was half-written, and what is
-    on disk counts: once that is mended, the same command goes on."""
+    """The disk is full, read-only, broken or unreachable.
+
+    Nothing was half-written; once the disk works, the same command resumes.
+    """
 
     @classmethod
     def of(cls, path: Path, error: OSError) -> Self:
-        """What happened when that path was to be written."""
+        """The failure to write `path`, caused by `error`."""
         return cls(f"cannot write {str(path)!r}: {error.strerror or error}")
 
 
 def one_of(what: str, value: object, allowed: Iterable[object]) -> InvalidInput:
-    """The error for a value that is none of the allowed ones."""
+    """The error for a `value` of the kind `what` that is not among the allowed ones."""
     names = ", ".join(str(name) for name in allowed)
     return InvalidInput(f"unknown {what} {value!r}: allowed are {names}")

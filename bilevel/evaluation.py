@@ -1,8 +1,8 @@
 """One evaluation: train a fresh agent on an SE, score it on the real task.
 
-An evaluation is a pure function of its request (and of the task and the SEs): the same
-request gives the same score wherever and whenever it is run, which is what lets a
-pool of actors run them in any order, and again.
+An evaluation is a pure function of its request, the task and the SEs: the same request gives the
+same score wherever and whenever it runs. So a pool of actors may run requests in any order, and
+repeat them.
 """
 
 import time
@@ -29,12 +29,12 @@ from bilevel.tasks import Task
 
 @dataclass(frozen=True)
 class Centre:
-    """The SE at the centre of the search distribution, or an SE that is given."""
+    """Train on the centre of the search distribution, or on a single given SE."""
 
 
 @dataclass(frozen=True)
 class Perturbed:
-    """The centre + sign * eps, eps drawn by `seed`."""
+    """Train on centre + sign * eps, with eps drawn by `seed`."""
 
     seed: int
     sign: int  # 1 or -1
@@ -42,14 +42,14 @@ class Perturbed:
 
 @dataclass(frozen=True)
 class Initialized:
-    """A random SE, drawn by `seed`."""
+    """Train on a random SE, drawn by `seed`."""
 
     seed: int
 
 
 @dataclass(frozen=True)
 class RealTask:
-    """No SE: the agent trains on the real task."""
+    """Train on the real task, without an SE."""
 
 
 #: What an agent trains on.
@@ -58,23 +58,23 @@ TrainedOn = Centre | Perturbed | Initialized | RealTask
 
 @dataclass(frozen=True)
 class EvaluationRequest:
-    """What one evaluation needs besides the task, and the SE or the distribution of SEs."""
+    """Input of one evaluation, besides the task and the SE or the distribution of SEs."""
 
-    index: int  # position among those that are asked for together
-    seed: int  # of agent, exploration, minibatches and test episodes
+    index: int  # position among the requests of one call
+    seed: int  # of initial parameters, exploration, minibatches and test episodes
     agent: AgentHyperparameters
     on: TrainedOn = Centre()
 
 
 @dataclass(frozen=True)
 class Outcome:
-    """What came of training a fresh agent and testing it."""
+    """Result of training and testing one fresh agent."""
 
     test_returns: tuple[float, ...]  # of the test episodes on the real task
     train_steps: int
     train_episodes: int
-    real_env_steps: int  # of tests, and of training if that was on the real task
-    finite: bool  # False: numbers diverged; the returns are the task's worst
+    real_env_steps: int  # of tests, and of training on the real task
+    finite: bool  # False: training or test diverged; the returns are the task's worst
 
     @property
     def score(self) -> float:
@@ -84,8 +84,7 @@ class Outcome:
 
 @dataclass(frozen=True)
 class EvaluationResult(Outcome):
-    """The outcome of a request. `seconds` is the only field that is not determined
-    by the request."""
+    """The outcome of the request `index`; only the measured `seconds` are not determined by it."""
 
     index: int
     seconds: float
@@ -96,8 +95,8 @@ def evaluate(
 ) -> EvaluationResult:
     """TrainAgent, then EvaluateAgent (paper, Algorithm 1).
 
-    `se` is one SE, on which `Centre` trains, or a distribution, from which the request picks; it
-    may be None for training on the real task.
+    `se` is one SE, for requests on `Centre`, or a distribution that the request draws its SE from;
+    it may be None for training on the real task.
     """
     started = time.perf_counter()
     outcome = train_and_test(task, requested_se(se, request.on), request.agent, request.seed)
@@ -123,11 +122,10 @@ def requested_se(se: SE | SEDistribution | None, on: TrainedOn) -> SE | None:
 def train_and_test(
     task: Task, se: SE | None, hp: AgentHyperparameters, seed: int, compiled: bool = True
 ) -> Outcome:
-    """Train a fresh agent on an SE, or, without one, on the real task itself, and
-    test it on the real task.
+    """Train a fresh agent on `se` (None: on the real task) and test it on the real task.
 
-    The compiled twin of the agent is used where there is one (and the real task, if
-    trained on, is compiled), unless `compiled` is False.
+    Unless `compiled` is False, the agent's compiled twin runs, if both the agent and the
+    environment it trains on are compiled.
     """
     agent_seed, physics_seed, test_seed = split(seed, 3)
     run = _Run(task, se, hp, agent_seed, physics_seed, test_seed)
@@ -138,7 +136,7 @@ def train_and_test(
         return run.interpreted()
 
 
-#: Stands where the kernel expects an SE and reads none.
+#: Placeholder where the kernel takes an SE but does not read it.
 _SMALLEST = Architecture(1, 1, 1, 1, "tanh", 1)
 _NO_SE = SE(_SMALLEST, np.zeros(_SMALLEST.parameter_count, np.float32))
 
@@ -146,8 +144,8 @@ _NO_SE = SE(_SMALLEST, np.zeros(_SMALLEST.parameter_count, np.float32))
 def real_returns(
     task: Task, agent: Any, episodes: int, seed: int
 ) -> tuple[NDArray[np.float64], int]:
-    """Returns (episodes,) of greedy episodes of a compiled agent on the real task, and the
-    steps made there."""
+    """Returns (episodes,) of greedy episodes of a compiled agent on the real task, and their
+    number of steps."""
     if task.compiled:
         returns, steps = training.test_returns(
             agent, _environment(task, None, episodes, seed), episodes
@@ -159,7 +157,7 @@ def real_returns(
 
 
 def _environment(task: Task, se: SE | None, episodes: int, seed: int) -> Environment:
-    """An SE, or the compiled real task, with the initial states of so many episodes."""
+    """The SE, or (None) the compiled real task, with initial states of `episodes` episodes."""
     return environment(
         (se or _NO_SE).kernel,
         se is not None,
@@ -173,7 +171,7 @@ def _environment(task: Task, se: SE | None, episodes: int, seed: int) -> Environ
 
 @dataclass(frozen=True)
 class _Run:
-    """One training and its tests."""
+    """One training run and its tests."""
 
     task: Task
     se: SE | None
@@ -186,7 +184,7 @@ class _Run:
         return _environment(self.task, self.se, self.hp.max_episodes, self.physics_seed)
 
     def compiled(self) -> Outcome:
-        """By the agent's kernel."""
+        """Train and test the agent's compiled kernel."""
         task, hp, registered = self.task, self.hp, get_agent(self.hp.agent)
         assert registered.build_kernel is not None
         assert registered.kernel_parameters is not None
@@ -211,11 +209,11 @@ class _Run:
         return train_steps if self.se is None else 0
 
     def interpreted(self) -> Outcome:
-        """By the agent's definition: the same, slower, and for every agent and task."""
+        """Train and test the agent's definition: slower, but works for every agent and task."""
         import torch
 
         threads = torch.get_num_threads()
-        torch.set_num_threads(1)  # the other cores belong to other evaluations
+        torch.set_num_threads(1)  # other evaluations use the other cores
         try:
             return self._interpreted()
         finally:
@@ -239,7 +237,7 @@ class _Run:
         return Outcome(returns, steps, episodes, tested + self._real_steps(steps), True)
 
     def _tested(self, agent: Agent) -> tuple[tuple[float, ...], int]:
-        """EvaluateAgent for an agent in Python: the returns of greedy episodes, and the steps."""
+        """EvaluateAgent for an agent in Python: returns and number of steps of greedy episodes."""
         n = self.hp.test_episodes
         if not self.task.compiled:
             returns, made = self.task.test_returns(agent.greedy, n, self.test_seed % 2**31)
@@ -262,7 +260,7 @@ class _Run:
 
 
 def schedule(hp: AgentHyperparameters) -> training.Schedule:
-    """How long an agent trains, as the compiled loop takes it."""
+    """An agent's training length, in the form of the compiled loop."""
     return training.Schedule(
         hp.init_episodes,
         hp.max_episodes,

@@ -1,11 +1,11 @@
-"""An SE as a gymnasium environment, to drop into anyone's training code:
+"""An SE as a gymnasium environment, for use in any training code:
 
     import bilevel, gymnasium
     env = gymnasium.make("bilevel/SyntheticEnv-v0", path="best_se.safetensors")
 
-Observations start from the real task's reset distribution and follow the SE from
-then on; the episode is truncated at the SE's own step limit.
-`info["done"]` is the raw done output, which terminates above 0.5.
+The first observation is drawn from the real task's reset distribution, the others follow the SE.
+`info["done"]` is the raw done output: the episode terminates above 0.5. It is truncated at the SE's
+own step limit.
 """
 
 from pathlib import Path
@@ -21,9 +21,9 @@ ENV_ID = "bilevel/SyntheticEnv-v0"
 
 
 class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
-    """The SE of a file, as a gymnasium environment.
+    """The SE of a file, with observations Box (S,) float32 and actions Discrete(A).
 
-    Raises InvalidInput if the file is damaged, or its task is unknown here.
+    Raises InvalidInput if the file is missing or damaged, or gymnasium does not know its task.
     """
 
     metadata = {"render_modes": []}  # noqa: RUF012
@@ -55,7 +55,10 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     def step(
         self, action: np.int64
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """One step of the SE. Raises InvalidInput for an action it does not have."""
+        """Take one step of the SE: next observation (S,), reward, terminated, truncated, info.
+
+        Raises InvalidInput for an action outside the action space.
+        """
         from bilevel.kernels.synthetic_env import step
 
         if not self.action_space.contains(action):
@@ -69,6 +72,6 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
 
 def register() -> None:
-    """Make `ENV_ID` known to gymnasium."""
+    """Register `ENV_ID` in gymnasium."""
     if ENV_ID not in gymnasium.registry:
         gymnasium.register(ENV_ID, entry_point="bilevel.gym_env:SyntheticEnv")

@@ -1,10 +1,9 @@
-"""Shapes of multilayer perceptrons, and how their parameters lie in one flat float32 vector.
+"""Shapes of multilayer perceptrons, and the layout of their parameters in a flat float32 vector.
 
-The outputs are one head or several: linear layers that read a range of the last
-hidden layer's units each, side by side (the value and the advantages of a dueling
-network). The vector lies as torch's `parameters_to_vector` lays it: per layer, then
-per head, the weights (outputs x inputs, row-major) and the biases; last, for PReLU,
-the one slope that all hidden layers of the network share.
+The output consists of one or more heads: linear layers that each read a range of the last hidden
+layer's units (for instance value and advantages of a dueling network). The layout is that of
+torch's `parameters_to_vector`: for each layer, then each head, the weights (outputs x inputs,
+row-major) and the biases; last, for PReLU, the one slope shared by all hidden layers.
 """
 
 from typing import NamedTuple
@@ -18,7 +17,7 @@ Parameters = NDArray[np.float32]
 
 
 class Network(NamedTuple):
-    """Shape of an MLP, as kernels take it."""
+    """Shape of an MLP, in the form of the kernels."""
 
     sizes: NDArray[np.int64]  # (depth + 2,) inputs, hidden..., outputs
     heads: NDArray[np.int64]  # (n, 2) hidden units that a head reads, its outputs
@@ -31,7 +30,7 @@ class Network(NamedTuple):
 
     @property
     def shapes(self) -> list[tuple[int, int]]:
-        """Inputs and outputs of every hidden layer and head."""
+        """(inputs, outputs) of every hidden layer and head."""
         hidden = zip(self.sizes[:-2], self.sizes[1:-1], strict=True)
         return [(int(n_in), int(n_out)) for n_in, n_out in [*hidden, *self.heads]]
 
@@ -46,8 +45,8 @@ def network(
 ) -> Network:
     """Describe an MLP with `hidden_layers` layers of `hidden_size` units.
 
-    `heads` split the last hidden layer: (units read, outputs) of each, in sum
-    `hidden_size` and `outputs`; without them, one head reads all.
+    `heads` are (units read, outputs) of each head; their sums must be `hidden_size` and `outputs`.
+    By default one head reads all units.
     """
     sizes = np.array([inputs] + [hidden_size] * hidden_layers + [outputs], np.int64)
     split = np.array(heads or [(hidden_size, outputs)], np.int64)
@@ -57,8 +56,8 @@ def network(
 
 
 def initial_parameters(net: Network, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Weights and biases uniform in +-1/sqrt(fan_in) (torch's own for linear
-    layers), and 0.25 for a PReLU slope."""
+    """Draw weights and biases uniformly in +-1/sqrt(fan_in) (torch's default for linear layers);
+    a PReLU slope is 0.25."""
     params = np.empty(net.parameter_count, np.float32)
     for layer, (fan_in, _) in enumerate(net.shapes):
         start, end = net.offsets[layer], net.offsets[layer + 1]

@@ -1,5 +1,7 @@
-"""Seeds are derived here, and nowhere else: from a run's seed, a purpose, and a path of numbers
-that tell which seed of that purpose it is. What is random in one evaluation splits its seed."""
+"""Derivation of seeds from a run's seed, a purpose, and a path of numbers within that purpose.
+
+No other module derives seeds. An evaluation splits its seed into independent parts.
+"""
 
 from enum import IntEnum
 
@@ -7,9 +9,9 @@ import numpy as np
 
 
 class Purpose(IntEnum):
-    """What a derived seed is for. The numbers are part of the seeds: never renumber."""
+    """Use of a derived seed. Seeds depend on these numbers: never renumber."""
 
-    OBSERVATIONS = 0  # episodes of random actions that give the scale of observations
+    OBSERVATIONS = 0  # random actions that measure the scale of observations
     INITIAL = 1  # parameters of a random SE
     START = 2  # evaluations that choose among random SEs
     PERTURBATION = 3  # eps of a member
@@ -26,11 +28,11 @@ class Purpose(IntEnum):
 
 
 def derive(root: int, purpose: Purpose, *path: int) -> int:
-    """A seed of 64 bits, the same for the same arguments everywhere."""
+    """A 64-bit seed that depends on the arguments alone."""
     words = np.random.SeedSequence([root, int(purpose), *path]).generate_state(1, np.uint64)
     return int(words[0])
 
 
 def split(seed: int, parts: int) -> list[int]:
-    """So many independent seeds of 64 bits, from one."""
+    """Split a seed into `parts` independent 64-bit seeds."""
     return [int(word) for word in np.random.SeedSequence(seed).generate_state(parts, np.uint64)]

@@ -1,7 +1,7 @@
-"""SplitMix64 (Steele, Lea and Flood, 2014): the generator of the inner loop.
+"""SplitMix64 (Steele, Lea and Flood, 2014), the random number generator of the inner loop.
 
-Its state is one counter, so the compiled loop (`bilevel.kernels.random`) draws in about a
-nanosecond, and a definition draws whole minibatches of the very same numbers with numpy.
+Its state is one counter, so the compiled loop (`bilevel.kernels.random`) draws a number in about a
+nanosecond, and a definition draws the same numbers for whole minibatches with numpy.
 """
 
 import numpy as np
@@ -15,7 +15,7 @@ UNIT = 2.0**-53
 
 
 class SplitMix64:
-    """The generator for Python."""
+    """The generator in numpy, for the definitions."""
 
     def __init__(self, seed: int) -> None:
         self.state = np.array([seed], np.uint64)

@@ -1,4 +1,4 @@
-"""The spaces that BOHB searches, in ConfigSpace."""
+"""BOHB's search spaces, in ConfigSpace."""
 
 from search_spaces.bohb import SPACES, search_space, to_hyperparameters
 

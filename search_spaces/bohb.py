@@ -1,9 +1,8 @@
-"""What BOHB searches: the paper's Table 1, and a smaller space for short searches.
+"""BOHB's search spaces: the paper's Table 1, and a smaller space for short searches.
 
-A dimension is named after the hyperparameter it sets, `section.field`, the section
-being `nes`, `se` or an agent's name; one that the
-paper marks "True (inv.)" is named `section.1-field`: one minus the value is sampled
-on the log scale.
+A dimension is named after the hyperparameter that it sets, `section.field`, where the section is
+`nes`, `se` or an agent's name. A dimension that the paper marks "True (inv.)" is named
+`section.1-field`: one minus the value is sampled on the log scale.
 """
 
 from collections.abc import Mapping, Sequence
@@ -26,7 +25,7 @@ _INVERSE = "1-"
 
 
 def _full() -> list[Dimension]:
-    """NES and SE in Table 1, with its ranges and scales."""
+    """Dimensions of NES and SE in Table 1, with its ranges and scales."""
     return [
         CS.Float("nes.step_size", (0.1, 1.0), log=True),
         CS.Float("nes.std_dev", (0.01, 1.0), log=True),
@@ -39,8 +38,8 @@ def _full() -> list[Dimension]:
 
 
 def _full_agent(agent: str) -> list[Dimension]:
-    """The agent in Table 1; TD3's own hyperparameters, which the table does not have,
-    a factor of about three around their defaults."""
+    """Dimensions of the agent in Table 1, and of TD3's hyperparameters, which the table lacks: from
+    about a third to three times their defaults."""
     return [
         CS.Integer(f"{agent}.init_episodes", (1, 20), log=True),
         CS.Integer(f"{agent}.batch_size", (64, 256)),
@@ -61,8 +60,8 @@ def _full_agent(agent: str) -> list[Dimension]:
 
 
 def _core() -> list[Dimension]:
-    """With `_core_agent`, seven that matter from random starts: the model needs 2 * (7 + 1)
-    results at one budget. Ranges are wide around those of the recipe `default`."""
+    """Dimensions of NES and SE; with `_core_agent` they are seven, so that BOHB's model needs
+    2 * (7 + 1) results at one budget. Ranges are wide around the values of the recipe `default`."""
     return [
         CS.Float("nes.step_size", (0.1, 2.0), log=True),
         CS.Float("nes.std_dev", (0.03, 0.5), log=True),
@@ -72,7 +71,7 @@ def _core() -> list[Dimension]:
 
 
 def _core_agent(agent: str) -> list[Dimension]:
-    """Of what is not drawn anew for every generation (`bilevel.agents.variation`)."""
+    """Dimensions of the agent that are not varied (`bilevel.agents.variation`)."""
     return [
         CS.Integer(f"{agent}.init_episodes", (1, 20), log=True),
         CS.Float(f"{agent}.target_update_rate", (0.005, 0.05), log=True),
@@ -80,15 +79,15 @@ def _core_agent(agent: str) -> list[Dimension]:
     ]
 
 
-#: Spaces by name, and the recipe that their step sizes are meant for.
+#: Spaces by name, each with the recipe that its ranges of step sizes are meant for.
 SPACES = {"full": "paper", "core": "default"}
 
 
 def search_space(
     name: str, agents: Sequence[str] = ("ddqn",), seed: int | None = None
 ) -> CS.ConfigurationSpace:
-    """The space `full` or `core` for NES, SE and these agents: of each, the dimensions
-    whose field it has. For DDQN, `full` has the 18 of Table 1.
+    """The space `full` or `core` for NES, SE and `agents`; an agent has the dimensions of its own
+    fields. For DDQN, `full` has the 18 dimensions of Table 1.
 
     Raises InvalidInput for another name.
     """
@@ -107,9 +106,9 @@ def _field(dimension: str) -> str:
 
 
 def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) -> Hyperparameters:
-    """`base` with the values of a configuration in place.
+    """`base` with the values of a configuration.
 
-    Values may be numpy scalars, as ConfigSpace and Ray Tune hand them out.
+    Values may be numpy scalars, as ConfigSpace and Ray Tune return them.
     Raises InvalidInput for a name or a value that is not allowed.
     """
     changes: dict[str, dict[str, Any]] = {}
@@ -126,7 +125,7 @@ def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) 
                 raise InvalidInput(f"hyperparameter {name!r} must be a float; got {plain!r}")
             field, plain = field.removeprefix(_INVERSE), 1.0 - plain
         if isinstance(plain, str):
-            plain = str(plain)  # np.str_ is a str of another type
+            plain = str(plain)  # np.str_ is a subclass of str
         known = (
             [f"{section}.{s.name}" for s in fields(sections[section])]
             if section in sections

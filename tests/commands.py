@@ -1,5 +1,5 @@
-"""`bilevel ARGUMENTS` as tests give it: in a process of its own that may be killed at any moment,
-and need not import all of it again; or by the console script itself."""
+"""Runs `bilevel ARGUMENTS` for tests: in a forked process that has the imports already and may be
+killed at any moment, or by the console script."""
 
 import contextlib
 import multiprocessing
@@ -14,7 +14,7 @@ from pathlib import Path
 #: The console script.
 BILEVEL = str(Path(sys.executable).with_name("bilevel"))
 
-#: Processes are forked from a server that has imported what the command line needs.
+#: Processes are forked from a server that has imported the command line's modules.
 _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(
     [
@@ -45,7 +45,7 @@ def start_bilevel(
 def run_bilevel(
     *arguments: str | Path, cwd: Path | None = None, timeout: float = 280
 ) -> subprocess.CompletedProcess[str]:
-    """The command to its end. Raises TimeoutError, with what it has written."""
+    """Run the command to its end. Raises TimeoutError with the output so far."""
     words = [str(argument) for argument in arguments]
     with tempfile.TemporaryDirectory() as folder:
         out, errors = Path(folder) / "out", Path(folder) / "errors"
@@ -66,7 +66,7 @@ def _run(
 ) -> None:
     from cluster.cli import main
 
-    os.setsid()  # signals of this terminal are not for it
+    os.setsid()  # protect the process from signals of this terminal
     for path, stream in ((out, 1), (errors, 2)):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)
     os.environ.clear()

@@ -1,4 +1,4 @@
-"""Shared fixtures: small hyperparameters, so that tests run real training in moments."""
+"""Shared fixtures: small hyperparameters, so that tests can run real training fast."""
 
 from dataclasses import replace
 
@@ -9,13 +9,13 @@ import pytest
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_recipe
 from bilevel.tasks import Task, get_task
 
-# A busy machine is no reason to fail.
+# Tests must not fail because the machine is busy.
 hypothesis.settings.register_profile("no-deadline", deadline=None)
 hypothesis.settings.load_profile("no-deadline")
 
 
 def ddqn(hp: Hyperparameters) -> DDQNHyperparameters:
-    """The agent of a run of DDQN alone."""
+    """The agent of a run that has DDQN as its only agent."""
     (agent,) = hp.agents
     assert isinstance(agent, DDQNHyperparameters)
     return agent

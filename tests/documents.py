@@ -1,4 +1,4 @@
-"""What tests read from the documents."""
+"""Code that tests read from the documents."""
 
 import re
 from pathlib import Path
@@ -7,7 +7,7 @@ ROOT = Path(__file__).parent.parent
 
 
 def documented_agent() -> str:
-    """The agent of one's own that docs/agents.md walks through."""
+    """Source of the example agent in docs/agents.md."""
     found = re.search(r"```python\n(.*?)```", (ROOT / "docs" / "agents.md").read_text(), re.DOTALL)
     assert found is not None
     return found[1]

@@ -1,4 +1,4 @@
-"""A real disk that is really full: a small tmpfs in a mount namespace of its own."""
+"""A full disk for tests: a small tmpfs in its own mount namespace."""
 
 import shutil
 import subprocess
@@ -9,8 +9,8 @@ from pathlib import Path
 def on_small_disk(
     folder: Path, size: str, script: str, timeout: float = 60
 ) -> subprocess.CompletedProcess[str]:
-    """Run a bash script while a disk of that size (tmpfs's way to say it) is mounted on
-    `folder`; what is on it is gone afterwards."""
+    """Run a bash script while a tmpfs of `size` (in tmpfs's notation) is mounted on `folder`; its
+    content is lost afterwards."""
     folder.mkdir(parents=True, exist_ok=True)
     mounted = f"mount -t tmpfs -o size={size} none {folder} && {script}"
     command = ["unshare", "--map-root-user", "--mount", "bash", "-c", mounted]
@@ -19,7 +19,7 @@ def on_small_disk(
 
 @cache
 def small_disks() -> bool:
-    """Whether this machine lets us mount one."""
+    """Whether this machine allows mounting a tmpfs."""
     return (
         shutil.which("unshare") is not None
         and subprocess.run(

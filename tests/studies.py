@@ -1,5 +1,5 @@
-"""Studies on disk, made in moments: the search and NES are real, the scores are not
-trained for but made up from the configuration."""
+"""Builds studies on disk fast: search and NES are real, but scores are computed from the
+configuration instead of by training."""
 
 import math
 import time
@@ -21,14 +21,14 @@ from cluster.storage.run_folder import Standing, locked_settings
 
 
 def new_study(folder: Path, seed: int = 0) -> Study:
-    """Of the smoke profile's size."""
+    """A study of the smoke profile's size."""
     task, profile = get_task("CartPole-v0"), get_profile("smoke")
     base = sized(load_recipe("default", task.id), profile)
     return Study(folder, task, seed, "core", Schedule((1, 3), 2), base)
 
 
 def made_up(request: EvaluationRequest) -> EvaluationResult:
-    """An answer to a request, its score by the request's seed."""
+    """A made-up result of a request, whose score depends on the request's seed."""
     return EvaluationResult(
         test_returns=(100 * math.sin(request.seed % 1000) ** 2,),
         train_steps=500,
@@ -41,7 +41,7 @@ def made_up(request: EvaluationRequest) -> EvaluationResult:
 
 
 def run_job(study: Study, job: Job) -> float:
-    """Generations up to the job's budget; the objective."""
+    """Run generations up to the job's budget; return the objective."""
     run = study.run(job.id, job.configuration)
     nes = run.nes
     state = run.load() or nes.init()
@@ -55,7 +55,7 @@ def run_job(study: Study, job: Job) -> float:
 
 
 def make_study(folder: Path, brackets: int = 2, fail: tuple[int, ...] = ()) -> Study:
-    """A study that has come to its end; the jobs with the numbers in `fail` failed."""
+    """A finished study in which the jobs with the numbers in `fail` failed."""
     study = new_study(folder)
     with locked_settings(folder, study.settings()):
         search = BracketSearch.of(study, Journal(folder), brackets)

@@ -1,1 +1,1 @@
-"""What agents learn on the real tasks (docs/agents.md)."""
+"""Scores of agents trained on the real tasks (docs/agents.md)."""

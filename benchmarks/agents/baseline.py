@@ -1,5 +1,5 @@
-r"""Agents with varied hyperparameters trained on the real task: the baseline that SEs are
-compared with, and the check that the agents are right, beside the authors' figures.
+r"""Trains agents with varied hyperparameters on the real task, as the baseline for SEs and as a
+check of the agents against the authors' figures.
 
     python -m benchmarks.agents.baseline CartPole-v0 --agents 40 --home FOLDER
     python -m benchmarks.agents.baseline Acrobot-v1 --agents 40 --kinds ddqn,dueling-ddqn \
@@ -34,7 +34,7 @@ AUTHORS: dict[str, dict[str, tuple[int, int, float | None]]] = {
 def worst_by_layers(
     command: EvaluateCommand, hp: AgentHyperparameters, group: Group
 ) -> dict[int, list[int]]:
-    """By hidden layers: agents that have the task's worst return in every test, and all."""
+    """Per number of hidden layers: agents with the worst return in every test, and all agents."""
     found: dict[int, list[int]] = {}
     for i, result in enumerate(group.results):
         agent = command.request(hp, i, True).agent

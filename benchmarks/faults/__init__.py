@@ -1,1 +1,1 @@
-"""The faults of `tests.faults`, all of them, many times: the table of docs/reliability.md."""
+"""The faults of `tests.faults`, injected many times: the table of docs/reliability.md."""

@@ -1,8 +1,8 @@
-"""Inject every fault, and write `results/faults.json`; some twenty minutes.
+"""Injects every fault and writes `results/faults.json`, in about twenty minutes.
 
 python -m benchmarks.faults [--folder FOLDER] [FAULT ...]
 
-With faults named, only their rows are made anew.
+Named faults replace only their own rows.
 """
 
 import argparse
@@ -22,7 +22,7 @@ Fault = Callable[[], Row]
 
 
 def faults(stage: Stage, folder: Path) -> dict[str, Fault]:
-    """All faults, by the name that the command line knows."""
+    """All faults, by their names on the command line."""
     study = stage.study("whole", *ONE_BY_ONE)
     if study.run() != 0:
         raise RuntimeError(f"the undisturbed study fails: see {study.log}")
@@ -52,9 +52,11 @@ def faults(stage: Stage, folder: Path) -> dict[str, Fault]:
 
 
 def main() -> None:
-    """Run the faults named, or all."""
+    """Inject the named faults, or all."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("--folder", type=Path, help="for studies and logs; else a temporary one")
+    parser.add_argument(
+        "--folder", type=Path, help="folder of studies and logs (default: a temporary one)"
+    )
     parser.add_argument("fault", nargs="*")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as temporary:

@@ -6,7 +6,7 @@ _YES = {True: "yes", False: "no"}
 
 
 def faults() -> str:
-    """What was injected into studies, and what came of it."""
+    """Faults and their effects, one row per fault."""
     result = read_result("faults")
     rows = [
         "| fault | injected | results | lost | twice | identical | MLflow as on disk |",

@@ -1,13 +1,11 @@
-"""SEs that NES learns from random starts, over seeds: how many solve the task, in which time, and
-what they teach agents that they were not learned with.
+"""NES runs over seeds: how many solve the task, in what time, and how other agents do on their SEs.
 
     python -m benchmarks.nes.seeds CartPole-v0 --seeds 0 1 2 --agents 6 --sb3 3 --home FOLDER
 
-Each seed is one `bilevel nes TASK --seed SEED`, run as a user runs it, on all cores; the seconds
-are those of the whole command. On the best SE of the first seeds (`--taught` of them) fresh agents
-of every kind are trained, their hyperparameters drawn from all of the paper's ranges, and with
-`--sb3` agents of Stable-Baselines3, which know nothing of this project. Results are written seed by
-seed to `results/nes_seeds_TASK.json`; the same command goes on with what is missing.
+Each seed is one `bilevel nes TASK --seed SEED` on all cores; the seconds are those of the whole
+command. On the best SEs of the first `--taught` seeds, fresh agents of every kind are trained with
+hyperparameters from the paper's full ranges, and with `--sb3` also agents of Stable-Baselines3.
+Results are written seed by seed to `results/nes_seeds_TASK.json`; the same command resumes.
 """
 
 import argparse
@@ -39,7 +37,7 @@ SB3_STEPS = 10_000
 
 
 def run_seed(task: str, seed: int, recipe: str, home: Path) -> dict[str, Any]:
-    """One run, and what came of it."""
+    """Run NES with one seed and return its results."""
     folder = home / task / f"{recipe}-seed{seed}"
     command = [str(Path(sys.executable).with_name("bilevel")), "nes", task, "--seed", str(seed)]
     command += ["--recipe", recipe, "--home", str(home), "--name", folder.name]
@@ -66,7 +64,7 @@ def run_seed(task: str, seed: int, recipe: str, home: Path) -> dict[str, Any]:
 
 
 def teach(path: Path, kind: str, number: int) -> tuple[float, int]:
-    """Score and train steps of a fresh agent, drawn from all of the paper's ranges."""
+    """Score and train steps of a fresh agent, drawn from the paper's full ranges."""
     se = load_se(path)
     base = load_recipe("paper", "", [kind]).agents
     agent = draw_agent(base, "all", derive(number, Purpose.AGENT))
@@ -77,7 +75,7 @@ def teach(path: Path, kind: str, number: int) -> tuple[float, int]:
 def teach_sb3(path: Path, kind: str, seed: int) -> float:
     """Mean return on the real task of a Stable-Baselines3 agent that was trained on the SE.
 
-    Hyperparameters are those of RL Baselines3 Zoo for CartPole, the discount .99 for both.
+    Hyperparameters are those of RL Baselines3 Zoo for CartPole, with discount 0.99 for both agents.
     """
     import gymnasium
     import torch
@@ -135,7 +133,7 @@ def teach_sb3(path: Path, kind: str, seed: int) -> float:
 
 
 def taught(path: Path, agents: int, sb3: int) -> dict[str, Any]:
-    """What the SE teaches, agent by agent."""
+    """Results of agents trained on the SE, by kind of agent."""
     found: dict[str, Any] = {}
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         jobs = {
@@ -158,14 +156,18 @@ def taught(path: Path, agents: int, sb3: int) -> dict[str, Any]:
 
 
 def main() -> None:
-    """Measure what is missing."""
+    """Measure the missing results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("task")
     parser.add_argument("--seeds", type=int, nargs="+", required=True)
     parser.add_argument("--recipe", default="default")
-    parser.add_argument("--taught", type=int, default=5, help="seeds whose SEs are taught with")
-    parser.add_argument("--agents", type=int, default=6, help="fresh agents of each kind")
-    parser.add_argument("--sb3", type=int, default=0, help="Stable-Baselines3 agents of each kind")
+    parser.add_argument(
+        "--taught", type=int, default=5, help="number of seeds on whose SEs agents are trained"
+    )
+    parser.add_argument("--agents", type=int, default=6, help="fresh agents of each kind per SE")
+    parser.add_argument(
+        "--sb3", type=int, default=0, help="Stable-Baselines3 agents of each kind per SE"
+    )
     parser.add_argument("--home", type=Path, required=True)
     options = parser.parse_args()
     name = f"nes_seeds_{options.task}"

@@ -8,8 +8,8 @@ from typing import Any
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source, table
 
-#: Mean score from which on an SE counts as one that teaches a kind of agent, by task; of agents of
-#: Stable-Baselines3 that of `sb3`.
+#: Target mean score of each kind of agent on an SE, by task; `sb3` is for agents of
+#: Stable-Baselines3.
 TARGETS: dict[str, dict[str, float]] = {
     "CartPole-v0": {"ddqn": 195, "dueling-ddqn": 195, "td3": 170, "sb3": 190},
     "Acrobot-v1": {"ddqn": -90, "dueling-ddqn": -90, "td3": -100, "sb3": -100},
@@ -37,15 +37,15 @@ _TAUGHT = (
 
 
 def seeds(ending: str = "") -> str:
-    """Runs over seeds, a row a task."""
+    """Runs over seeds, one row per task."""
     results = _results(ending)
     rows = [_seeds_row(task, result["runs"]) for task, result in results.items()]
     return f"{table(_SEEDS, rows)}\n\n{source(*results.values())}"
 
 
 def taught(ending: str = "") -> str:
-    """What the SEs teach, a row a task and kind of agent. Raises NotMeasured if no SE was taught
-    with."""
+    """Agents trained on the SEs, one row per task and kind of agent. Raises NotMeasured without
+    any."""
     results = _results(ending)
     rows = [row for task, result in results.items() for row in _taught_rows(task, result["runs"])]
     if not rows:
@@ -54,7 +54,7 @@ def taught(ending: str = "") -> str:
 
 
 def distilled() -> str:
-    """Both of runs that start from distilled SEs."""
+    """Both tables for runs that start from distilled SEs."""
     parts = [seeds("_distilled")]
     with suppress(NotMeasured):
         parts.append(taught("_distilled"))
@@ -62,7 +62,7 @@ def distilled() -> str:
 
 
 def _results(ending: str) -> dict[str, dict[str, Any]]:
-    """The results there are, by task. Raises NotMeasured if there are none."""
+    """The measured results, by task. Raises NotMeasured if there are none."""
     found, missing = {}, []
     for task in TARGETS:
         try:

@@ -1,1 +1,1 @@
-"""The compiled inner loop, a generation, what comes before and beside: how long they take."""
+"""Speed of the compiled inner loop and of the start of a command."""

@@ -1,11 +1,11 @@
-"""The least time that the arithmetic of one inner-loop step can take on a core: its matrix
-products at the core's measured peak, and its passes over activations, parameters and
-minibatch at the measured bandwidth of the cache they fit in.
+"""Lower bound on the time of one inner-loop step on a core: its matrix products at the core's
+measured peak, and its passes over activations, parameters and minibatch at the measured bandwidth
+of the cache.
 
 symbol   meaning
 ------   ----------------------------------------------------------------------
-f        multiply-adds of one sample forwards through a network
-f_1      those of its first layer (no gradient of the inputs is needed)
+f        multiply-adds of one sample's forward pass through a network
+f_1      multiply-adds of its first layer (no gradient of the inputs is needed)
 H, B     hidden units of all layers together, batch size
 P        parameters
 """
@@ -27,7 +27,7 @@ _FLOAT = 4  # bytes
 
 @dataclass(frozen=True)
 class Core:
-    """What one core of this machine can do."""
+    """Peak speed of one core of this machine."""
 
     flops: float  # per second, of a large float32 matrix product
     bandwidth: float  # bytes per second, reading and writing a quarter of a megabyte
@@ -57,7 +57,7 @@ def _seconds(function: Callable[..., Any], *arrays: Any, repeats: int) -> float:
 
 
 def measure_core() -> Core:
-    """Peak and bandwidth of the core this runs on."""
+    """Measure peak and bandwidth of the current core."""
     rng = np.random.default_rng(0)
     n = 512
     a, b, out = (rng.normal(0, 1, (n, n)).astype(np.float32) for _ in range(3))
@@ -69,29 +69,29 @@ def measure_core() -> Core:
 
 @dataclass
 class Work:
-    """Arithmetic so far: multiply-adds, and bytes that passes read and write."""
+    """Accumulated work: multiply-adds, and bytes that passes read and write."""
 
     multiply_adds: float = 0.0
     bytes: float = 0.0
 
     def forward(self, net: Network, batch: int) -> None:
-        """Products, and a pass over every hidden layer."""
+        """Add the products, and a pass over every hidden layer."""
         self.multiply_adds += batch * sum(n_in * n_out for n_in, n_out in net.shapes)
         self.bytes += 2 * _FLOAT * batch * _hidden(net)
 
     def backward(self, net: Network, batch: int, parameters: bool, inputs: bool) -> None:
-        """Gradients of parameters and (or) of inputs."""
+        """Add gradients of the parameters, the inputs or both."""
         f = sum(n_in * n_out for n_in, n_out in net.shapes)
         first = net.shapes[0][0] * net.shapes[0][1]
         self.multiply_adds += batch * ((f if parameters else 0) + f - (0 if inputs else first))
         self.bytes += 3 * _FLOAT * batch * _hidden(net)
 
     def update(self, net: Network, target: bool) -> None:
-        """Adam reads four and writes three vectors; a soft update reads two, writes one."""
+        """Add Adam, which reads four and writes three vectors, and a soft update (two and one)."""
         self.bytes += (7 + (3 if target else 0)) * _FLOAT * net.parameter_count
 
     def microseconds(self, core: Core) -> float:
-        """The time all of it takes at least."""
+        """Lower bound on the time of all work."""
         return 1e6 * (2 * self.multiply_adds / core.flops + self.bytes / core.bandwidth)
 
 
@@ -100,7 +100,7 @@ def _hidden(net: Network) -> int:
 
 
 def step_work(hp: Any, architecture: Architecture) -> Work:
-    """One environment step on an SE and one gradient step."""
+    """Work of one environment step on an SE and one gradient step."""
     n_states, n_actions, batch = architecture.state_size, architecture.n_actions, hp.batch_size
     work = Work()
     for net in architecture.networks:

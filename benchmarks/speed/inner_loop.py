@@ -1,6 +1,6 @@
-"""One inner-loop step (environment step plus gradient step) of every built-in agent on an
-SE: the compiled kernel against the torch definition, in turn, in one process, on one core;
-and how far the kernel is from the least time its arithmetic can take (`bound`).
+"""Time of one inner-loop step (environment step plus gradient step) of every built-in agent on an
+SE: compiled kernel and torch definition in turn, in one process, on one core, and the kernel's
+distance from the lower bound of its arithmetic (`bound`).
 
     python -m benchmarks.speed.inner_loop
 """
@@ -27,15 +27,15 @@ from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import get_task
 
 REPEATS = 7
-#: Seconds of one measurement, about; every step of it learns, and every episode has as
-#: many steps, as the SE's done output is silenced.
+#: Approximate seconds of one measurement. Every step learns, and all episodes have equal length,
+#: because the SE's done output is always negative.
 SECONDS = 0.25
 EPISODE_STEPS = 50
 
 
 @dataclass(frozen=True)
 class Case:
-    """An agent, and the SE that it trains on."""
+    """An agent and the SE that it trains on."""
 
     task_id: str
     agent: AgentHyperparameters
@@ -62,7 +62,7 @@ def cases() -> dict[str, Case]:
 
 
 def _case(task_id: str, column: str, agent: str) -> Case:
-    """Of the recipe `paper`, its file for the task `column`; the default table if that is ''."""
+    """The case of the recipe `paper` for the task `column`; '' is the default table."""
     hp = load_recipe("paper", column, (agent,))
     return Case(task_id, hp.agents[0], hp.se)
 
@@ -77,7 +77,7 @@ def _sized(layers: int, size: int, batch_size: int | None = None) -> Case:
 
 
 def _assert_labelled(label: str, case: Case) -> None:
-    """A label says which hyperparameters are measured, in whatever way the case was made."""
+    """Check that a case has the hyperparameters that its label states."""
     task, agent, *sizes = label.split(", ")
     name = agent.lower().replace(" ", "-")
     assert case.task_id.startswith(f"{task}-"), label

@@ -1,9 +1,9 @@
-"""From the command `bilevel nes CartPole-v0` to its first evaluation, part by part; what an
-SE file takes to load, the test on the real task to run, and an actor in memory.
+"""Start-up time of `bilevel nes CartPole-v0` up to its first evaluation, part by part; time to load
+an SE file and to test on the real task; memory of an actor.
 
     python -m benchmarks.speed.startup
 
-The command is run by `watched_command`, which tells when it has come to each part.
+The command is run by `watched_command`, which reports when each part ends.
 """
 
 import json
@@ -33,7 +33,7 @@ REPEATS = 3
 
 
 def start(home: Path) -> dict[str, float]:
-    """Seconds of each part of one start, and of all together."""
+    """Seconds of each part of one start, and in total."""
     arguments = ["nes", "CartPole-v0", "--home", str(home)]
     command = [sys.executable, "-m", "benchmarks.watched_command", str(time.time()), *arguments]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
@@ -54,13 +54,13 @@ def starts(fresh: bool) -> dict[str, dict[str, float]]:
 
 
 def random_se(task: Task, hp: Hyperparameters) -> SE:
-    """Of these sizes."""
+    """A random SE of these sizes."""
     architecture = Architecture.of(task, hp.se)
     return SE(architecture, architecture.initialize(np.random.default_rng(0)))
 
 
 def se_load_milliseconds() -> float:
-    """Of a file with an SE of the paper's size for CartPole."""
+    """Time to load a file with an SE of the paper's size for CartPole."""
     task = get_task("CartPole-v0")
     se = random_se(task, load_recipe("paper", task.id))
     with tempfile.TemporaryDirectory() as folder:
@@ -70,8 +70,8 @@ def se_load_milliseconds() -> float:
 
 
 def real_task_milliseconds(task_id: str) -> float:
-    """Of the ten test episodes of the Table 1 agent on the real task, each as long as it
-    may be: the agent is untrained, so the time is taken per step."""
+    """Time of ten test episodes of the Table 1 agent on the real task at maximum length; it is
+    measured per step, because episodes of the untrained agent are shorter."""
     task, hp = get_task(task_id), load_recipe("paper", task_id)
     (agent_hp,) = hp.agents
     build = get_agent(agent_hp.agent).build_kernel
@@ -99,10 +99,10 @@ def _milliseconds(action: Callable[[], Any], times: int) -> float:
 
 
 class _Actor:
-    """An actor as the pool has it, that also tells its peak memory."""
+    """A pool's actor that also reports its peak memory."""
 
     def run(self, task_id: str, hp: Hyperparameters, seeds: int) -> float:
-        """MiB after some evaluations."""
+        """Peak memory in MiB after some evaluations."""
         task = get_task(task_id)
         se = random_se(task, hp)
         for seed in range(seeds):
@@ -111,7 +111,7 @@ class _Actor:
 
 
 def actor_mebibytes() -> dict[str, float]:
-    """Peak resident memory of an actor by what it evaluates."""
+    """Peak resident memory of an actor, by the agent it evaluates."""
     import ray
 
     from cluster.ray.connection import ray_cluster
@@ -134,7 +134,7 @@ def actor_mebibytes() -> dict[str, float]:
 
 
 def main() -> None:
-    """Measure all of it, write `results/startup.json`."""
+    """Measure all parts and write `results/startup.json`."""
     result = {
         "repeats": REPEATS,
         "parts": list(PARTS),

@@ -17,7 +17,7 @@ def _spread(value: dict[str, float], form: str) -> str:
 
 
 def inner_loop() -> str:
-    """Kernel, definition and arithmetic bound."""
+    """Times of kernel, definition and arithmetic bound."""
     result = read_result("inner_loop", "core")
     rows = [
         [
@@ -35,7 +35,7 @@ def inner_loop() -> str:
 
 
 def startup() -> str:
-    """Parts of the start."""
+    """Times of the parts of the start."""
     result = read_result("startup")
     rows = [
         [home, *(_spread(parts[name], ".1f") for name in (*result["parts"], "all"))]
@@ -45,7 +45,7 @@ def startup() -> str:
 
 
 def small_things() -> str:
-    """Loading, testing, memory."""
+    """Times of loading and testing, and memory of an actor."""
     result = read_result("startup")
     rows = [["load an SE file", f"{result['se_load_ms']:.2f} ms"]]
     rows += [

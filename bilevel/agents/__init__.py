@@ -1,5 +1,4 @@
-"""Agents in readable torch: the definitions that the compiled kernels are held to, and
-the place where further agents are registered."""
+"""Agents: torch definitions, which the compiled kernels must match, and the registry of agents."""
 
 from importlib import import_module
 from typing import Any
@@ -25,8 +24,8 @@ from bilevel.kernels import ddqn, td3
 
 
 def _definition(module: str, name: str) -> Build:
-    """The class `name`, imported when it is first built: actors run the compiled twins
-    and never need torch."""
+    """A builder that imports the class `name` on first use: actors that run compiled twins do not
+    need torch."""
 
     def build(hp: Any, state_size: int, n_actions: int, seed: int) -> Agent:
         defined = getattr(import_module(f"bilevel.agents.{module}"), name)

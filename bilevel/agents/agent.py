@@ -1,8 +1,8 @@
-"""What an agent is, and the agents there are by name.
+"""The interface of agents, and their registry by name.
 
-An agent is a torch (or any) class with the five methods of `Agent`; the loop of
-`bilevel.agents.training` calls them. The built-in ones have compiled twins beside
-that, which is what makes them fast; another one needs none. See docs/agents.md.
+An agent is a class, in torch or not, with the five methods of `Agent`, which the loop of
+`bilevel.agents.training` calls. The built-in agents also have compiled twins, for speed; other
+agents need none. See docs/agents.md.
 """
 
 from collections.abc import Callable
@@ -18,7 +18,7 @@ from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters import AgentHyperparameters, agent_hyperparameters
 from bilevel.seeds import split
 
-#: Packages name modules that register agents under this group of entry points.
+#: Group of entry points in which packages name modules that register agents.
 ENTRY_POINTS = "bilevel.agents"
 
 
@@ -29,31 +29,33 @@ class Transition(NamedTuple):
     action: int
     reward: float
     next_state: NDArray[np.float32]  # (S,)
-    done: float  # the raw output; the episode is over above 0.5
+    done: float  # raw done output; the episode ends above 0.5
 
 
 class Agent(Protocol):
-    """The interface of an agent; it is built by `build(hp, state_size, n_actions, seed)`.
+    """Interface of an agent, built by `build(hp, state_size, n_actions, seed)`.
 
-    All its random numbers come from that seed, so that an evaluation depends on its
+    All random numbers of an agent must come from that seed, so that an evaluation depends on its
     request alone.
     """
 
     def act(self, state: NDArray[np.float32], exploring: bool) -> int:
-        """The next action in training; `exploring` while the initial episodes last."""
+        """Choose a training action in a state (S,); `exploring` is true in the initial episodes."""
 
     def greedy(self, state: NDArray[np.float32]) -> int:
-        """The action in tests."""
+        """Choose the action in tests, in a state (S,)."""
 
     def observe(self, transition: Transition) -> None:
-        """What came of the last action."""
+        """Receive the transition that the last action caused."""
 
     def learn(self) -> float:
-        """Called after every step once the initial episodes are over; returns a loss
-        (0 if there is none). Training ends when it is not finite."""
+        """Learn from the transitions so far; return the loss, 0 if there is none.
+
+        Called after every step once the initial episodes are over. A non-finite loss ends training.
+        """
 
     def end_episode(self) -> None:
-        """Called at the end of every training episode."""
+        """Handle the end of a training episode."""
 
 
 Build = Callable[[Any, int, int, int], Agent]
@@ -61,8 +63,11 @@ Build = Callable[[Any, int, int, int], Agent]
 
 @dataclass(frozen=True)
 class RegisteredAgent:
-    """An agent by name. `build_kernel(hp, state_size, n_actions, rng)` makes the compiled
-    twin's initial state, `rng` drawing its parameters; `kernel_parameters` lists these."""
+    """A registered agent.
+
+    `build_kernel(hp, state_size, n_actions, rng)` builds the initial state of the compiled twin,
+    with parameters drawn by `rng`; `kernel_parameters` lists these parameters.
+    """
 
     name: str
     build: Build
@@ -79,9 +84,9 @@ def register_agent(
     build_kernel: Callable[[Any, int, int, np.random.Generator], Any] | None = None,
     kernel_parameters: Callable[[Any], list[NDArray[np.float32]]] | None = None,
 ) -> None:
-    """Make an agent known under the name that its hyperparameters give.
+    """Register an agent under the name in its hyperparameter class.
 
-    Raises InvalidInput if these are not checked: the decorator `hyperparameters` does that.
+    Raises InvalidInput for a class that the decorator `hyperparameters` does not check.
     """
     name = hyperparameters.agent
     if not is_pydantic_dataclass(hyperparameters):
@@ -106,13 +111,13 @@ def get_agent(name: str) -> RegisteredAgent:
 
 
 def registered_agents() -> tuple[str, ...]:
-    """The names of all agents, those of installed packages among them."""
+    """Names of all agents, including those of installed packages."""
     load_plugins()
     return tuple(_AGENTS)
 
 
 def agent_seeds(seed: int) -> tuple[int, int]:
-    """Of a built-in agent: the seed of its initial parameters, and that of its
-    exploration, noise and minibatches."""
+    """Seeds of a built-in agent: of its initial parameters, and of its exploration, noise and
+    minibatches."""
     initial, loop = split(seed, 2)
     return initial, loop

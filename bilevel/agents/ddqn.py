@@ -1,5 +1,4 @@
-"""Double DQN (van Hasselt et al., 2016) and Dueling Double DQN (Wang et al., 2016),
-the definition.
+"""Definition of Double DQN (van Hasselt et al., 2016) and Dueling Double DQN (Wang et al., 2016).
 
     theta <- fresh Q-network; target <- theta
     for each episode:
@@ -14,8 +13,8 @@ the definition.
                 Adam step on the mean squared error of Q_theta(state, action) to goal
                 target <- target + target_update_rate * (theta - target)
 
-`bilevel.kernels.ddqn` is its compiled twin: both draw the same numbers in the same
-order, and a test holds them together through whole training runs.
+`bilevel.kernels.ddqn` is the compiled twin: both draw the same random numbers in the same order,
+and a test compares them over whole training runs.
 """
 
 from itertools import pairwise
@@ -34,8 +33,8 @@ from bilevel.synthetic_env.torch_module import activation_module
 
 
 class MLP(nn.Module):
-    """Hidden layers and a linear output; one activation module, and so one PReLU
-    slope, serves all hidden layers."""
+    """Hidden layers and a linear output; all hidden layers share one activation module, and so one
+    PReLU slope."""
 
     def __init__(self, n_in: int, n_out: int, size: int, depth: int, activation: str) -> None:
         super().__init__()
@@ -54,10 +53,10 @@ class MLP(nn.Module):
 class DuelingNetwork(nn.Module):
     """Q(s, a) = V(s) + A(s, a) - mean_a' A(s, a').
 
-    The paper leaves the sizes open. Here the `hidden_layers` shared layers are followed
-    by a hidden layer in two streams, half of its `hidden_size` units for the value, the
-    other half for the advantages, with a linear output each: streams with a layer of
-    their own as Wang et al. have them, at no more than the cost of one layer.
+    The paper leaves the sizes open. Here the `hidden_layers` shared layers are followed by one
+    hidden layer of `hidden_size` units, half of which feed the value and half the advantages, each
+    through a linear output. So each stream has its own layer, as in Wang et al., at the cost of one
+    layer in total.
     """
 
     def __init__(self, state_size: int, n_actions: int, hp: DDQNHyperparameters) -> None:
@@ -79,7 +78,7 @@ class DuelingNetwork(nn.Module):
 
 
 class DDQN:
-    """A DDQN agent, dueling if its hyperparameters say so."""
+    """A DDQN agent; `hp.dueling` selects the dueling network."""
 
     def __init__(self, hp: DDQNHyperparameters, state_size: int, n_actions: int, seed: int) -> None:
         initial_seed, loop_seed = agent_seeds(seed)
@@ -103,19 +102,19 @@ class DDQN:
         return net
 
     def parameters(self) -> list[NDArray[np.float32]]:
-        """The parameters of online and target network, in the twin's order."""
+        """Flat parameters of the online and the target network, in the twin's order."""
         nets = (self.online, self.target)
         vectors = (nn.utils.parameters_to_vector(net.parameters()) for net in nets)
         return [vector.detach().numpy() for vector in vectors]
 
     def act(self, state: NDArray[np.float32], exploring: bool) -> int:
-        """Random with probability epsilon, else greedy."""
+        """Choose a random action with probability epsilon, else the greedy one."""
         if self.rng.uniform() < self.epsilon:
             return int(self.rng.below(self.n_actions, 1)[0])
         return self.greedy(state)
 
     def greedy(self, state: NDArray[np.float32]) -> int:
-        """The action of the highest value."""
+        """The action with the highest value."""
         with torch.no_grad():
             return int(self.online(torch.from_numpy(state)).argmax())
 
@@ -125,14 +124,16 @@ class DDQN:
         self.replay.store(state, np.array([action], np.float32), reward, next_state, done)
 
     def learn(self) -> float:
-        """One gradient step on a minibatch; returns the mean squared error."""
+        """Make one gradient step on a minibatch; return the mean squared error."""
         return self.gradient_step(*self.replay.sample(self.hp.batch_size, self.rng))
 
     def gradient_step(
         self, states: Tensor, actions: Tensor, rewards: Tensor, next_states: Tensor, dones: Tensor
     ) -> float:
-        """One Adam step and soft update on states (B, S), actions (B, 1), rewards (B,),
-        next states (B, S) and raw dones (B,); returns the mean squared error."""
+        """Make one Adam step and soft update; return the mean squared error.
+
+        Takes states (B, S), actions (B, 1), rewards (B,), next states (B, S), raw dones (B,).
+        """
         with torch.no_grad():
             best = self.online(next_states).argmax(dim=1, keepdim=True)
             value = self.target(next_states).gather(1, best).squeeze(1)
@@ -146,7 +147,7 @@ class DDQN:
         return float(loss.detach())
 
     def end_episode(self) -> None:
-        """Explore less in the next episode."""
+        """Decay epsilon."""
         self.epsilon = max(self.epsilon * self.hp.epsilon_decay, self.hp.minimal_epsilon)
 
 

@@ -1,4 +1,4 @@
-"""Environments as the Python training loop steps them (see `training`)."""
+"""Environments of the Python training loop (`TrainingEnvironment` in `training`)."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -19,7 +19,7 @@ class KernelEnvironment:
 
     @property
     def step_limit(self) -> int:
-        """Steps of an episode at most."""
+        """Maximum number of steps per episode."""
         return self.env.step_limit
 
     def reset(self, episode: int) -> NDArray[np.float32]:
@@ -29,7 +29,7 @@ class KernelEnvironment:
         return self.state
 
     def step(self, action: int) -> tuple[NDArray[np.float32], float, float]:
-        """Next state (S,), reward, raw done."""
+        """Take one step: next state (S,), reward, raw done."""
         next_state = np.empty_like(self.state)
         reward, done, _ = step(self.env, self.state, action, next_state)
         self.state = next_state
@@ -51,6 +51,6 @@ class GymnasiumEnvironment:
         return np.asarray(state, np.float32)
 
     def step(self, action: int) -> tuple[NDArray[np.float32], float, float]:
-        """Next state (S,), reward, and 1 if the episode is over by the task's own rule."""
+        """Take one step: next state (S,), reward, and 1 if the task itself ended the episode."""
         state, reward, terminated, _, _ = self._env.step(self._env.action_space.start + action)
         return np.asarray(state, np.float32), float(reward), float(terminated)

@@ -14,8 +14,7 @@ Minibatch = tuple[Tensor, Tensor, Tensor, Tensor, Tensor]
 
 @dataclass
 class ReplayBuffer:
-    """The last `capacity` transitions, each with what is remembered of its action:
-    an index, or a vector."""
+    """The last `capacity` transitions; an action (M,) is an index or a vector."""
 
     capacity: int
     rows: list[tuple[NDArray[np.float32] | np.float32, ...]] = field(default_factory=list)
@@ -29,7 +28,7 @@ class ReplayBuffer:
         next_state: NDArray[np.float32],
         done: float,
     ) -> None:
-        """Remember a transition; the oldest one gives way when the buffer is full."""
+        """Store a transition; a full buffer overwrites its oldest one."""
         row = (state.copy(), action, np.float32(reward), next_state.copy(), np.float32(done))
         if self.count < self.capacity:
             self.rows.append(row)
@@ -38,8 +37,8 @@ class ReplayBuffer:
         self.count += 1
 
     def sample(self, size: int, rng: SplitMix64) -> Minibatch:
-        """States (B, S), actions (B, M), rewards (B,), next states (B, S) and raw dones
-        (B,), drawn with replacement."""
+        """Draw with replacement: states (B, S), actions (B, M), rewards (B,), next states (B, S),
+        raw dones (B,)."""
         drawn = [self.rows[i] for i in rng.below(len(self.rows), size)]
         columns = [torch.from_numpy(np.array(c)) for c in zip(*drawn, strict=True)]
         states, actions, rewards, next_states, dones = columns

@@ -1,9 +1,9 @@
-"""TD3 (Fujimoto et al., 2018) for discrete actions, the definition.
+"""Definition of TD3 (Fujimoto et al., 2018) for discrete actions.
 
-The paper gives its actor "a Gumbel-Softmax distribution with a learned temperature"
-(section on the method). An action is then a vector, a relaxed one-hot drawn as
-softmax((logits + g) / tau) with Gumbel noise g (Jang et al., 2017): differentiable, so
-that the critic's gradient reaches the actor. The environment is given its argmax.
+The paper gives the actor "a Gumbel-Softmax distribution with a learned temperature"
+(section on the method). An action is then a relaxed one-hot vector, drawn as
+softmax((logits + g) / tau) with Gumbel noise g (Jang et al., 2017). It is differentiable, so that
+the critic's gradient reaches the actor. The environment receives its argmax.
 
     phi, rho <- fresh actor, log of the temperature; theta_1, theta_2 <- fresh critics
     targets <- copies of all
@@ -20,12 +20,12 @@ that the critic's gradient reaches the actor. The environment is given its argma
                 Adam step of phi and rho, uphill on critic 1 of the actor's relaxed actions
                 targets <- targets + target_update_rate * (parameters - targets)
 
-What the paper leaves open, and what is done here: noise, its clipping and the delay are
-those of Fujimoto et al.; the temperature is learned as rho = log tau, so that it stays
-positive, and kept in [0.1, 10], since gradients vanish below and actions are all alike
-above; a test acts by the highest logit, the most probable action.
+Our choices where the paper leaves details open: noise, its clipping and the delay are those of
+Fujimoto et al.; the temperature is learned as rho = log tau, so that it stays positive, and clipped
+to [0.1, 10], since gradients vanish below and actions become uniform above; tests take the action
+with the highest logit, the most probable one.
 
-`bilevel.kernels.td3` is its compiled twin.
+`bilevel.kernels.td3` is the compiled twin.
 """
 
 import math
@@ -44,7 +44,7 @@ from bilevel.splitmix import SplitMix64
 
 
 class Actor(nn.Module):
-    """Logits of the actions, and the logarithm of their temperature."""
+    """Network of action logits, and rho, the logarithm of the temperature (a parameter)."""
 
     net: MLP
 
@@ -54,7 +54,7 @@ class Actor(nn.Module):
         self.rho = nn.Parameter(torch.tensor([math.log(temperature)], dtype=torch.float32))
 
     def relaxed(self, states: Tensor, gumbel: Tensor) -> Tensor:
-        """Relaxed one-hot actions (B, A) of states (B, S), given the noise (B, A)."""
+        """Relaxed one-hot actions (B, A) in states (B, S), given Gumbel noise (B, A)."""
         logits: Tensor = self.net(states)
         return torch.softmax((logits + gumbel) / self.rho.exp(), dim=-1)
 
@@ -90,7 +90,7 @@ class TD3:
         return net
 
     def parameters(self) -> list[NDArray[np.float32]]:
-        """Parameters of actor, rho, critics, and of their targets, in the twin's order."""
+        """Parameters of actor, rho and critics, then of their targets, in the twin's order."""
         groups = ((self.actor, self.critics), (self.target_actor, self.target_critics))
         return [
             vector.detach().numpy()
@@ -107,8 +107,8 @@ class TD3:
         return torch.from_numpy(noise.reshape(rows, self.n_actions))
 
     def act(self, state: NDArray[np.float32], exploring: bool) -> int:
-        """Any action while exploring, then the largest component of a relaxed one
-        with noise, which is remembered as a whole."""
+        """Choose a uniform action while exploring, then the argmax of a noisy relaxed action,
+        whose whole vector is stored by `observe`."""
         if exploring:
             self.last_action = np.zeros(self.n_actions, np.float32)
             self.last_action[self.rng.below(self.n_actions, 1)[0]] = 1
@@ -120,7 +120,7 @@ class TD3:
         return int(self.last_action.argmax())
 
     def greedy(self, state: NDArray[np.float32]) -> int:
-        """The action of the highest logit."""
+        """The action with the highest logit."""
         with torch.no_grad():
             return int(self.actor.net(torch.from_numpy(state)).argmax())
 
@@ -130,14 +130,15 @@ class TD3:
         self.replay.store(state, self.last_action, reward, next_state, done)
 
     def learn(self) -> float:
-        """One gradient step on a minibatch; returns the critics' loss."""
+        """Make one gradient step on a minibatch; return the critics' loss."""
         return self.gradient_step(*self.replay.sample(self.hp.batch_size, self.rng))
 
     def gradient_step(
         self, states: Tensor, actions: Tensor, rewards: Tensor, next_states: Tensor, dones: Tensor
     ) -> float:
-        """One step of the critics, and of the actor when it is due, on states (B, S),
-        action vectors (B, A), rewards (B,), next states (B, S) and raw dones (B,)."""
+        """Make one critic step and every `policy_delay` steps an actor step; return the critics'
+        loss. Takes states (B, S), action vectors (B, A), rewards (B,), next states (B, S) and raw
+        dones (B,)."""
         hp, rows = self.hp, len(states)
         with torch.no_grad():
             smooth = self.target_actor.relaxed(next_states, self._gumbel(rows))
@@ -173,4 +174,4 @@ class TD3:
             soft_update(target, online, self.hp.target_update_rate)
 
     def end_episode(self) -> None:
-        """Nothing changes between episodes."""
+        """Do nothing."""

@@ -1,6 +1,6 @@
 """TrainAgent in Python (paper, Algorithm 1), for any agent, on any environment.
 
-`bilevel.kernels.training` is its compiled twin.
+`bilevel.kernels.training` is the compiled twin.
 """
 
 from collections.abc import Callable
@@ -14,29 +14,29 @@ from bilevel.hyperparameters import AgentHyperparameters
 
 
 class TrainingEnvironment(Protocol):
-    """What the agent trains on: an SE or a real task."""
+    """Interface of the environment that an agent trains on: an SE or a real task."""
 
     @property
     def step_limit(self) -> int:
-        """Steps of an episode at most."""
+        """Maximum number of steps per episode."""
 
     def reset(self, episode: int) -> NDArray[np.float32]:
         """The initial state (S,) of an episode."""
 
     def step(self, action: int) -> tuple[NDArray[np.float32], float, float]:
-        """Next state (S,), reward, raw done (ends the episode above 0.5)."""
+        """Take one step: next state (S,), reward, raw done (above 0.5 the episode ends)."""
 
 
-#: Told the returns of the episodes so far, decides whether training is over.
+#: Decides from the returns of all episodes so far whether training ends.
 StoppingRule = Callable[[list[float]], bool]
 
 
 def returns_converged(hp: AgentHyperparameters) -> StoppingRule:
-    """The rule on an SE: the mean return of the last d episodes differs from that of the d before
-    them by at most C_diff, relatively (paper, "Heuristics for Agent Training and Evaluation").
+    """The stopping rule on an SE: the mean returns of the last d episodes and of the d before them
+    differ relatively by at most C_diff (paper, "Heuristics for Agent Training and Evaluation").
 
-    Checked from episode `init_episodes + d` (counted from 0) on; then the earlier window may still
-    be short of d episodes, and what there is of it counts.
+    The rule is checked from episode `init_episodes + d` (counted from 0) on; the earlier window may
+    then still hold fewer than d episodes.
     """
     d = hp.early_out_episodes
 
@@ -50,12 +50,12 @@ def returns_converged(hp: AgentHyperparameters) -> StoppingRule:
 
 
 def task_solved(hp: AgentHyperparameters, solved_reward: float) -> StoppingRule:
-    """The rule on the real task: the mean return of the last d episodes reaches the solved reward,
-    once the initial episodes are over. Fewer episodes than d do not count.
+    """The stopping rule on the real task: the mean return of the last d episodes reaches the solved
+    reward, once the initial episodes are over and d episodes were run.
 
-    The paper speaks of test episodes here; the authors' code (`env_solved` in
-    agents/base_agent.py of automl/learning_environments) takes the training episodes,
-    and only that comes near the steps they report.
+    The paper uses test episodes here. The authors' code (`env_solved` in agents/base_agent.py of
+    automl/learning_environments) uses training episodes, and only then are the train steps close
+    to those they report.
     """
     d = hp.early_out_episodes
 
@@ -70,14 +70,14 @@ def task_solved(hp: AgentHyperparameters, solved_reward: float) -> StoppingRule:
 def train(
     agent: Agent, hp: AgentHyperparameters, environment: TrainingEnvironment, stop: StoppingRule
 ) -> tuple[int, int, bool]:
-    """Train until `stop` says so, the numbers diverge, or the episodes are spent.
+    """Train until `stop` returns true, a value is not finite, or all episodes were run.
 
     for each episode:                            # at most max_episodes
         for each step:                           # at most step_limit
             act, observe the transition
             learn                                # once init_episodes are over
 
-    Returns steps, episodes and whether all numbers stayed finite.
+    Returns the numbers of steps and episodes, and whether all values stayed finite.
     """
     returns: list[float] = []
     steps = 0

@@ -1,34 +1,34 @@
 """The supervised baseline: an SE distilled from action values learned offline on the real task.
 
-Nothing of this is NES; it is off by default (`--recipe distilled`), and its real steps count.
+This baseline does not use NES. It is off by default (`--recipe distilled`), and its steps on the
+real task are counted.
 
     D <- steps of random actions on the real task
-    Q <- double Q-learning on D alone; of its snapshots, the one that does best on the task
-    D <- D and twice as many steps of Q's actions, some of them random
-    A <- mean over TEACHERS other Q, learned on D, of their advantages Q(s, a) - mean_a' Q(s, a')
-    D <- D with new starts of the task in place of its ends, if it rewards survival
+    Q <- double Q-learning on D alone; its first snapshot that solves the task, or else the best
+    D <- D and twice as many steps of Q's greedy policy, with some random actions
+    A <- mean advantages Q(s, a) - mean_a' Q(s, a') of TEACHERS other Q, learned on D
+    D <- D with initial states of the task in place of episode ends, if it rewards survival
     next-state network <- regression on the next states of D
     reward network     <- regression on 0.5 + tanh(2 A / std A)
-    done network       <- regression on the ends of D; LEAST_DONE where there is none
+    done network       <- regression on the episode ends of D; LEAST_DONE elsewhere
 
-Rewards that are advantages tell an agent after one step which action is the better one;
-the task's own rewards tell it after many. They are bounded, so that what matters little in
-the end is learned as well. The stopping rule compares returns by their ratio: with BASE added,
-those of good agents are far from 0 and hardly differ, those of bad ones are near 0 and do.
-To an agent the raw done output is the probability that nothing follows: where it is never
-less than LEAST_DONE, an agent looks two steps ahead instead of a hundred, and learns what
-they are worth in few steps, as all agents do.
+Advantages as rewards show an agent after one step which action is better; the task's own rewards
+show it only after many steps. The tanh bounds the rewards, so that small advantages are learned as
+well. The stopping rule compares returns by their ratio: with BASE added, returns of good agents are
+far from 0 and differ little, those of bad agents are near 0 and differ much. Agents treat the raw
+done output as the probability that the episode ends: with at least LEAST_DONE they look about two
+steps ahead instead of a hundred, and learn such short-sighted values in few steps.
 
-Where the task rewards survival, agents that know nothing end its episodes soon, and learn next to
-nothing before the stopping rule calls their returns converged. Their SE is a continuing task: it
-starts over. Where the end is the aim, it is those that know nothing who train for long.
+If the task rewards survival, the episodes of untrained agents are short, and the stopping rule
+would stop agents before they learn. So their SE is a continuing task without episode ends. If the
+task rewards reaching an end, untrained agents train for long anyway.
 
-The steps of Q's actions show the SE where good agents will be. Several Q agree on what matters,
-and are wrong in different ways.
+The steps of Q's policy cover the states that good agents visit. Averaging several Q reduces their
+individual errors.
 
-Q-learning on recorded transitions: Ernst et al. (2005), Riedmiller (2005). Advantages as
-rewards: potential-based shaping by the values (Ng et al., 1999) gives them on average.
-Steps of the learned policy: Ross et al. (2011).
+Sources: Q-learning on recorded transitions is due to Ernst et al. (2005) and Riedmiller (2005).
+Potential-based shaping by the values (Ng et al., 1999) gives advantages on average. Adding steps of
+the learned policy follows Ross et al. (2011).
 """
 
 from typing import NamedTuple
@@ -45,25 +45,25 @@ from bilevel.seeds import split
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task
 
-#: Random steps on the real task, and those of Q's policy; the probability that a
-#: random action takes the place of one of these.
+#: Random steps on the real task, steps of Q's policy, and the probability that a random action
+#: replaces one of the policy's.
 RANDOM_STEPS, POLICY_STEPS, EXPLORATION = 10_000, 20_000, 0.3
 
-#: Q-networks whose advantages are averaged: those that solve the task, or else the best.
+#: Q-networks learned; the advantages of those that solve the task (or else the best) are averaged.
 TEACHERS = 3
 
-#: The reward of an action that is neither better nor worse than the others.
+#: Reward of an action with advantage 0.
 BASE = 0.5
 
-#: The raw done output where no episode ends; above 0.5 one would.
+#: Raw done output where no episode ends; an episode ends above 0.5.
 LEAST_DONE = 0.45
 
-#: Of the regressions.
+#: Steps, learning rate and batch size of the regressions.
 FIT_STEPS, FIT_RATE, FIT_BATCH = 20_000, 1e-2, 256
 
 
 class Lessons(NamedTuple):
-    """What an SE is fitted to, whatever its networks."""
+    """Training data of the regressions, independent of the SE's architecture."""
 
     data: Transitions  # N steps
     rewards: NDArray[np.float32]  # (N,) between BASE - 1 and BASE + 1
@@ -72,16 +72,16 @@ class Lessons(NamedTuple):
 
 
 class DistilledSE(NamedTuple):
-    """An SE, and what it cost on the real task."""
+    """A distilled SE, and the number of steps made on the real task for it."""
 
     se: SE
     real_env_steps: int
 
 
 def distill(task: Task, architecture: Architecture, seed: int) -> DistilledSE:
-    """An SE distilled from action values of `task`; by `seed` alone. It takes seconds.
+    """Distil an SE from action values of `task`; the result depends on `seed` alone.
 
-    Its rewards lie between BASE - 1 and BASE + 1.
+    This takes seconds. The SE's rewards are fitted to values between BASE - 1 and BASE + 1.
     """
     with one_blas_thread():
         taught = lessons(task, seed)
@@ -91,7 +91,7 @@ def distill(task: Task, architecture: Architecture, seed: int) -> DistilledSE:
 
 
 def lessons(task: Task, seed: int) -> Lessons:
-    """Steps on the real task, and what their actions are worth; by `seed` alone."""
+    """Record steps on the real task and reward their actions; depends on `seed` alone."""
     recording, first, following, fitting, *teaching = split(seed, 4 + TEACHERS)
     with one_blas_thread():
         data = Transitions.recorded(task, RANDOM_STEPS, recording)
@@ -105,7 +105,8 @@ def lessons(task: Task, seed: int) -> Lessons:
 
 
 def advantages(task: Task, data: Transitions, teachers: list[ActionValues]) -> NDArray[np.float32]:
-    """Of the recorded actions (N,), those of all actions being of unit scale."""
+    """Mean advantages (N,) of the recorded actions, with unit standard deviation over all
+    actions."""
     enough = min(task.solved_reward, max(teacher.score for teacher in teachers))
     good = [teacher for teacher in teachers if teacher.score >= enough]
     mean: NDArray[np.float32] = np.mean([t.advantages(data.states) for t in good], axis=0)
@@ -119,7 +120,7 @@ def _regressed(architecture: Architecture, taught: Lessons) -> NDArray[np.float3
     actions = np.eye(architecture.n_actions, dtype=np.float32)[data.actions]
     inputs = np.column_stack([actions, data.states])
     spread = data.next_states.std(axis=0) + SMALL
-    # The few ends count as much as all other steps together: an SE shall not miss them.
+    # The few ends weigh as much as all other steps together, so that the SE learns them.
     share = np.clip(data.ends.mean(), 1 / data.ends.size, 0.5)
     balance = np.where(data.ends > 0, 0.5 / share, 0.5 / (1 - share))
     targets_and_weights = (

@@ -14,10 +14,10 @@ from bilevel.kernels.offline import learn_offline
 from bilevel.seeds import split
 from bilevel.tasks import Task
 
-#: Snapshots of Q, the gradient steps between them, and the test episodes of each.
+#: Number of snapshots of Q, gradient steps between them, and test episodes of each.
 SNAPSHOTS, SNAPSHOT_STEPS, TESTS = 40, 500, 10
 
-#: Keeps what is divided by away from zero.
+#: Added to divisors to keep them from zero.
 SMALL = 1e-6
 
 #: The agent whose Q-network learns.
@@ -43,7 +43,7 @@ _LEARNER = DDQNHyperparameters(
 
 @dataclass(frozen=True)
 class ActionValues:
-    """Q(s, a), and what its greedy policy scored on the real task."""
+    """Q(s, a), and the score of its greedy policy on the real task."""
 
     agent: ddqn.DDQNKernel
     score: float
@@ -51,15 +51,17 @@ class ActionValues:
 
     @classmethod
     def learned(cls, task: Task, data: Transitions, seed: int) -> Self:
-        """By double Q-learning; the first snapshot that solves the task, or the best.
+        """Double Q-learning; returns the first snapshot that solves the task, or the best.
 
-        What Q-learning on a fixed set of steps knows is good at one time and bad a little
-        later, so its snapshots are tested on the real task.
+        Snapshots are tested on the real task, because the quality of Q-learning on a fixed data
+        set fluctuates.
         """
         learning, testing = split(seed, 2)
         mean, scale = data.states.mean(axis=0), data.states.std(axis=0) + SMALL
         states, next_states = ((s - mean) / scale for s in (data.states, data.next_states))
-        rewards = data.rewards * (1 - _LEARNER.discount)  # values are then of their size
+        rewards = data.rewards * (
+            1 - _LEARNER.discount
+        )  # so that values have the scale of the rewards
         columns = [states, next_states, rewards, data.ends, data.actions]
         memory = np.ascontiguousarray(np.column_stack(columns), np.float32)
         hp, rng = replace(_LEARNER, replay_capacity=len(memory)), np.random.default_rng(learning)
@@ -81,11 +83,11 @@ class ActionValues:
         return replace(best, real_env_steps=tested)
 
     def greedy(self, state: NDArray[np.float32]) -> int:
-        """The action of the highest value in a state (S,)."""
+        """The action with the highest value in a state (S,)."""
         return int(ddqn.greedy_action(self.agent, state))
 
     def advantages(self, states: NDArray[np.float32]) -> NDArray[np.float32]:
-        """Q(s, a) - mean_a' Q(s, a') (N, A) in states (N, S), brought to unit scale."""
+        """Q(s, a) - mean_a' Q(s, a') (N, A) in states (N, S), scaled to unit standard deviation."""
         x = np.ascontiguousarray(states.T)
         h = np.empty((_LEARNER.hidden_layers, _LEARNER.hidden_size, len(states)), np.float32)
         q = np.empty((self.agent.q.shape[0], len(states)), np.float32)
@@ -98,7 +100,7 @@ class ActionValues:
 def of_raw_states(
     agent: ddqn.DDQNKernel, mean: NDArray[np.float32], scale: NDArray[np.float32]
 ) -> NDArray[np.float32]:
-    """theta of the same network before it, (s - mean) / scale being part of its first layer."""
+    """Parameters theta with the normalisation (s - mean) / scale folded into the first layer."""
     theta, (inputs, units) = agent.theta.copy(), agent.net.shapes[0]
     weights = theta[: units * inputs].reshape(units, inputs)
     weights /= scale

@@ -9,20 +9,20 @@ from numpy.typing import NDArray
 
 from bilevel.tasks import Task
 
-#: How often a random action is repeated at most: of actions that change every step, tasks
-#: with momentum (Acrobot) see little.
+#: Maximum repetitions of a random action: actions that change at every step hardly move tasks with
+#: momentum (Acrobot).
 REPEATS = 4
 
 
 @dataclass(frozen=True)
 class Transitions:
-    """N recorded steps."""
+    """N recorded steps of a real task."""
 
     states: NDArray[np.float32]  # (N, S)
     actions: NDArray[np.int64]  # (N,)
     next_states: NDArray[np.float32]  # (N, S)
     rewards: NDArray[np.float32]  # (N,)
-    ends: NDArray[np.float32]  # (N,) 1 where the task ended, not at its step limit
+    ends: NDArray[np.float32]  # (N,) 1 where the task terminated, 0 also at its step limit
 
     @classmethod
     def recorded(
@@ -33,10 +33,10 @@ class Transitions:
         policy: Callable[[NDArray[np.float32]], int] | None = None,
         exploration: float = 0.0,
     ) -> Self:
-        """So many steps of a policy, the first of them a start of the task; without a policy,
-        of random actions, each repeated 1 to REPEATS times.
+        """Record `steps` steps of `policy`, from an initial state on; without a policy, of random
+        actions, each repeated 1 to REPEATS times.
 
-        The policy gives way to such a random action with probability `exploration`.
+        With probability `exploration` such a random action replaces the policy's.
         """
         rng = np.random.default_rng(seed)
         env = task.make()
@@ -72,13 +72,15 @@ class Transitions:
 
     @property
     def reward_survival(self) -> bool:
-        """Whether an end, after which there are no rewards, is worse than none."""
+        """Whether rewards are positive on average, so that ending an episode is bad."""
         return bool(self.rewards.mean() > 0)
 
     def of_continuing_task(self) -> Self:
-        """As if the task, where it ended, had gone on from a new start: the continuing form of
-        an episodic task (Sutton and Barto, 2018, section 3.3)."""
-        starts = np.roll(self.states, -1, axis=0)  # behind an end; all recordings begin with one
+        """The continuing form of the task, in which each end leads to a new initial state (Sutton
+        and Barto, 2018, section 3.3)."""
+        starts = np.roll(
+            self.states, -1, axis=0
+        )  # the step after an end, or the first one, begins an episode
         ended = self.ends[:, None] > 0
         next_states = np.where(ended, starts, self.next_states)
         return replace(self, next_states=next_states, ends=np.zeros_like(self.ends))

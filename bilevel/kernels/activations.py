@@ -1,8 +1,8 @@
-"""Activation functions on rows of float32, forwards and backwards.
+"""Activation functions on rows of float32, forward and backward.
 
-ReLU, LeakyReLU and PReLU are one function, `max(z, 0) + slope * min(z, 0)`,
-with slope 0, 0.01 and a parameter; Tanh is a rational approximation that
-vectorises (largest error 5e-7, against the libm call's ten-fold cost).
+ReLU, LeakyReLU and PReLU are one function, `max(z, 0) + slope * min(z, 0)`, with slope 0, 0.01 and
+a parameter. Tanh is a rational approximation that vectorises (largest error 5e-7); a libm call
+would cost ten times as much.
 """
 
 import numpy as np
@@ -13,8 +13,8 @@ from bilevel.kernels.jit import compiled, quotient
 _f = np.float32
 _ZERO, _ONE = _f(0), _f(1)
 _CLAMP = _f(8)
-# tanh(x) = x * P(x^2) / Q(x^2) on [-8, 8]: the rational of these degrees with the
-# smallest largest error (1.2e-7 before rounding), found by linear programming.
+# tanh(x) = x * P(x^2) / Q(x^2) on [-8, 8]: the minimax rational function of these degrees (error
+# 1.2e-7 before rounding), found by linear programming.
 _P0, _P1, _P2, _P3 = _f(0.9999994), _f(0.1290962), _f(2.9346335e-3), _f(1.1268122e-5)
 _Q1, _Q2, _Q3, _Q4 = _f(0.4624271), _f(0.023746315), _f(2.364543e-4), _f(2.411031e-7)
 
@@ -45,11 +45,11 @@ def activate(z, activation, slope):
 
 @compiled
 def activate_rows(h, z, biases, activation, slope):
-    """Replace every row of the matrix `h` by the activations of its values plus its
-    bias; for PReLU alone, leave the values themselves in `z`.
+    """Replace every row of the matrix `h` by the activations of its values plus its bias; for
+    PReLU alone, store the values before activation in `z`.
 
-    (The choice of the function stands outside the loops: within them it would cost
-    as much as a row's arithmetic.)
+    The function is chosen outside the loops: inside, the choice would cost as much as a row's
+    arithmetic.
     """
     rows, columns = h.shape
     if activation == TANH:
@@ -82,8 +82,8 @@ def activate_rows_backward(delta, h, z, activation, slope, bias_gradient):
     """Multiply `delta` (gradient of the activations `h`) by the derivative and sum
     its rows into `bias_gradient`; return the gradient of the slope.
 
-    `z` holds the values before activation and is read for PReLU alone: its
-    slope may turn negative, so their sign cannot be told from `h`.
+    `z` holds the values before activation and is read for PReLU alone: its slope may become
+    negative, so `h` does not determine their sign.
     """
     rows, columns = delta.shape
     slope_gradient = _ZERO

@@ -1,5 +1,5 @@
-"""One BLAS thread: the products are small, the cores belong to other evaluations, and sums
-in a fixed order keep results the same everywhere."""
+"""Limits BLAS to one thread: products are small, other evaluations use the other cores, and a
+fixed order of summation keeps results reproducible."""
 
 from contextlib import AbstractContextManager
 from typing import Any
@@ -11,6 +11,6 @@ _CONTROLLER = ThreadpoolController()
 
 
 def one_blas_thread() -> AbstractContextManager[Any]:
-    """The limit, as long as the context lasts."""
+    """Context in which BLAS uses one thread."""
     limit: AbstractContextManager[Any] = _CONTROLLER.limit(limits=1, user_api="blas")
     return limit

@@ -1,8 +1,6 @@
-"""Double DQN and Dueling Double DQN, compiled: the twin of `bilevel.agents.ddqn`,
-which defines them.
+"""Double DQN and Dueling Double DQN, compiled: the twin of the definition `bilevel.agents.ddqn`.
 
-Both draw the same numbers from the same generator in the same order, so a
-whole training run can be held side by side.
+Both draw the same random numbers in the same order, so whole training runs can be compared.
 
 symbol   shape            meaning
 ------   --------------   -----------------------------------------
@@ -30,7 +28,7 @@ from bilevel.networks import Network, initial_parameters
 
 
 class Settings(NamedTuple):
-    """Hyperparameters as the kernel takes them (see `DDQNHyperparameters`)."""
+    """Hyperparameters in the form of the kernel (see `DDQNHyperparameters`)."""
 
     learning_rate: float
     target_update_rate: float
@@ -65,7 +63,7 @@ class DDQNKernel(NamedTuple):
     q_next: NDArray[np.float32]
     q_target: NDArray[np.float32]
     delta_q: NDArray[np.float32]
-    single_h: NDArray[np.float32]  # (2, H), of one state
+    single_h: NDArray[np.float32]  # (2, H) for a single state
     single_y: NDArray[np.float32]  # (O,)
 
 
@@ -120,14 +118,16 @@ def new_agent(
 
 
 def parameters(agent: DDQNKernel) -> list[NDArray[np.float32]]:
-    """The parameters of online and target network."""
+    """The parameters of the online and the target network."""
     return [agent.theta, agent.target]
 
 
 @compiled
 def action_values(agent, params, states, h, z, q):
-    """Action values of a batch of states into `q` (A, B'). Of a dueling network:
-    the value plus each advantage's difference to their mean (Wang et al., 2016)."""
+    """Write the action values of a batch of states into `q` (A, B').
+
+    A dueling network's are the value plus each advantage minus their mean (Wang et al., 2016).
+    """
     if not agent.settings.dueling:
         forward(agent.net, params, states, h, z, q)
         return
@@ -145,7 +145,7 @@ def action_values(agent, params, states, h, z, q):
 
 @compiled
 def output_gradient(agent):
-    """The gradient of the network's outputs, from that of the action values."""
+    """The gradient of the network's outputs, given the gradient of the action values."""
     if not agent.settings.dueling:
         return agent.delta_q
     delta_q, delta_y = agent.delta_q, agent.delta_y
@@ -216,8 +216,8 @@ def gradient_step(agent, rng):
 @implements(DDQNKernel, greedy)
 @compiled
 def greedy_action(agent, state):
-    """The action of the highest value. (A dueling network's order of values is that
-    of its advantages.)"""
+    """The action with the highest value. (The advantages of a dueling network have the same
+    order.)"""
     q = agent.single_y[1:] if agent.settings.dueling else agent.single_y
     forward_single(agent.net, agent.theta, state, agent.single_h, agent.single_y)
     best = 0
@@ -230,7 +230,7 @@ def greedy_action(agent, state):
 @implements(DDQNKernel, act)
 @compiled
 def explore(agent, state, exploring, rng):
-    """The next action, epsilon-greedily."""
+    """The next training action, chosen epsilon-greedily."""
     if uniform(rng) < agent.epsilon[0]:
         action = below(rng, agent.q.shape[0])
     else:
@@ -242,6 +242,6 @@ def explore(agent, state, exploring, rng):
 @implements(DDQNKernel, end_episode)
 @compiled
 def decay_epsilon(agent):
-    """Explore less in the next episode."""
+    """Decay epsilon."""
     settings = agent.settings
     agent.epsilon[0] = max(agent.epsilon[0] * settings.epsilon_decay, settings.minimal_epsilon)

@@ -1,5 +1,5 @@
 """The real tasks' dynamics, compiled: CartPole and Acrobot as in gymnasium
-(`gymnasium/envs/classic_control`), held against it step by step in the tests.
+(`gymnasium/envs/classic_control`); the tests compare both step by step.
 
 symbol    shape          meaning
 -------   ------------   ----------------------------------------------------
@@ -14,8 +14,8 @@ import numpy as np
 
 from bilevel.kernels.jit import compiled
 
-#: Codes of the dynamics; OBSERVED has none: its physics are observations, as
-#: drawn from an environment that gymnasium runs.
+#: Codes of the dynamics. OBSERVED has no compiled dynamics: its physics are observations of an
+#: environment that gymnasium runs.
 OBSERVED, CARTPOLE, ACROBOT = 0, 1, 2
 
 _THETA_LIMIT = 12 * 2 * math.pi / 360
@@ -39,7 +39,7 @@ def observe(dynamics, physics, state):
 def step(dynamics, physics, action):
     """Advance `physics` in place by one step; return reward and termination.
 
-    OBSERVED has no dynamics: it answers NaN, which ends a run at once.
+    OBSERVED returns a NaN reward, which ends training at once.
     """
     if dynamics == CARTPOLE:
         return _cartpole_step(physics, action)
@@ -84,7 +84,7 @@ def _acrobot_derivatives(theta1, theta2, dtheta1, dtheta2, torque):
 
 @compiled
 def _wrap(angle):
-    """Bring an angle into [-pi, pi]; a step moves it by less than one turn more."""
+    """Wrap an angle into [-pi, pi]."""
     if angle > math.pi:
         return angle - 2 * math.pi * math.ceil((angle - math.pi) / (2 * math.pi))
     if angle < -math.pi:

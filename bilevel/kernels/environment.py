@@ -1,4 +1,4 @@
-"""What an agent trains on, compiled: an SE, or a real task's dynamics."""
+"""Compiled environments that agents train on: an SE, or a real task's dynamics."""
 
 from typing import NamedTuple
 
@@ -11,7 +11,7 @@ from bilevel.kernels.synthetic_env import SEKernel
 
 
 class Environment(NamedTuple):
-    """An SE or a real task; episodes of both start from the real task's states."""
+    """An SE or a real task; episodes of both start from initial states of the real task."""
 
     synthetic: bool
     se: SEKernel  # read only if synthetic
@@ -20,7 +20,7 @@ class Environment(NamedTuple):
     step_limit: int
     solved_reward: float  # read only if not synthetic
     initial_physics: NDArray[np.float64]  # (rows, p); episode e starts in row e mod rows
-    physics: NDArray[np.float64]  # (p,) of the episode under way
+    physics: NDArray[np.float64]  # (p,) of the current episode
     work: NDArray[np.float32]  # (2, 3H) of the SE's networks
 
 
@@ -33,7 +33,7 @@ def environment(
     solved_reward: float,
     initial_physics: NDArray[np.float64],
 ) -> Environment:
-    """An environment with its work space."""
+    """Build an environment with its work space."""
     return Environment(
         synthetic,
         se,
@@ -49,15 +49,15 @@ def environment(
 
 @compiled
 def reset(env, episode, state):
-    """Begin an episode: its first state into `state` (S,)."""
+    """Begin an episode and write its initial state into `state` (S,)."""
     env.physics[:] = env.initial_physics[episode % env.initial_physics.shape[0]]
     dynamics.observe(env.dynamics, env.physics, state)
 
 
 @compiled
 def step(env, state, action, next_state):
-    """Write the next state into `next_state` (S,); return the reward, the raw done
-    output (0 or 1 of a real task) and whether the episode is over."""
+    """Write the next state into `next_state` (S,); return the reward, the raw done output (0 or 1
+    for a real task) and whether the episode is over."""
     if env.synthetic:
         reward, done = synthetic_env.step(env.se, state, action, next_state, env.work)
         return reward, done, done > 0.5

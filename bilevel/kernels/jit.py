@@ -9,18 +9,16 @@ from typing import Any
 import numba
 import numpy as np
 
-#: Reordering and contraction are allowed; `nnan` and `ninf` are left out on
-#: purpose: with them a NaN compares as anything, and a diverged agent must be
-#: recognised.
+#: Allow reordering and contraction. `nnan` and `ninf` are left out: they make comparisons with
+#: NaN undefined, and diverged agents could not be detected.
 FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
 
 
 def _cache_folder() -> str:
-    """Where machine code is kept: per state of the kernels' sources.
+    """Folder of the cached machine code, named by a digest of the kernels' sources.
 
-    Numba notices when the file of a function changes, but not when a function that
-    it calls does, in another file; a digest of all kernels, and of what they share with
-    the definitions, does.
+    Numba notices a change in a function's own file, but not in functions that it calls from other
+    files. So the digest covers all kernels and the modules they share with the definitions.
     """
     here = Path(__file__).parent
     digest = hashlib.sha256()
@@ -40,9 +38,9 @@ _CACHE_FOLDER = _cache_folder()
 def _compile(function: Callable[..., Any], fastmath: set[str]) -> Callable[..., Any]:
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _CACHE_FOLDER
     try:
-        # Always inlined: a function left to be called exists in several libraries, each
-        # optimised on its own, and which of them a call reaches depends on what the
-        # process has compiled or loaded before. Their sums differ in the last bits.
+        # Always inlined: otherwise several libraries hold their own optimised copy of a
+        # function, whose sums differ in the last bits, and the copy that a call reaches
+        # depends on what the process has compiled or loaded before.
         jitted: Callable[..., Any] = numba.njit(
             function,
             cache=True,
@@ -57,14 +55,13 @@ def _compile(function: Callable[..., Any], fastmath: set[str]) -> Callable[..., 
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile with Numba on first call; the machine code is cached on disk, so
-    later processes (every actor on the node) load it instead of compiling."""
+    """Compile with Numba on first call; later processes load the machine code from a disk cache."""
     return _compile(function, FAST_MATH)
 
 
 def _approximated(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile for arguments that are not infinite: division and square root may
-    then start from the processor's estimate and take one Newton step (2e-7)."""
+    """Compile for finite or NaN arguments: division and square root may then use the processor's
+    estimate and one Newton step (relative error 2e-7)."""
     return _compile(function, FAST_MATH | {"ninf", "afn"})
 
 
@@ -84,7 +81,7 @@ def square_root(x):
 def is_finite(x):
     """Whether a float is neither infinite nor NaN.
 
-    A comparison, because `np.isfinite` computes `x - x`, which reassociation turns
-    into 0 whatever x is.
+    `np.isfinite` would not work here: it computes `x - x`, which reassociation turns into 0 for
+    every x.
     """
     return abs(x) < np.inf

@@ -8,12 +8,11 @@ B        -                  batch size
 x        (inputs, B)        inputs, one *column* a sample
 h        (depth, H, B)      hidden activations
 z        (depth, H, B)      values before activation (PReLU alone reads them)
-y        (outputs, B)       outputs, one head's below the other's
+y        (outputs, B)       outputs, the heads one below the other
 
-Columns are samples, so that a bias belongs to a row and every loop runs along the
-batch, in vector registers. All products go to BLAS, whose kernels for small
-matrices are close to the processor's peak even for the thin ones (4 inputs, 2
-outputs); what lies between two products is one pass over the batch.
+Columns are samples, so that a bias belongs to a row and every loop runs along the batch, in vector
+registers. All products go to BLAS, which is close to the processor's peak even for thin matrices (4
+inputs, 2 outputs). Between two products there is one pass over the batch.
 """
 
 import numpy as np
@@ -23,8 +22,8 @@ from bilevel.activations import LRELU, LRELU_SLOPE, PRELU
 from bilevel.kernels.activations import activate, activate_rows, activate_rows_backward
 from bilevel.kernels.jit import compiled
 
-#: Batches are padded to a multiple of so many samples: loops then end with a whole
-#: vector register instead of a rest, which would go sample by sample.
+#: Batches are padded to a multiple of LANES samples, so that loops end with a whole vector register
+#: instead of single samples.
 LANES = 16
 
 _ZERO = np.float32(0)
@@ -36,7 +35,7 @@ def padded(batch_size: int) -> int:
     return -(-batch_size // LANES) * LANES
 
 
-#: Compiled for the kernels.
+#: Compiled versions of the functions in `bilevel.networks`.
 layer_weights = compiled(networks.layer_weights)
 layer_biases = compiled(networks.layer_biases)
 
@@ -51,7 +50,7 @@ def negative_slope(net, params):
 
 @compiled
 def forward(net, params, x, h, z, y):
-    """Outputs for a batch into `y`; the hidden layers are left in `h` (and `z`)."""
+    """Write the outputs for a batch into `y`, and the hidden layers into `h` (and `z`)."""
     slope = negative_slope(net, params)
     depth = net.sizes.size - 2
     inputs = x
@@ -76,8 +75,8 @@ def forward(net, params, x, h, z, y):
 
 @compiled
 def backward(net, params, x, h, z, delta_y, delta_h, gradient):
-    """Gradient of all parameters into `gradient`, from that of the outputs,
-    `delta_y` (outputs, B); that of the hidden layers is left in `delta_h`."""
+    """Write the gradient of all parameters into `gradient`, given the gradient `delta_y`
+    (outputs, B) of the outputs, and the gradient of the hidden layers into `delta_h`."""
     depth = net.sizes.size - 2
     top, unit, output = h[depth - 1], 0, 0
     for head in range(net.heads.shape[0]):
@@ -101,8 +100,8 @@ def backward(net, params, x, h, z, delta_y, delta_h, gradient):
 
 @compiled
 def propagate(net, params, h, z, delta_y, delta_h, gradient):
-    """The part of `backward` that goes down the layers: `delta_h` (depth, H, B), and
-    the gradients of hidden biases and slope, which fall off on the way."""
+    """Compute the part of `backward` that passes down the layers: `delta_h` (depth, H, B), and the
+    gradients of hidden biases and slope."""
     slope = negative_slope(net, params)
     slope_gradient = _ZERO
     depth = net.sizes.size - 2
@@ -130,7 +129,7 @@ def propagate(net, params, h, z, delta_y, delta_h, gradient):
 
 @compiled
 def forward_single(net, params, x, work, y):
-    """Outputs for one sample `x` (inputs,) into `y`; `work` is (2, H)."""
+    """Write the outputs for one sample `x` (inputs,) into `y` (outputs,); `work` is (2, H)."""
     slope = negative_slope(net, params)
     depth = net.sizes.size - 2
     inputs = x

@@ -1,4 +1,4 @@
-"""Learning from recorded transitions alone, compiled: action values, and regressions.
+"""Learning from recorded transitions, compiled: action values and regressions.
 
 symbol   meaning
 ------   -------------------------------------------
@@ -22,17 +22,17 @@ from bilevel.networks import Network
 
 @compiled
 def learn_offline(agent, memory, steps, rng):
-    """So many gradient steps of an agent on minibatches of a full replay `memory`."""
+    """Make `steps` gradient steps of an agent on minibatches of a full replay `memory`."""
     for _ in range(steps):
         sample(memory, memory.shape[0], rng, agent.batch)
         learn(agent, rng)
 
 
 class Regression(NamedTuple):
-    """A network that is fitted, its optimiser and its work space."""
+    """A network to fit, its optimiser and its work space."""
 
     net: Network
-    params: NDArray[np.float32]  # (P,), fitted in place; a PReLU slope stays
+    params: NDArray[np.float32]  # (P,), fitted in place, except a PReLU slope
     gradient: NDArray[np.float32]
     first: NDArray[np.float32]  # Adam's moments
     second: NDArray[np.float32]
@@ -45,7 +45,7 @@ class Regression(NamedTuple):
 
 
 def regression(net: Network, params: NDArray[np.float32], batch_size: int) -> Regression:
-    """The fit of a network that starts from `params` (P,)."""
+    """Prepare the fit of a network that starts from `params` (P,)."""
     columns, depth, hidden = padded(batch_size), net.sizes.size - 2, int(net.sizes[1])
 
     def zeros(*shape: int) -> NDArray[np.float32]:
@@ -68,11 +68,10 @@ def regression(net: Network, params: NDArray[np.float32], batch_size: int) -> Re
 
 @compiled
 def fit(regression, inputs, targets, weights, batch_size, steps, learning_rate, rng):
-    """So many Adam steps on the weighted mean squared error, on minibatches drawn with
-    replacement; the learning rate falls linearly to 0.
+    """Make `steps` Adam steps on the weighted mean squared error, on minibatches drawn with
+    replacement; the learning rate decreases linearly to 0.
 
-    `inputs` (N, inputs) and `targets` (N, outputs) are float32, as are `weights`
-    (N, outputs), of every sample's error in every output.
+    `inputs` (N, inputs), `targets` (N, outputs) and the errors' `weights` (N, outputs) are float32.
     """
     net, trained = regression.net, regression.net.offsets[-1]
     x, y, delta_y = regression.x, regression.y, regression.delta_y

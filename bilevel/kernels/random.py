@@ -1,5 +1,4 @@
-"""SplitMix64, compiled: the twin of `bilevel.splitmix`. Both draw the same numbers in the same
-order."""
+"""SplitMix64, compiled: the twin of `bilevel.splitmix`, which draws the same numbers."""
 
 import math
 

@@ -2,7 +2,7 @@
 
 symbol   meaning
 ------   ------------------------------------------------------------------
-S, M     state size; numbers that an action takes (an index, or a vector)
+S, M     state size; length of a stored action (1 for an index, A for a vector)
 B, B'    batch size; padded to whole vector registers (`mlp.padded`)
 """
 
@@ -17,9 +17,9 @@ from bilevel.kernels.random import below
 
 
 class Batch(NamedTuple):
-    """A minibatch, one column a sample; the padding is zero and stays zero.
+    """A minibatch, one sample per column; the padding is zero and stays zero.
 
-    States and actions lie in one array, one below the other, as a critic reads them.
+    States and actions are views of one array, the input of a critic.
     """
 
     inputs: NDArray[np.float32]  # (S + M, B')
@@ -46,10 +46,9 @@ def new_batch(state_size: int, action_size: int, batch_size: int) -> Batch:
 
 @compiled
 def store(memory, count, state, action, next_state, reward, done):
-    """Write transition number `count` (from 0); the oldest one gives way.
+    """Store transition number `count` (from 0); a full buffer overwrites its oldest one.
 
-    `memory` is (capacity, 2S + 2 + M) float32, `action` (M,); `done` is the raw
-    output, a float.
+    `memory` is (capacity, 2S + 2 + M) float32, `action` (M,); `done` is the raw done output.
     """
     row = memory[count % memory.shape[0]]
     n = state.size
@@ -64,7 +63,7 @@ def store(memory, count, state, action, next_state, reward, done):
 
 @compiled
 def sample(memory, count, rng, batch):
-    """Draw a minibatch with replacement."""
+    """Draw a minibatch with replacement into `batch`."""
     size = min(count, memory.shape[0])
     n = batch.states.shape[0]
     for i in range(batch.rewards.size):

@@ -1,14 +1,14 @@
-"""When training on an environment ends, compiled: the twin of `bilevel.agents.training`."""
+"""Stopping rules of training, compiled: the twins of those in `bilevel.agents.training`."""
 
 from bilevel.kernels.jit import compiled
 
-#: Why training ended.
+#: Reasons why training ended; CONVERGED also stands for a solved real task.
 CONVERGED, EPISODES_SPENT, NOT_FINITE = 0, 1, 2
 
 
 @compiled
 def converged(returns, episode, init_episodes, window, difference):
-    """`returns_converged`; `returns[: episode + 1]` are the returns so far."""
+    """The rule `returns_converged`; `returns[: episode + 1]` are the returns so far."""
     if episode < init_episodes + window:
         return False
     start = episode + 1 - window
@@ -20,7 +20,7 @@ def converged(returns, episode, init_episodes, window, difference):
 
 @compiled
 def solved(returns, episode, init_episodes, window, solved_reward):
-    """`task_solved`; `returns[: episode + 1]` are the returns so far."""
+    """The rule `task_solved`; `returns[: episode + 1]` are the returns so far."""
     if episode < init_episodes or episode + 1 < window:
         return False
     return returns[episode + 1 - window : episode + 1].mean() >= solved_reward

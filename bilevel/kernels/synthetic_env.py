@@ -1,8 +1,8 @@
 """One step of a synthetic environment, compiled.
 
-The three networks (next state, reward, done) read the same input, so their
-first layers are laid side by side as one, three times as wide; the one-hot
-action merely selects a column, which is added to the biases beforehand.
+The three networks (next state, reward, done) read the same input, so their first layers are
+concatenated into one layer of width 3H. The one-hot action selects a column of its weights, which
+is added to the biases in advance.
 
 symbol   meaning
 ------   -------------------------
@@ -22,7 +22,7 @@ from bilevel.networks import Network
 
 
 class SEKernel(NamedTuple):
-    """Parameters of an SE, arranged for one step at a time."""
+    """Parameters of an SE, arranged for `step`."""
 
     action_biases: NDArray[np.float32]  # (A, 3H) first-layer bias + action column
     state_weights: NDArray[np.float32]  # (S, 3H) first-layer weights, transposed
@@ -64,8 +64,8 @@ def prepare(
 
 @compiled
 def step(se, state, action, next_state, work):
-    """Write the next state into `next_state` (S,), return reward and raw done
-    (an episode ends above 0.5). `work` is (2, 3H) float32."""
+    """Write the next state into `next_state` (S,); return reward and raw done (an episode ends
+    above 0.5). `work` is (2, 3H) float32."""
     h = work[0]
     for j in range(h.size):
         h[j] = se.action_biases[action, j]

@@ -1,4 +1,4 @@
-"""Discrete TD3, compiled: the twin of `bilevel.agents.td3`, which defines it.
+"""Discrete TD3, compiled: the twin of the definition `bilevel.agents.td3`.
 
 symbol     shape             meaning
 --------   ---------------   --------------------------------------------------
@@ -36,7 +36,7 @@ _LOWEST_RHO, _HIGHEST_RHO = (_f(math.log(t)) for t in TD3Hyperparameters.tempera
 
 
 class Settings(NamedTuple):
-    """Hyperparameters as the kernel takes them (see `TD3Hyperparameters`)."""
+    """Hyperparameters in the form of the kernel (see `TD3Hyperparameters`)."""
 
     learning_rate: float
     target_update_rate: float
@@ -87,7 +87,7 @@ class TD3Kernel(NamedTuple):
     value: NDArray[np.float32]  # (1, B')
     delta_value: NDArray[np.float32]  # (1, B')
     goal: NDArray[np.float32]  # (B',)
-    single_h: NDArray[np.float32]  # (2, H), of one state
+    single_h: NDArray[np.float32]  # (2, H) for a single state
     single_logits: NDArray[np.float32]  # (A,)
 
 
@@ -144,7 +144,7 @@ def new_agent(
 
 
 def parameters(agent: TD3Kernel) -> list[NDArray[np.float32]]:
-    """The parameters of actor, rho, critics, and of their targets."""
+    """The parameters of actor, rho and critics, then those of their targets."""
     learned = (agent.phi, agent.rho, *agent.theta)
     return [part.online for part in learned] + [part.target for part in learned]
 
@@ -170,8 +170,11 @@ def relax(logits, rho, batch_size, rng, soft):
 
 @compiled
 def critic_step(agent, rng):
-    """One gradient step of both critics towards the smaller of the targets' values
-    of the target actor's action, smoothed by clipped noise; returns the loss."""
+    """Make one gradient step of both critics; return the loss.
+
+    Their goal uses the minimum of both target critics at the target actor's action, which is
+    smoothed by clipped noise.
+    """
     settings, batch = agent.settings, agent.batch
     n_states, batch_size = batch.states.shape[0], batch.rewards.size
     n_actions = agent.logits.shape[0]
@@ -222,8 +225,8 @@ def critic_step(agent, rng):
 
 @compiled
 def actor_step(agent, rng):
-    """One gradient step of actor and temperature, uphill on the first critic's value
-    of the actor's actions."""
+    """Make one gradient ascent step of actor and temperature on the first critic's value of the
+    actor's actions."""
     settings, batch = agent.settings, agent.batch
     n_states, batch_size = batch.states.shape[0], batch.rewards.size
     n_actions = agent.logits.shape[0]
@@ -237,7 +240,7 @@ def actor_step(agent, rng):
     forward(agent.critic, judge.online, agent.policy_inputs, critic.h, critic.z, agent.value)
     for i in range(batch_size):
         agent.delta_value[0, i] = _f(-1.0 / batch_size)
-    # The critic's own gradient is overwritten by its next step.
+    # This overwrites the critic's own gradient, which its next step computes again.
     propagate(
         agent.critic,
         judge.online,
@@ -286,8 +289,8 @@ def _descend(learned, step, learning_rate):
 @implements(TD3Kernel, learn)
 @compiled
 def gradient_step(agent, rng):
-    """One step of the critics and, every `policy_delay` steps, one of the actor and of
-    all targets; returns the critics' loss."""
+    """Make one step of the critics and, every `policy_delay` steps, one of the actor and of all
+    targets; return the critics' loss."""
     loss = critic_step(agent, rng)
     if agent.steps[0] % agent.settings.policy_delay == 0:
         actor_step(agent, rng)
@@ -302,7 +305,7 @@ def gradient_step(agent, rng):
 @implements(TD3Kernel, greedy)
 @compiled
 def greedy_action(agent, state):
-    """The action of the highest logit: the most probable one."""
+    """The action with the highest logit: the most probable one."""
     forward_single(agent.actor, agent.phi.online, state, agent.single_h, agent.single_logits)
     return np.argmax(agent.single_logits)
 
@@ -310,8 +313,8 @@ def greedy_action(agent, state):
 @implements(TD3Kernel, act)
 @compiled
 def explore(agent, state, exploring, rng):
-    """The next action: any, while the initial episodes last; then the largest
-    component of a relaxed action with noise, which is remembered as a whole."""
+    """The next training action: uniform in the initial episodes, then the argmax of a noisy
+    relaxed action, whose whole vector is stored in `agent.action`."""
     action = agent.action
     if exploring:
         index = below(rng, action.size)
@@ -329,4 +332,4 @@ def explore(agent, state, exploring, rng):
 @implements(TD3Kernel, end_episode)
 @compiled
 def rest(agent):
-    """Nothing changes between episodes."""
+    """Do nothing."""

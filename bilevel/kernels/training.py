@@ -1,15 +1,15 @@
 """TrainAgent and EvaluateAgent (paper, Algorithm 1), compiled, for every compiled agent.
 
-An agent is a NamedTuple of its parameters and work space, with the fields `batch`
-(`replay.Batch`) and `action` ((M,) float32: what is remembered of the last action).
-Its module tells with `implements` what the calls below do for that type; the compiler
-resolves them, so that nothing is looked up while training.
+An agent is a NamedTuple of its parameters and work space, with the fields `batch` (`replay.Batch`)
+and `action` ((M,) float32: the last action, as the replay buffer stores it). The agent's module
+registers implementations of the functions below for this type with `implements`; the compiler
+resolves the calls, so that training looks nothing up.
 
-    act(agent, state, exploring, rng)   the next action in training; `exploring` while
-                                        the initial episodes last
-    greedy(agent, state)                the action in tests
-    learn(agent, rng)                   one gradient step on `agent.batch`; its loss
-    end_episode(agent)
+    act(agent, state, exploring, rng)   returns a training action; `exploring` is true in the
+                                        initial episodes
+    greedy(agent, state)                returns the action in tests
+    learn(agent, rng)                   makes a gradient step on `agent.batch`, returns the loss
+    end_episode(agent)                  handles the end of a training episode
 """
 
 from collections.abc import Callable
@@ -36,22 +36,22 @@ class Schedule(NamedTuple):
 
 
 def act(agent: Any, state: Any, exploring: Any, rng: Any) -> Any:
-    """The next action in training."""
+    """Choose a training action in `state` (S,)."""
     raise NotImplementedError
 
 
 def greedy(agent: Any, state: Any) -> Any:
-    """The action in tests."""
+    """Choose the action in tests in `state` (S,)."""
     raise NotImplementedError
 
 
 def learn(agent: Any, rng: Any) -> Any:
-    """One gradient step; returns the loss."""
+    """Make one gradient step on `agent.batch`; return the loss."""
     raise NotImplementedError
 
 
 def end_episode(agent: Any) -> Any:
-    """Told at the end of every training episode."""
+    """Handle the end of a training episode."""
     raise NotImplementedError
 
 
@@ -59,10 +59,10 @@ def implements(
     agent_type: type,
     call: Callable[..., Any],
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Decorator: the compiled function is `call` for agents of that type."""
+    """Decorator: register a compiled function as the implementation of `call` for an agent type."""
 
     def register(function: Callable[..., Any]) -> Callable[..., Any]:
-        # Numba wants the very parameter names of the stub.
+        # Numba requires the parameter names of the stub.
         implementations: dict[str, Callable[..., Any]] = {
             "act": lambda agent, state, exploring, rng: function(agent, state, exploring, rng),
             "greedy": lambda agent, state: function(agent, state),
@@ -83,16 +83,16 @@ def implements(
 
 @compiled
 def train(agent, env, schedule, rng):
-    """Train on `env` until its stopping rule holds or the episodes are spent.
+    """Train on `env` until its stopping rule holds or all episodes were run.
 
     for each episode:                            # at most max_episodes
         for each step:                           # at most step_limit
             act, store the transition
             gradient step                        # once init_episodes are over
         stop on an SE: returns have converged
-        stop on the real task: returns are solved on average
+        stop on the real task: mean return reaches the solved reward
 
-    Returns environment steps, episodes and why it ended (`stopping`).
+    Returns environment steps, episodes and the reason of the end (see `stopping`).
     """
     n_states = env.state_size
     state = np.zeros(n_states, np.float32)
@@ -143,8 +143,8 @@ def train(agent, env, schedule, rng):
 
 @compiled
 def test_returns(agent, env, episodes):
-    """Returns (episodes,) of greedy episodes on the compiled real task (`EvaluateAgent`), and
-    the steps made."""
+    """EvaluateAgent: returns (episodes,) of greedy episodes on the compiled real task, and their
+    number of steps."""
     state = np.zeros(env.state_size, np.float32)
     next_state = np.zeros(env.state_size, np.float32)
     returns = np.zeros(episodes)
@@ -163,5 +163,5 @@ def test_returns(agent, env, episodes):
 
 @compiled
 def greedy_action(agent, state):
-    """`greedy`, for callers in Python."""
+    """The function `greedy`, for callers in Python."""
     return greedy(agent, state)

@@ -1,4 +1,4 @@
-"""Natural evolution strategies over synthetic environments, as ask and tell."""
+"""Natural evolution strategies (NES) over synthetic environments, as ask and tell."""
 
 from bilevel.nes.algorithm import NES
 from bilevel.nes.learning import learn

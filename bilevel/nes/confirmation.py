@@ -1,8 +1,8 @@
-"""Whether the SE of a run that seems to be solved teaches agents that nothing was chosen by.
+"""Confirmation with fresh agents that the current SE solves the task.
 
-Scores that end a run were lucky more often than not: they are the highest of many samples. So
-fresh agents are trained on the current SE, drawn from the whole of the paper's ranges and trained
-by the stopping rule. A quarter of them comes first, and the others only if these solve the task.
+The scores that suggest a solved task are the highest of many samples, so they are often high by
+chance. Therefore fresh agents, drawn from the paper's full ranges, are trained on the current SE by
+the stopping rule. A quarter of them comes first; the others follow only if these solve the task.
 """
 
 import math
@@ -15,24 +15,24 @@ import numpy as np
 
 @dataclass(frozen=True)
 class Confirmation:
-    """A confirmation under way: scores of the first of so many agents."""
+    """A confirmation with `agents` agents, and the scores of the first of them."""
 
     agents: int
     scores: tuple[float, ...] = ()
 
     @property
     def coming(self) -> range:
-        """Numbers of the agents that are trained next."""
+        """Numbers (from 0) of the agents that are trained next."""
         few = max(self.agents // 4, 1)
         return range(few, self.agents) if self.scores else range(few)
 
     def after(self, scores: Sequence[float]) -> Self:
-        """With the scores of those."""
+        """The confirmation after the agents `coming` have got these scores."""
         return replace(self, scores=(*self.scores, *scores))
 
     def verdict(self, solved_reward: float) -> bool | None:
-        """Whether the SE is confirmed: its agents solve the task by twice the standard error of
-        their mean, so that others are likely to do so too. None: more agents are needed."""
+        """Whether the SE is confirmed: the mean score exceeds the solved reward by twice its
+        standard error, so that other agents are likely to solve the task too. None: train more."""
         scores = np.array(self.scores)
         if scores.mean() < solved_reward:
             return False

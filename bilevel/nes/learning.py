@@ -25,13 +25,14 @@ def learn(
 ) -> StoredSE:
     """Learn an SE for a task by NES, and return the best one.
 
-    `recipe` is a recipe's name or file, or hyperparameters. Evaluations run on so many `workers`,
-    processes of their own if there are several, or on any `executor`, which is left open; the SE
-    depends on the seed alone. `on_generation` is called with the record of each generation. The
-    run ends once it has solved the task for `nes.solved_for` generations in a row and fresh agents
-    confirm it, or after `nes.generations`.
+    `recipe` is a recipe's name or file, or hyperparameters. Evaluations run in this process or in
+    `workers` processes, or on `executor`, which is left open; the SE depends on the seed alone.
+    `on_generation` is called with the record of each generation. The run ends once it has solved
+    the task for `nes.solved_for` generations in a row and fresh agents confirm it, or after
+    `nes.generations`.
 
-    Raises InvalidInput for an unknown task or recipe, and for hyperparameters that do not fit.
+    Raises InvalidInput for an unknown task or recipe, fewer than one worker, or hyperparameters
+    that do not fit together.
     """
     task = get_task(task) if isinstance(task, str) else task
     hp = load_recipe(recipe, task.id) if isinstance(recipe, str) else recipe
@@ -49,17 +50,15 @@ def learn(
 
 
 def _executor(workers: int, given: Executor | None) -> AbstractContextManager[Executor | None]:
-    """What runs the evaluations, None for this process; it is closed afterwards, a given one not.
-
-    Raises InvalidInput for less than one worker.
-    """
+    """The executor of the evaluations as a context that closes it, unless it was `given`; None
+    means this process. Raises InvalidInput for fewer than one worker."""
     if given is not None:
         return nullcontext(given)
     if workers < 1:
         raise InvalidInput(f"workers must be at least 1; got {workers}")
     if workers == 1:
         return nullcontext(None)
-    # Its processes do not run the caller's script again, which then needs no main guard.
+    # loky's processes do not import the caller's script, which then needs no main guard.
     from loky import ProcessPoolExecutor
 
     pool: AbstractContextManager[Executor] = ProcessPoolExecutor(workers)

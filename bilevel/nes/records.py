@@ -1,4 +1,4 @@
-"""What is remembered of a generation: its record, and its SE if that is one of the best."""
+"""Records of generations, and the best SEs of a run."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,15 +16,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GenerationRecord:
-    """One generation, as reported everywhere.
+    """Aggregated results of one generation.
 
     Scores are mean returns on the real task; `score_*`, `train_*` and `solved_fraction` are of
-    the agents trained on the unperturbed SE. The last four fields are measured, not computed:
-    whoever runs the evaluations adds them (`timed`).
+    the agents trained on the unperturbed SE. The last three fields are measured by the caller
+    that runs the evaluations, and added by `timed`.
     """
 
     generation: int  # from 0
-    attempt: int  # from 0; how often the run has begun again
+    attempt: int  # from 0; number of restarts so far
     score_mean: float
     score_std: float
     score_best: float
@@ -32,13 +32,13 @@ class GenerationRecord:
     train_steps_mean: float  # environment steps on the SE
     train_episodes_mean: float
     solved_fraction: float  # of the agents trained on the unperturbed SE
-    non_finite: int  # evaluations of the generation whose numbers diverged
+    non_finite: int  # evaluations of the generation that diverged
     real_env_steps: int  # steps on the real task so far: tests, and the scale of observations
     psi_norm: float
     update_norm: float
     std_dev: float  # root mean square of this generation's sigma
     evaluation_seconds: float = 0.0  # of all evaluations, on one core
-    env_steps_per_second: float = 0.0  # training, of one core
+    env_steps_per_second: float = 0.0  # of training, on one core
     generation_seconds: float = 0.0
     core_utilisation: float = 0.0  # share of the cores' time that was spent in evaluations
     finished: float = 0.0  # unix time, seconds
@@ -52,7 +52,7 @@ class GenerationRecord:
         centre_agents: int,
         step: Theta,
     ) -> Self:
-        """From the results in the order of their requests; `step` (D,) is added to theta."""
+        """The record of `results`, in the order of their requests, and the update `step` (D,)."""
         scores = np.array([result.score for result in results])
         centre, on_centre = scores[:centre_agents], results[:centre_agents]
         seconds = sum(result.seconds for result in results)
@@ -77,19 +77,19 @@ class GenerationRecord:
         )
 
     def timed(self, seconds: float, cores: int, finished: float) -> Self:
-        """With what was measured: the generation took so many seconds on so many cores, until
-        the unix time `finished`."""
+        """Add the measurements: the generation took `seconds` on `cores` cores, until the unix
+        time `finished`."""
         used = self.evaluation_seconds / max(seconds * cores, 1e-9)
         return replace(self, generation_seconds=seconds, core_utilisation=used, finished=finished)
 
 
-#: SEs that a run keeps for the end.
+#: Number of best SEs that a run keeps.
 FINALISTS = 4
 
 
 @dataclass(frozen=True)
 class Finalist:
-    """One of the best SEs of a run, with what it scored in its generation."""
+    """One of the best SEs of a run, with its scores in its generation."""
 
     theta: Theta  # (D,)
     generation: int
@@ -103,5 +103,5 @@ class Finalist:
 
     @property
     def rank(self) -> tuple[float, float]:
-        """Higher is better; among equals the one whose neighbours score higher."""
+        """Sort key, higher is better; ties go to the SE whose perturbations score higher."""
         return self.score_mean, self.perturbed_score_mean

@@ -1,4 +1,4 @@
-"""UpdateSE (paper, Algorithm 1): the next search distribution from the members' scores, by name.
+"""UpdateSE (paper, Algorithm 1): update rules, by name, that turn the members' scores into a step.
 
 symbol   shape     meaning
 ------   -------   ----------------------------------------------------------
@@ -11,14 +11,14 @@ n_p      -         population size n
 rule          theta + ...
 -----------   -------------------------------------------------------------------
 snes          alpha * sigma * sum_i (u_i+ - u_i-) z_i, u the utilities of the ranks of all 2n
-              scores: separable NES (Schaul et al., 2011), sigma left as it is
+              scores: separable NES (Schaul et al., 2011), with fixed sigma
 antithetic    alpha * mean_i (u_i+ - u_i-) z_i, u the centred ranks of all 2n scores: the
               textbook estimator (Salimans et al., 2017)
 paper         alpha / (n_p sigma) * sum_i w_i eps_i = alpha * mean_i w_i z_i
 authors       alpha * sum_i w_i eps_i: the authors' code, which does not divide
 
-In the last two, w are the transformed scores, and mirrored sampling is the authors': of each
-pair the better sign is kept, with its score, and the other is dropped.
+In the last two rules, w are the transformed scores, and mirrored sampling is the authors': the
+better sign of each pair is kept with its score, and the other is dropped.
 """
 
 from collections.abc import Callable
@@ -35,7 +35,7 @@ Scores = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class MemberScores:
-    """Scores of one generation."""
+    """Scores of one generation, for n members."""
 
     centre: Scores  # (m,) agents trained on the unperturbed SE
     plus: Scores  # (n,)
@@ -44,15 +44,14 @@ class MemberScores:
 
 @dataclass(frozen=True)
 class UpdateRule:
-    """A rule: the weights of the members' z, and the length of the step.
+    """An update rule: theta <- theta + alpha * scale * sum_i weights_i z_i.
 
-    `weights` gives the (n,) weights of the z_i. `scale` tells what alpha is multiplied by, given
-    n and sigma (D,).
+    `weights` returns the weights (n,); `scale` returns a number or (D,), given n and sigma (D,).
     """
 
     weights: Callable[[NESHyperparameters, MemberScores], Scores]
     scale: Callable[[int, NDArray[np.float32]], NDArray[np.float32] | float]
-    needs_pairs: bool = False  # works with mirrored sampling alone
+    needs_pairs: bool = False  # requires mirrored sampling
 
     def step(
         self,
@@ -61,7 +60,7 @@ class UpdateRule:
         z: NDArray[np.float32],
         scores: MemberScores,
     ) -> NDArray[np.float32]:
-        """What is added to theta, (D,)."""
+        """The step (D,) that is added to theta."""
         direction = self.weights(hp, scores) @ z
         step: NDArray[np.float32] = (hp.step_size * self.scale(len(z), sigma) * direction).astype(
             np.float32

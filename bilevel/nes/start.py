@@ -1,8 +1,9 @@
 """The choice of a random SE to start from, by successive halving (Jamieson and Talwalkar, 2016).
 
-Most random SEs teach nothing. Each of the candidates is tried once; an eighth of them four times
-more; of these a quarter, at least one, eight times; the best of these is the start. In a round
-all candidates are tried with the same agents and random numbers, so that scores order SEs.
+Agents learn nothing on most random SEs. The first round trains one agent on each candidate, the
+second four on the best eighth, the third eight on the best quarter of these (at least one); its
+best candidate is the start. All candidates of a round get the same agents and random numbers, so
+that scores are comparable.
 """
 
 import math
@@ -15,14 +16,13 @@ import numpy as np
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, Initialized
 from bilevel.hyperparameters import AgentHyperparameters
 
-#: Agents that a round tries each candidate on, and the share of the first round's candidates
-#: that are in it.
+#: Per round: agents trained on each candidate, and the share of all candidates that take part.
 ROUNDS = ((1, 1.0), (4, 1 / 8), (8, 1 / 32))
 
 
 @dataclass(frozen=True)
 class StartRace:
-    """The candidates, by the seeds of their initialisation, that are in a round."""
+    """A round of the choice, with the initialisation seeds of its candidates."""
 
     seeds: tuple[int, ...]
     candidates: int  # in the first round
@@ -30,22 +30,22 @@ class StartRace:
 
     @classmethod
     def of(cls, seeds: Sequence[int]) -> Self:
-        """Before the first round."""
+        """The first round, with all candidates."""
         return cls(tuple(seeds), len(seeds))
 
     @property
     def agents(self) -> int:
-        """Agents that each candidate is tried on in this round."""
+        """Number of agents trained on each candidate in this round."""
         return ROUNDS[self.round][0]
 
     @property
     def winner(self) -> int | None:
-        """The seed of the chosen start, None while several are left."""
+        """The seed of the chosen start; None while several candidates are left."""
         return self.seeds[0] if len(self.seeds) == 1 else None
 
     @property
     def evaluations(self) -> int:
-        """That are still to come, in all rounds."""
+        """Number of evaluations left, in all rounds."""
         if self.winner is not None:
             return 0
         later = (self._size(number) for number in range(self.round + 1, len(ROUNDS)))
@@ -53,7 +53,7 @@ class StartRace:
         return sum(size * agents for size, (agents, _) in sizes if size > 1)
 
     def _size(self, number: int) -> int:
-        """Candidates in the round of that number; 1 after the last."""
+        """Number of candidates in round `number`; 1 after the last round."""
         if number >= len(ROUNDS):
             return 1
         return math.ceil(self.candidates * ROUNDS[number][1])
@@ -61,7 +61,7 @@ class StartRace:
     def requests(
         self, trials: Sequence[tuple[int, AgentHyperparameters]]
     ) -> list[EvaluationRequest]:
-        """Of this round: every candidate on each of the trials (seed, agent)."""
+        """Requests of this round: every candidate with each of the trials (seed, agent)."""
         pairs = [(seed, *trial) for seed in self.seeds for trial in trials]
         return [
             EvaluationRequest(index, trial, agent, Initialized(seed))
@@ -69,7 +69,7 @@ class StartRace:
         ]
 
     def after(self, results: Sequence[EvaluationResult]) -> Self:
-        """The next round, from this one's results in the order of their requests."""
+        """The next round, given this round's results in the order of their requests."""
         scores = np.array([result.score for result in results]).reshape(len(self.seeds), -1)
         order = np.argsort(-scores.mean(axis=1), kind="stable")[: self._size(self.round + 1)]
         return replace(self, seeds=tuple(self.seeds[i] for i in order), round=self.round + 1)

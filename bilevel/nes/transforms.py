@@ -1,8 +1,8 @@
 """Score transforms: member scores F (n,) to weights (n,), by name.
 
-The eight of the authors' code (`score_transform_type` 0 to 7), in their order. A score that is
-not finite counts as the lowest. Equal scores share their mean rank, or (`ties` "order", as in the
-authors' code, which takes ranks from argsort) rank in the order of the members.
+The eight transforms are those of the authors' code (`score_transform_type` 0 to 7), in its order.
+Non-finite scores count as the lowest. With `ties` "mean" equal scores share their mean rank; with
+"order" they rank in the order of the members, as in the authors' code, which ranks by argsort.
 """
 
 from collections.abc import Callable
@@ -15,32 +15,32 @@ Scores = NDArray[np.float64]
 
 
 def finite(scores: Scores) -> Scores:
-    """Replace scores that are not finite by the lowest finite one (0 if none is)."""
+    """Replace non-finite scores by the lowest finite score (0 if there is none)."""
     good = np.isfinite(scores)
     lowest = scores[good].min() if good.any() else 0.0
     return np.where(good, scores, lowest)
 
 
 def linear(scores: Scores, average: float, ties: str) -> Scores:
-    """Lowest score 0, highest 1."""
+    """Scores scaled linearly to [0, 1]."""
     span = float(np.ptp(scores))
     return (scores - scores.min()) / span if span > 0 else np.zeros_like(scores)
 
 
 def rank(scores: Scores, average: float, ties: str) -> Scores:
-    """Lowest rank 0, highest 1."""
+    """Ranks scaled linearly to [0, 1]."""
     return (_ranks(scores, ties) - 1) / max(scores.size - 1, 1)
 
 
 def nes(scores: Scores, average: float, ties: str) -> Scores:
-    """NES utilities (Wierstra et al., 2008) less their mean 1/n, highest 1."""
+    """NES utilities (Wierstra et al., 2008) minus their mean 1/n, scaled to a maximum of 1."""
     weights = utilities(scores, ties)
     highest = float(weights.max())
     return weights / highest if highest > 0 else np.zeros_like(scores)
 
 
 def nes_unnormalized(scores: Scores, average: float, ties: str) -> Scores:
-    """NES utilities without the baseline, highest 1."""
+    """NES utilities without subtracting the mean, scaled to a maximum of 1."""
     weights = _log_rank_utilities(scores, ties)
     return weights / float(weights.max())
 
@@ -58,25 +58,24 @@ def single_better_average(scores: Scores, average: float, ties: str) -> Scores:
 
 
 def better_average(scores: Scores, average: float, ties: str) -> Scores:
-    """How much better than average, highest 1; members below count nothing
-    (the paper's choice, "better avg.")."""
+    """max(F - average, 0), scaled to a maximum of 1 (the paper's choice, "better avg.")."""
     gain = np.maximum(scores - average, 0)
     return gain / gain.max() if gain.max() > 0 else gain
 
 
 def better_average_sum(scores: Scores, average: float, ties: str) -> Scores:
-    """How much better than average, summed to 1."""
+    """max(F - average, 0), scaled to a sum of 1."""
     gain = np.maximum(scores - average, 0)
     return gain / gain.sum() if gain.sum() > 0 else gain
 
 
 def centred_rank(scores: Scores) -> Scores:
-    """Ranks scaled to [-0.5, 0.5]; the utilities of the update `antithetic`."""
+    """Ranks scaled to [-0.5, 0.5], for the update rule `antithetic`."""
     return rank(finite(scores), 0.0, "mean") - 0.5
 
 
 def utilities(scores: Scores, ties: str = "mean") -> Scores:
-    """NES utilities (Wierstra et al., 2008), summed to 1, less their mean 1/n."""
+    """NES utilities (Wierstra et al., 2008), scaled to a sum of 1, minus their mean 1/n."""
     weights = _log_rank_utilities(scores, ties)
     centred: Scores = weights / weights.sum() - 1 / scores.size
     return centred
@@ -107,6 +106,6 @@ _TRANSFORMS: dict[str, Callable[[Scores, float, str], Scores]] = {
 
 
 def transform(name: str, scores: Scores, average: float, ties: str = "mean") -> Scores:
-    """Weights (n,) of the members; `average` is the mean score of the unperturbed
-    SE's evaluations, to which the "better average" transforms compare."""
+    """Weights (n,) of the members by the transform `name`; the "better average" transforms compare
+    scores with `average`, the mean score on the unperturbed SE."""
     return _TRANSFORMS[name](finite(scores), average, ties)

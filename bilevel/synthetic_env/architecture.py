@@ -1,8 +1,8 @@
-"""What an SE is beside its parameters, and these as one flat vector psi.
+"""The architecture of an SE, and its parameters as one flat vector psi.
 
-Three MLPs of one shape (next state, reward, done) read the same input,
-concat(one_hot(action), state). psi is their weights and biases one after the
-other, each network laid out as torch lays it (`bilevel.networks`).
+Three MLPs with equal hidden layers (next state, reward, done) read the same input,
+concat(one_hot(action), state). psi concatenates their parameters, in the layout of
+`bilevel.networks`.
 
 symbol   meaning
 ------   ---------------------------------------
@@ -22,11 +22,11 @@ from bilevel.kernels.synthetic_env import SEKernel, prepare
 from bilevel.networks import Network, initial_parameters, network
 from bilevel.tasks import Task
 
-#: The networks of an SE in the order in which psi holds them.
+#: The networks of an SE, in the order of psi.
 NETWORKS = ("next_state", "reward", "done")
 
-#: The slope for negative inputs. NES perturbs weights and biases alone, so a
-#: PReLU keeps the slope it starts with.
+#: Slopes for negative inputs. NES changes weights and biases only, so a PReLU keeps its initial
+#: slope.
 _SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": LRELU_SLOPE, "prelu": PRELU_INITIAL_SLOPE}
 
 Psi = NDArray[np.float32]
@@ -34,7 +34,7 @@ Psi = NDArray[np.float32]
 
 @dataclass(frozen=True)
 class Architecture:
-    """Sizes of an SE's networks, and the steps after which its episodes are truncated."""
+    """Sizes of an SE's networks, and the step limit that truncates its episodes."""
 
     state_size: int
     n_actions: int
@@ -62,8 +62,8 @@ class Architecture:
 
     @property
     def networks(self) -> tuple[Network, Network, Network]:
-        """Next-state, reward and done network."""
-        # A fixed slope is no parameter: to the kernels a PReLU is a leaky ReLU.
+        """Shapes of the next-state, reward and done network."""
+        # A fixed slope is no parameter, so the kernels treat a PReLU as a LeakyReLU.
         activation = "lrelu" if self.activation == "prelu" else self.activation
         next_state, reward, done = (
             network(
@@ -83,13 +83,13 @@ class Architecture:
         return sum(net.parameter_count for net in self.networks)
 
     def split(self, psi: Psi) -> tuple[Psi, Psi, Psi]:
-        """Views of psi (P,), one a network."""
+        """Views of psi (P,), one per network."""
         counts = [net.parameter_count for net in self.networks]
         next_state, reward, done = np.split(psi, np.cumsum(counts)[:-1])
         return next_state, reward, done
 
     def initialize(self, rng: np.random.Generator) -> Psi:
-        """A fresh psi (P,), uniform in +-1/sqrt(fan_in)."""
+        """Draw an initial psi (P,), uniform in +-1/sqrt(fan_in)."""
         return np.concatenate([initial_parameters(net, rng) for net in self.networks])
 
 
@@ -112,5 +112,5 @@ class SE:
 
     @property
     def digest(self) -> str:
-        """A short name of the parameters: equal for equal ones alone."""
+        """A short hash that identifies the parameters."""
         return hashlib.sha256(self.psi.tobytes()).hexdigest()[:16]

@@ -1,9 +1,8 @@
 """SE files: safetensors with a JSON header.
 
-The tensors carry torch's names (`reward.0.weight`: network, layer, kind), the
-header tells task, architecture, hyperparameters, scores and versions. Reading one
-executes nothing, and believes nothing: names, shapes, types, numbers and a checksum
-are checked.
+The tensors have torch's names (`reward.0.weight`: network, layer, kind); the header holds task,
+architecture, hyperparameters, scores and versions. Reading a file executes no code and checks
+names, shapes, types, ranges and a checksum.
 """
 
 import json
@@ -25,23 +24,24 @@ from bilevel.networks import layer_biases, layer_weights
 from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi
 from bilevel.tasks import MAX_STEP_LIMIT, Task, get_task
 
-#: What a header that is not what it should be may raise.
+#: Exceptions that an invalid header may cause.
 _DAMAGE = (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError)
 
-#: State dimensions and actions that a file may claim.
+#: Maximum numbers of state dimensions and actions in a file.
 MAX_SPACE = 65536
 
 FORMAT = "bilevel-synthetic-environment"
-#: 1 gave the step limit as a share of the task's, and had a scale of rewards; it is still read.
+#: Version 1, which stored the step limit as a share of the task's and a scale of rewards, is still
+#: read.
 FORMAT_VERSION = 2
 
 
 @dataclass(frozen=True)
 class StoredSE:
-    """An SE with the task it stands in for.
+    """An SE with the real task that it replaces.
 
-    `task` holds the facts an agent's training needs: id, step limit, solved
-    reward, all of the real task. `info` is free: hyperparameters, scores, versions.
+    `task_id`, `step_limit` and `solved_reward` are those of the real task. `info` is any
+    JSON mapping, for instance hyperparameters, scores and versions.
     """
 
     se: SE
@@ -52,20 +52,20 @@ class StoredSE:
 
     @property
     def architecture(self) -> Architecture:
-        """Of the SE."""
+        """The SE's architecture."""
         return self.se.architecture
 
     @property
     def psi(self) -> Psi:
-        """Of the SE, (P,)."""
+        """The SE's parameters (P,)."""
         return self.se.psi
 
     def task(self) -> Task:
-        """The real task, on which its agents can be tested.
+        """The real task, on which agents trained on the SE are tested.
 
-        Raises InvalidInput if the task is unknown here, or of other sizes.
+        Raises InvalidInput if gymnasium does not know the task, or its sizes differ from the SE's.
         """
-        # gymnasium would import a module named in an id: a file must not have that done.
+        # gymnasium imports a module that is named in an id: a file must not cause imports.
         name = self.task_id.rpartition(":")[2]
         task = get_task(name, self.solved_reward, self.step_limit)
         sizes = (self.architecture.state_size, self.architecture.n_actions)
@@ -78,15 +78,15 @@ class StoredSE:
 
 
 def save_se(se: StoredSE, path: Path | str) -> None:
-    """Write an SE file; an existing file is replaced at once or not at all.
+    """Write an SE file; an existing file is replaced atomically.
 
-    Raises StorageFailure if there is no room.
+    Raises StorageFailure if the disk is full or cannot be written.
     """
     write_aside(Path(path), se_bytes(se))
 
 
 def se_bytes(se: StoredSE) -> bytes:
-    """The content of an SE file, the same for the same SE."""
+    """The content of an SE file; equal SEs give equal bytes."""
     header: dict[str, Any] = {
         "format": FORMAT,
         "version": FORMAT_VERSION,
@@ -97,7 +97,7 @@ def se_bytes(se: StoredSE) -> bytes:
         "info": se.info,
     }
     header["sha256"] = checksum(json.dumps(header).encode(), se.psi.tobytes())
-    # One entry: safetensors writes several in any order.
+    # A single entry, because safetensors writes several in random order.
     metadata = {"se": json.dumps(header)}
     return bytes(safetensors.numpy.save(_tensors(se.architecture, se.psi), metadata))
 
@@ -117,7 +117,7 @@ def load_se(path: Path | str) -> StoredSE:
         raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {error}") from None
     try:
         header = json.loads(metadata["se"])
-        given = header.pop("sha256", None)  # other tools write none
+        given = header.pop("sha256", None)  # files of other tools have none
         if header["format"] != FORMAT or header["version"] not in (1, FORMAT_VERSION):
             raise ValueError(f"format {header['format']!r}, version {header['version']!r}")
         step_limit, solved_reward = int(header["step_limit"]), float(header["solved_reward"])
@@ -141,7 +141,7 @@ def load_se(path: Path | str) -> StoredSE:
 
 
 def _architecture(sizes: dict[str, Any], version: int, task_limit: int) -> Architecture:
-    """The architecture that a header tells, checked. Raises ValueError and its like."""
+    """The validated architecture of a header. Raises one of `_DAMAGE`."""
     if version == 1:
         share = float(sizes.pop("step_limit_share", 1.0))
         sizes.pop("reward_scale", None)

@@ -1,4 +1,4 @@
-"""An SE as a `torch.nn.Module`, for use in anyone's training code."""
+"""An SE as a `torch.nn.Module`, for use in any training code."""
 
 import torch
 from torch import Tensor, nn
@@ -8,7 +8,7 @@ from bilevel.synthetic_env.storage import StoredSE
 
 
 def activation_module(name: str) -> nn.Module:
-    """The torch module of an activation's name."""
+    """A new torch module for the activation `name`."""
     modules: dict[str, type[nn.Module]] = {
         "tanh": nn.Tanh,
         "relu": nn.ReLU,

@@ -1,4 +1,4 @@
-"""The real tasks and their fixed facts."""
+"""The real tasks and their fixed values."""
 
 from bilevel.tasks.task import BUILT_IN_TASKS, MAX_STEP_LIMIT, ObservationScale, Task, get_task
 

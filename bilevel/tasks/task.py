@@ -1,9 +1,9 @@
-"""A real task: a gymnasium environment and the facts the method needs of it.
+"""A real task: a gymnasium environment and the values that the method needs of it.
 
-CartPole-v0 and Acrobot-v1 carry the paper's fixed values (Table "Fixed
-hyperparameters") and have compiled dynamics. Any other gymnasium id works too,
-if its observations are a flat Box and its actions Discrete; its dynamics are then
-run by gymnasium itself, which only the test episodes and initial states need.
+CartPole-v0 and Acrobot-v1 have the paper's fixed values (Table "Fixed hyperparameters") and
+compiled dynamics. Any other gymnasium id works too, if its observations are a flat Box and its
+actions Discrete; gymnasium then runs its dynamics, in tests, for initial states, and in training on
+the real task.
 """
 
 import math
@@ -20,16 +20,16 @@ from bilevel.kernels import dynamics
 
 Policy = Callable[[NDArray[np.float32]], int]
 
-#: Initial states drawn from an environment that gymnasium runs (training
-#: episodes take them in turn); compiled tasks draw one an episode.
+#: Maximum number of initial states drawn from an environment that gymnasium runs (training episodes
+#: cycle through them); compiled tasks draw one per episode.
 GYMNASIUM_INITIAL_STATES = 200
 
 
-#: Steps that an episode may have at most, whatever its task says.
+#: Upper bound on the step limit of any task.
 MAX_STEP_LIMIT = 1_000_000
 
 
-#: Steps of random actions on the real task that tell the scale of its observations.
+#: Random steps on the real task that measure the scale of its observations.
 SCALE_STEPS = 1000
 
 
@@ -39,21 +39,20 @@ class ObservationScale:
 
     mean: NDArray[np.float32]
     deviation: NDArray[np.float32]
-    real_env_steps: int  # that were made to learn them
+    real_env_steps: int  # made to measure them
 
 
 @dataclass(frozen=True)
 class Task:
-    """Facts of a real task.
+    """Fixed values of a real task.
 
-    `worst_score` is what an agent whose numbers diverged is given: the lowest
-    return the task knows.
+    `worst_score` is the score of a diverged agent: the lowest possible return.
     """
 
     id: str
     state_size: int
     n_actions: int
-    step_limit: int  # environment steps an episode lasts at most
+    step_limit: int  # maximum number of environment steps per episode
     solved_reward: float  # mean return at which the task counts as solved
     worst_score: float
     dynamics: int = dynamics.OBSERVED  # code of the compiled dynamics, if any
@@ -64,14 +63,14 @@ class Task:
         return self.dynamics != dynamics.OBSERVED
 
     def make(self) -> gymnasium.Env[NDArray[np.float32], np.int64]:
-        """The gymnasium environment, ended at this task's step limit."""
+        """The gymnasium environment, truncated at this task's step limit."""
         return _make(self.id, self.step_limit)
 
     def initial_physics(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
         """`n` draws (n, p) from the task's reset distribution.
 
-        For a compiled task they are states of the simulator; otherwise they are
-        observations, at most `GYMNASIUM_INITIAL_STATES` of them.
+        For a compiled task they are states of the simulator; for others they are observations, at
+        most `GYMNASIUM_INITIAL_STATES` of them.
         """
         if self.dynamics == dynamics.CARTPOLE:
             return rng.uniform(-0.05, 0.05, (n, 4))
@@ -93,13 +92,13 @@ class Task:
 
     @property
     def unit_scale(self) -> ObservationScale:
-        """Mean 0 and standard deviation 1, where no scale is needed or known."""
+        """Mean 0 and standard deviation 1, for use where no scale is needed or known."""
         zero = np.zeros(self.state_size, np.float32)
         return ObservationScale(zero, np.ones_like(zero), 0)
 
     def observation_scale(self, seed: int) -> ObservationScale:
-        """The scale of observations in episodes of random actions, SCALE_STEPS in all; an
-        observation that never changes has a standard deviation of 1."""
+        """Measure the scale of observations over SCALE_STEPS random actions; the standard deviation
+        of a constant observation is set to 1."""
         env = self.make()
         env.action_space.seed(seed % 2**31)
         state, _ = env.reset(seed=seed % 2**31)
@@ -118,7 +117,7 @@ class Task:
     def test_returns(
         self, policy: Policy, episodes: int, seed: int
     ) -> tuple[NDArray[np.float64], int]:
-        """Returns (episodes,) of `policy` on gymnasium's own environment, and the steps made."""
+        """Returns (episodes,) of `policy` in gymnasium's environment, and their number of steps."""
         env = self.make()
         returns, steps = np.zeros(episodes), 0
         for episode in range(episodes):
@@ -148,12 +147,11 @@ def get_task(
 ) -> Task:
     """The task of that name: a built-in one, or any suitable gymnasium id.
 
-    `solved_reward` and `step_limit` replace (or supply) what the environment's
-    spec says. The worst score of a task is taken to be 0 if its solved reward is
-    positive, else minus one a step.
+    `solved_reward` and `step_limit` replace the values of the environment's spec. The worst score
+    is assumed to be 0 if the solved reward is positive, else -1 per step.
 
-    Raises InvalidInput for an unknown id, unsuitable spaces, or when neither
-    argument nor spec tells the solved reward and the step limit.
+    Raises InvalidInput for an unknown id, unsuitable spaces, or if neither arguments nor spec give
+    the solved reward and the step limit.
     """
     built_in = BUILT_IN_TASKS.get(task_id)
     if built_in is not None and solved_reward is None and step_limit is None:
@@ -162,7 +160,7 @@ def get_task(
     solved = solved_reward if solved_reward is not None else spec.reward_threshold
     limit = step_limit if step_limit is not None else spec.max_episode_steps
     if solved is None:
-        raise InvalidInput(f"{task_id} has no reward threshold of its own: give its solved reward")
+        raise InvalidInput(f"{task_id} has no reward threshold: give its solved reward")
     if not math.isfinite(solved):
         raise InvalidInput(f"{task_id}: solved reward must be finite, got {solved}")
     if limit is None or not 1 <= limit <= MAX_STEP_LIMIT:
@@ -203,7 +201,7 @@ def _inspect(
 
 def _make(task_id: str, step_limit: int | None) -> gymnasium.Env[NDArray[np.float32], np.int64]:
     with warnings.catch_warnings():
-        # CartPole-v0 is the paper's task; that a v1 exists is no news here.
+        # CartPole-v0 is the paper's task: ignore the warning that a newer version exists.
         warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)
         warnings.filterwarnings("ignore", ".*out of date", UserWarning)
         env: gymnasium.Env[NDArray[np.float32], np.int64] = gymnasium.make(

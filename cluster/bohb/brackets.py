@@ -17,7 +17,7 @@ ETA = 3
 
 @dataclass(frozen=True)
 class Rung:
-    """`configurations` of them run until they have `budget` generations."""
+    """A stage of a bracket: `configurations` runs reach `budget` generations."""
 
     bracket: int
     budget: int
@@ -26,10 +26,10 @@ class Rung:
 
 def budget_ladder(smallest: int, largest: int) -> list[int]:
     """Budgets in generations, ascending: `largest` divided by powers of eta
-    (rounded), as long as at least `smallest`.
+    (rounded), down to `smallest`.
 
-    Powers are multiplied up, not taken from a logarithm, whose rounding can lose a
-    rung. Raises InvalidInput unless 1 <= smallest <= largest.
+    Powers are multiplied up, because the rounding of a logarithm can lose a rung.
+    Raises InvalidInput unless 1 <= smallest <= largest.
     """
     if not 1 <= smallest <= largest:
         raise InvalidInput(
@@ -45,14 +45,14 @@ def budget_ladder(smallest: int, largest: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Schedule:
-    """Brackets of successive halving on one ladder, and in which order they come.
+    """Brackets of successive halving on one ladder, and their order.
 
     Raises InvalidInput for a cycle that is longer than the ladder.
     """
 
     budgets: tuple[int, ...]  # generations, ascending
-    #: Brackets come in turn, from the most to the least eager to halve, so many kinds of them:
-    #: in Hyperband one for each budget that may be the first. With 1 all begin at the smallest.
+    #: Number of kinds of brackets, which take turns, beginning with the smallest first budget. In
+    #: Hyperband there is one kind per budget; with 1 all brackets begin at the smallest budget.
     cycle: int
 
     def __post_init__(self) -> None:
@@ -64,8 +64,10 @@ class Schedule:
 
     @classmethod
     def of(cls, method: str, smallest: int, largest: int, cycle: int | None = None) -> Self:
-        """That of a search method: random search has the largest budget alone; `cycle` is
-        Hyperband's if it is None. Raises InvalidInput as `budget_ladder` does."""
+        """The schedule of a search method; random search has the largest budget alone.
+
+        `cycle` None means Hyperband's. Raises InvalidInput as `budget_ladder` does.
+        """
         budgets = budget_ladder(largest if method == "random" else smallest, largest)
         return cls(tuple(budgets), min(cycle or len(budgets), len(budgets)))
 
@@ -85,14 +87,14 @@ class Schedule:
 
 
 def configurations_to_begin(rungs: list[Rung]) -> int:
-    """Those of every bracket's lowest rung; its other rungs go on with these."""
+    """Number of configurations in the lowest rungs; the other rungs continue some of them."""
     begun = {rung.bracket: rung.configurations for rung in reversed(rungs)}
     return sum(begun.values())
 
 
 def generations_to_run(rungs: list[Rung]) -> int:
-    """Generations that these rungs cost, when promoted configurations continue from
-    where their lower rung ended."""
+    """Generations that these rungs cost; promoted configurations continue from their lower
+    rung."""
     reached: dict[int, int] = {}
     total = 0
     for rung in rungs:

@@ -1,4 +1,4 @@
-"""`bilevel bohb`: run a study, or go on with it."""
+"""`bilevel bohb`: run or resume a study."""
 
 import math
 from dataclasses import dataclass
@@ -24,14 +24,13 @@ from cluster.storage.run_folder import Standing
 from cluster.tracking import Mirror
 from cluster.tracking.registry import model_address
 
-#: Seconds of a time budget that are kept for the end: stopping the trials, scoring
-#: the best SE anew.
+#: Seconds of a time budget reserved for the end: stopping the trials and scoring the best SE.
 _RESERVE = 60.0
 
 
 @dataclass(frozen=True)
 class StudyCommand:
-    """A study, and how and where it is run this time."""
+    """A study, and how and where this command runs it."""
 
     study: Study
     place: Place
@@ -43,16 +42,17 @@ class StudyCommand:
 
     @property
     def trials(self) -> int:
-        """Trials at a time, on the cluster as it is now: nodes and other studies may come
-        and go."""
+        """Trials at a time on the cluster's current nodes; the number may change during a study."""
         return self.concurrent_trials or fair_share(self.workers_per_trial)
 
 
 def brackets_to_reach(
     journal: Journal, schedule: Schedule, more: int, standing: Standing | None
 ) -> int:
-    """How many brackets the study should have: what was meant or is open is finished
-    first, and a study that has come to its end gets `more` of them."""
+    """Number of brackets that the study should have.
+
+    An unfinished study completes its planned and open brackets; a complete one gets `more`.
+    """
     begun = max((line.id[0] for line in journal.configs), default=-1) + 1
     if standing is not None and standing.status != "FINISHED":
         return max(standing.target, begun, more)
@@ -63,9 +63,10 @@ def brackets_to_reach(
 
 
 def run_study(command: StudyCommand) -> int:
-    """Run (or continue) the study; returns the exit code: 0, or 1 if no trial
-    succeeded. Raises InvalidInput before anything is written, and
-    StorageFailure when there is no room any more."""
+    """Run or resume the study; return exit code 0, or 1 if no trial succeeded.
+
+    Raises InvalidInput before anything is written, and StorageFailure if the disk is full.
+    """
     study = command.study
     with command.place.entered() as driver:
         require_capacity(command.workers_per_trial, command.trials)
@@ -74,7 +75,7 @@ def run_study(command: StudyCommand) -> int:
 
 
 class _UnderWay:
-    """A study under way."""
+    """A study in progress."""
 
     def __init__(self, command: StudyCommand, session: Session) -> None:
         self.command = command
@@ -89,11 +90,11 @@ class _UnderWay:
         self.search = BracketSearch.of(study, self.journal, self.brackets)
 
     def go(self) -> int:
-        """To the end; the exit code."""
+        """Run to the end; return the exit code."""
         study = self.command.study
         self._introduce()
         views = StudyViews(study, self.session.begun, self.live)
-        goes_on = "the same command goes on where it was, nothing is lost"
+        goes_on = "run the same command again to resume"
         with self.session.live(views, self.brackets, goes_on) as mirror:
             try:
                 code = self._to_the_end(views, mirror)
@@ -115,10 +116,10 @@ class _UnderWay:
         if command.time_budget is not None:
             line(f"time budget {duration(command.time_budget)}")
         if self.journal.results:
-            line(f"going on: {len(self.journal.results)} results of this study count already")
+            line(f"resuming with the {len(self.journal.results)} results of this study so far")
 
     def _pool(self) -> EvaluationPool:
-        """As large as those of all trials together, before they begin or when they are over."""
+        """A pool as large as those of all trials together, for use while no trial runs."""
         return EvaluationPool(self.command.workers_per_trial * self.command.trials)
 
     def _to_the_end(self, views: StudyViews, mirror: Mirror) -> int:
@@ -154,7 +155,7 @@ class _UnderWay:
         if searcher.stopped_by is not None:
             raise searcher.stopped_by
         if searcher.time_is_up and not self.search.finished:
-            line("the time budget is spent; the same command goes on where it was")
+            line("the time budget is spent; run the same command again to resume")
         if searcher.core_utilisation > 0:
             line(
                 f"evaluations took {searcher.core_utilisation:.0%} of the cores' time while trials "
@@ -164,7 +165,7 @@ class _UnderWay:
         return self._finish()
 
     def _finish(self) -> int:
-        """Choose the best SE of all configurations, and score it anew."""
+        """Choose the best SE of all configurations, and score it with fresh agents."""
         study, line = self.command.study, self.terminal.line
         with self._pool() as pool:
             contenders = self._contenders(pool)
@@ -184,12 +185,12 @@ class _UnderWay:
         self._say_incumbent()
         line(str(score))
         line(f"best SE: {path}  ({model_address(study.task.id)} in MLflow's model registry)")
-        line("look at everything with `make ui`; the same command adds brackets to the study")
+        line("view the results with `make ui`; run the same command again to add brackets")
         return 0 if any(result.loss is not None for result in self.journal.results) else 1
 
     def _contenders(self, pool: EvaluationPool) -> list[Contender]:
-        """The SEs whose own agents scored highest, of all configurations, best first.
-        A checkpoint that is damaged or lost is made again."""
+        """The SEs of all configurations that scored highest in their own runs, best first.
+        A damaged or lost checkpoint is recomputed."""
         reached: dict[object, int] = {}
         for result in self.journal.results:
             if result.loss is not None:

@@ -1,4 +1,4 @@
-"""`bilevel bohb --dry-run`: what a study would run, and what that would cost."""
+"""`bilevel bohb --dry-run`: the brackets of a study and their estimated cost."""
 
 from bisect import bisect_right
 from dataclasses import dataclass, replace
@@ -12,40 +12,40 @@ from cluster.ray.connection import require_capacity
 from cluster.session.terminal import count, duration
 from search_spaces import search_space, to_hyperparameters
 
-#: Configurations of which an evaluation is timed.
+#: Configurations whose evaluations are timed.
 _SAMPLES = 6
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a study would cost; for `--dry-run`."""
+    """Estimated cost of a study."""
 
     schedule: Schedule
     brackets: int
     evaluations_per_generation: float
     seconds_per_evaluation: float
-    start_evaluations: int  # of a configuration, that choose its start
+    start_evaluations: int  # per configuration, to choose its start
     cores: int
 
     @property
     def generations(self) -> int:
-        """Of all configurations."""
+        """Generations of all configurations."""
         return generations_to_run(self.schedule.brackets(self.brackets))
 
     @property
     def evaluations(self) -> int:
-        """The choice of starts included."""
+        """Evaluations of all configurations, including the choice of their starts."""
         begun = configurations_to_begin(self.schedule.brackets(self.brackets))
         generations = round(self.generations * self.evaluations_per_generation)
         return generations + begun * self.start_evaluations
 
     @property
     def seconds(self) -> float:
-        """Time on the cluster's cores."""
+        """Wall-clock seconds on all cores."""
         return self.evaluations * self.seconds_per_evaluation / self.cores
 
     def within(self, seconds: float) -> Self:
-        """Of as many brackets as that time holds, one at least."""
+        """The estimate for as many brackets as fit into `seconds`, at least one."""
         brackets = bisect_right(
             range(1, self.brackets + 1),
             seconds,
@@ -64,8 +64,8 @@ class Estimate:
 def dry_run(command: StudyCommand) -> None:
     """Print the bracket table, the cost, and whether the cluster can place it.
 
-    The time is estimated from evaluations of randomly drawn configurations, made here and now on
-    one core. Raises InvalidInput where the study itself would.
+    The time is estimated from a few evaluations of random configurations on one core. Raises
+    InvalidInput where the study itself would.
     """
     study, schedule = command.study, command.study.schedule
     with command.place.entered() as driver:

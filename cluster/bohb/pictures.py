@@ -1,4 +1,4 @@
-"""Pictures of a study."""
+"""Plots of a study."""
 
 from collections.abc import Sequence
 
@@ -11,8 +11,8 @@ from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
 
 def objective_against_cost(points: Sequence[ResultPoint], task: Task, title: str) -> Figure:
-    """Every result over what the search had spent, and the incumbent at the largest
-    budget seen so far."""
+    """Plot every result over the generations spent by then, and the incumbent at the largest
+    budget so far."""
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
     for model_based, marker, colour in ((False, "o", GREY), (True, "D", BLUE)):

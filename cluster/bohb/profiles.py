@@ -1,17 +1,16 @@
-"""How a search goes: its method, and its size in named sets of settings, each of them
-overridable on the command line."""
+"""Methods of a search, and named sets of settings for its size."""
 
 from dataclasses import dataclass, replace
 
 from bilevel.errors import one_of
 from bilevel.hyperparameters import Hyperparameters
 
-#: What proposes a study's configurations, by name: hpbandster's model, or chance; `random` runs
-#: all of them at the largest budget.
+#: Search methods and their titles. `bohb` proposes configurations with hpbandster's model, the
+#: others at random; `random` runs all of them at the largest budget.
 METHODS = {"bohb": "BOHB", "hyperband": "Hyperband", "random": "random search"}
 
 
-#: More brackets than a time budget is enough for.
+#: A number of brackets that no time budget suffices for.
 ENDLESS = 1000
 
 
@@ -19,8 +18,8 @@ ENDLESS = 1000
 class Profile:
     """Size of a search.
 
-    `time_budget` in seconds ends the search (not a generation half-way); None
-    lets it run through all its brackets.
+    `time_budget`, in seconds, ends the search after the generations in flight; None runs all
+    brackets.
     """
 
     recipe: str
@@ -28,7 +27,7 @@ class Profile:
     population: int | None  # None: the recipe's
     smallest_budget: int  # generations of the lowest rung
     largest_budget: int  # generations of the highest rung
-    cycle: int | None  # of brackets (`Schedule`); None is Hyperband's
+    cycle: int | None  # see `Schedule`; None: Hyperband's
     start_candidates: int | None  # random SEs; None: the recipe's
     centre_agents: int | None  # trained on the unperturbed SE; None: the recipe's
     max_episodes: int | None  # of an agent's training on an SE; None: the recipe's
@@ -38,9 +37,9 @@ class Profile:
 
 
 PROFILES = {
-    # All three layers, small: to see that it works.
+    # A quick check of all three layers.
     "smoke": Profile("default", "core", 2, 1, 3, None, 2, 2, 15, 2, None, 4),
-    # A good configuration on a laptop, in half an hour.
+    # Finds a good configuration on a laptop in half an hour.
     "local": Profile("default", "core", None, 5, 15, 1, None, None, None, ENDLESS, 30 * 60.0, 10),
     # The paper's scale (Table "Fixed hyperparameters").
     "paper": Profile("paper", "full", 16, 7, 200, None, None, None, None, 12, None, 10),
@@ -62,8 +61,10 @@ def get_profile(name: str) -> Profile:
 
 
 def sized(hp: Hyperparameters, profile: Profile) -> Hyperparameters:
-    """What a configuration leaves unsaid: a recipe, in the profile's size. A search compares runs
-    of equal length, so none of them stops early or begins again."""
+    """The recipe `hp` in the profile's size: the values that a configuration does not set.
+
+    A search compares runs of equal length, so none of them stops early or restarts.
+    """
     nes = replace(hp.nes, generations=profile.largest_budget, solved_for=0, restart_after=0)
     if profile.population is not None:
         nes = replace(nes, population_size=profile.population)

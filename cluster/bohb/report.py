@@ -1,7 +1,7 @@
-"""What a study tells while it runs: lines in the terminal, marks for MLflow's mirror.
+"""Progress of a running study: lines in the terminal, and changed runs marked for MLflow.
 
-A Ray Tune callback in the driver. What it shows is on disk already, so that it may
-be shown again at any time.
+The report is a Ray Tune callback in the driver. It shows only what is already on disk, so it may
+show anything again.
 """
 
 import math
@@ -26,8 +26,7 @@ _PICTURE_EVERY = 20.0
 
 
 class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
-    """Follows the trials of one study. `live` is the set of the views' live
-    configurations, kept here."""
+    """Follows the trials of one study, and keeps `live`, the names of running configurations."""
 
     def __init__(
         self,
@@ -43,7 +42,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     ) -> None:
         self._study = study
         self._brackets = brackets
-        self._time_budget = time_budget  # seconds, from where the terminal's clock began
+        self._time_budget = time_budget  # seconds since `terminal.started`
         self._journal = journal
         self._searcher = searcher
         self._views = views
@@ -54,13 +53,13 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._summary = StudySummary(journal, self._rungs)
         self._jobs: dict[str, Job] = {}  # by trial
         self._last_picture = 0.0
-        self._started = time.monotonic()  # the trials
+        self._started = time.monotonic()  # of the trials
         self._generations = 0  # run by this process
 
     # -- trials (called by Ray Tune) -------------------------------------------
 
     def on_trial_start(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
-        """The configuration's run is open (again, if it was promoted)."""
+        """Show that a configuration's run begins, or continues after a promotion."""
         job = self._searcher.jobs[trial.trial_id]
         self._jobs[trial.trial_id] = job
         self._live.add(configuration_name(job.id))
@@ -70,7 +69,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     def on_trial_result(
         self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **info: Any
     ) -> None:
-        """A generation is done."""
+        """Show a finished generation."""
         if "record" not in result:
             return
         job = self._jobs[trial.trial_id]
@@ -83,7 +82,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._show(job, f"{done}: {record.score_mean:.1f}")
 
     def on_trial_complete(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
-        """The job is done, or was stopped, or failed; the journal knows by now."""
+        """Show a job that is done, stopped or failed; the journal already holds its result."""
         result = trial.last_result or {}
         job = self._close(trial.trial_id)
         if job is None or NO_STORAGE in result:
@@ -97,7 +96,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             self._mirror.mark([self._views.parent])
 
     def on_trial_error(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
-        """The trial's process died: the job is run again, unless that was once too often."""
+        """Show that a trial's process died: its job runs again, or failed after too many deaths."""
         job = self._close(trial.trial_id)
         if job is None:
             return
@@ -125,7 +124,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._terminal.line(f"{configuration_name(job.id)} failed: {last_line(reason)}")
 
     def _show(self, job: Job, now: str) -> None:
-        # With the rest of the bar this fits into 80 columns.
+        # Kept short, so that the bar fits into 80 columns.
         results, seconds = len(self._journal.results), self._seconds_left()
         if self._time_decides():
             total = self._time_budget / 60
@@ -150,21 +149,21 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         )
 
     def _bracket(self, job: Job) -> str:
-        """Which bracket it is; of how many, if they are what ends the study."""
+        """The bracket's number, and their total if the brackets end the study."""
         return f"bracket {job.id[0] + 1}" + ("" if self._time_decides() else f"/{self._brackets}")
 
     def _elapsed(self) -> float:
         return time.monotonic() - self._started
 
     def _time_decides(self) -> bool:
-        """Whether the time budget ends the study, rather than its last bracket."""
+        """Whether the time budget is expected to end the study before its last bracket."""
         return self._seconds_of_brackets() > self._time_left()
 
     def _seconds_left(self) -> float:
         return min(self._seconds_of_brackets(), self._time_left())
 
     def _seconds_of_brackets(self) -> float:
-        """As this process has run so far; nobody knows before its first generation."""
+        """Estimate from this process's speed so far; infinite before its first generation."""
         left = self._summary.generations_left()
         if left and not self._generations:
             return math.inf

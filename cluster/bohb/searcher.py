@@ -16,22 +16,26 @@ from cluster.bohb.journal import ConfigId
 from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.trial import BUDGET_REACHED, FAILURE, KERNEL_SECONDS, NO_STORAGE, OBJECTIVE
 
-#: How often the process of one job's trial may die until the configuration has failed.
+#: Deaths of trial processes on one job after which the configuration counts as failed.
 DEATHS = 20
 
 
 class DriverOnly:
-    """For what Ray Tune is given: Tune pickles it, to restore experiments from; here
-    they are restored from the journal, so there is nothing to pickle."""
+    """Base of objects passed to Ray Tune that must not be pickled.
+
+    Tune pickles them to restore experiments; studies are restored from their journal instead.
+    """
 
     def __getstate__(self) -> dict[str, Any]:
         return {}
 
 
 class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
-    """Hands out at most `concurrent()` jobs at a time, none after `deadline`
-    (seconds of `time.monotonic`), and none once `stopped_by` says why; each has
-    `workers_per_trial` cores."""
+    """Hands out at most `concurrent()` jobs at a time, each with `workers_per_trial` cores.
+
+    It hands out no job after `deadline` (seconds of `time.monotonic`), nor once an error is
+    stored in `stopped_by`.
+    """
 
     def __init__(
         self,
@@ -43,12 +47,14 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         super().__init__(metric=OBJECTIVE, mode="max")
         self._search = search
         self._concurrent = concurrent
-        self._slots = 0  # what it said last
+        self._slots = 0  # last value of `concurrent()`
         self._deadline = deadline
         self._workers_per_trial = workers_per_trial
-        self._reported: float | None = None  # monotonic, when a trial last did (or began)
-        self._core_seconds = 0.0  # of all trials' cores, until then
-        self._kernel_seconds: dict[str, float] = {}  # in evaluations, by trial
+        self._reported: float | None = (
+            None  # monotonic time of the last report of a trial (or first job)
+        )
+        self._core_seconds = 0.0  # available core time until then
+        self._kernel_seconds: dict[str, float] = {}  # spent in evaluations, by trial
         self.jobs: dict[str, Job] = {}  # of the live trials
         self._deaths: dict[tuple[ConfigId, int], int] = {}  # by job
         self.stopped_by: InvalidInput | None = None
@@ -67,7 +73,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         return sum(self._kernel_seconds.values()) / self._core_seconds
 
     def suggest(self, trial_id: str) -> dict[str, Any] | str | None:
-        """The next job, None while there is nothing to start, FINISHED at the end."""
+        """The next job; None while no job can start; FINISHED at the end."""
         if self.time_is_up or self.stopped_by is not None or self._search.finished:
             return str(Searcher.FINISHED)
         try:
@@ -87,7 +93,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         }
 
     def on_trial_result(self, trial_id: str, result: dict[str, Any]) -> None:
-        """Count what the trial's cores did. (Tune does not call this for a last result.)"""
+        """Add up core and evaluation time. (Tune does not call this for a trial's last result.)"""
         now = time.monotonic()
         cores = self._slots * self._workers_per_trial
         self._core_seconds += (now - (self._reported or now)) * cores
@@ -97,10 +103,10 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
     def on_trial_complete(
         self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False
     ) -> None:
-        """Register the trial's result; a job that was stopped short, or whose process
-        died, is handed out again, and goes on from its checkpoint.
+        """Register the trial's result.
 
-        Nothing is raised: Tune would take it for an error of the trial.
+        A job that was interrupted, or whose process died, is handed out again and resumes from
+        its checkpoint. Errors go to `stopped_by`: Tune would take a raised one for the trial's.
         """
         job = self.jobs.pop(trial_id, None)
         if job is None:
@@ -114,7 +120,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
             self._search.put_back(job)
 
     def _register(self, job: Job, result: dict[str, Any], error: bool) -> None:
-        if error:  # of the trial's process or node, or of one that it was to take over
+        if error:  # the trial's process or node died, or the actor it was to reuse
             key = job.id, job.budget
             self._deaths[key] = self._deaths.get(key, 0) + 1
             if self._deaths[key] < DEATHS:
@@ -135,7 +141,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
             self._search.register(job, None, exception=f"the objective is {objective}")
 
     def save(self, checkpoint_path: str) -> None:
-        """Nothing: the journal is the search's state."""
+        """Do nothing: the journal is the search's state."""
 
     def restore(self, checkpoint_path: str) -> None:
-        """Nothing: the journal is the search's state."""
+        """Do nothing: the journal is the search's state."""

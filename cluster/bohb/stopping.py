@@ -1,4 +1,4 @@
-"""When a study stops before its brackets are done: time spent, Ctrl-C, no room."""
+"""Stops a study before its brackets are done: time budget, Ctrl-C, full disk."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from cluster.session.interrupts import InterruptGuard
 
 
 class StudyStopper(DriverOnly, tune.Stopper):  # type: ignore[misc]
-    """Stops all trials when the time is up, the disk is full, or the user asked."""
+    """Stops all trials at the deadline, on an error such as a full disk, or after Ctrl-C."""
 
     def __init__(self, searcher: BohbSearcher, guard: InterruptGuard) -> None:
         self._searcher = searcher

@@ -1,4 +1,4 @@
-"""What a study's journal says so far: incumbent, costs, bracket table."""
+"""Summary of a study's journal so far: incumbent, costs, bracket table."""
 
 from dataclasses import dataclass
 
@@ -8,7 +8,7 @@ from cluster.bohb.journal import ConfigId, Configuration, Journal, ResultLine
 
 @dataclass(frozen=True)
 class ResultPoint:
-    """A result of the search, for the picture of objective against cost."""
+    """A result of the search, for the plot of objective against cost."""
 
     generations_spent: int  # by the whole search when the result came
     budget: int
@@ -18,19 +18,19 @@ class ResultPoint:
 
 @dataclass(frozen=True)
 class StudySummary:
-    """Views of a journal, for the brackets `rungs`; they follow it as it grows."""
+    """Summary of a journal for the brackets in `rungs`; it follows the journal as that grows."""
 
     journal: Journal
     rungs: list[Rung]
 
     @property
     def incumbent(self) -> ResultLine | None:
-        """The best result at the largest budget that has one (as hpbandster has it)."""
+        """The best result at the largest budget that has results (as in hpbandster)."""
         changes = self.incumbents()
         return changes[-1][1] if changes else None
 
     def incumbents(self) -> list[tuple[int, ResultLine]]:
-        """The incumbent after each result that changed it, with the result's number."""
+        """Each change of the incumbent, with the number (from 1) of the result that caused it."""
         changes: list[tuple[int, ResultLine]] = []
         best: ResultLine | None = None
         for number, line in enumerate(self.journal.results, start=1):
@@ -41,15 +41,15 @@ class StudySummary:
 
     @property
     def model_based(self) -> int:
-        """Configurations that the model proposed."""
+        """Number of configurations that the model proposed."""
         return sum(bool(line.info.get("model_based_pick")) for line in self.journal.configs)
 
     def configuration(self, config_id: ConfigId) -> Configuration:
-        """What was proposed under that id."""
+        """The configuration with that id."""
         return next(c.configuration for c in self.journal.configs if c.id == config_id)
 
     def points(self) -> list[ResultPoint]:
-        """All results over what the search had spent when they came."""
+        """All results, with the generations that the search had run by then."""
         picks = {line.id: bool(line.info.get("model_based_pick")) for line in self.journal.configs}
         reached: dict[ConfigId, int] = {}
         spent = 0
@@ -62,7 +62,7 @@ class StudySummary:
         return points
 
     def generations_left(self) -> int:
-        """Generations that are still to be run until all brackets are done."""
+        """Number of generations left until all brackets are done."""
         reached: dict[ConfigId, int] = {}
         for line in self.journal.results:
             reached[line.id] = max(line.budget, reached.get(line.id, 0))

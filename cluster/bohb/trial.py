@@ -1,11 +1,10 @@
-"""One trial: an NES run up to a budget, with an actor pool of its own.
+"""One trial: an NES run up to a budget, with its own actor pool.
 
 Ray Tune places the trial and its pool together, in one placement group: an empty
 bundle for the trial itself, which mostly waits, and a core for each worker.
 
-A trial whose process or node dies is started again and goes on from its checkpoint. An
-error of the run itself is tried again here and then reported, so that the two are not
-taken for each other.
+A trial whose process or node dies is started again and resumes from its checkpoint. An error
+raised by the run is retried here and then reported, so that the searcher can tell it from a death.
 """
 
 import socket
@@ -20,22 +19,22 @@ from bilevel.nes import NESState
 from cluster.bohb.study import Study
 from cluster.ray.pool import EvaluationPool
 
-#: Keys of what a trial reports.
+#: Keys of a trial's reports.
 OBJECTIVE, BUDGET_REACHED, FAILURE, NO_STORAGE = (
     "objective",
     "budget_reached",
     "failure",
     "no_storage",
 )
-#: Likewise, seconds that its job has spent in evaluations so far.
+#: Key of the seconds that the job has spent in evaluations so far.
 KERNEL_SECONDS = "kernel_seconds"
 
-#: How often an error of the run is met until the configuration counts as failed.
+#: Errors of one step after which the configuration counts as failed.
 _ATTEMPTS = 3
 
 
 class NESTrial(tune.Trainable):  # type: ignore[misc]
-    """A step is a generation; the first continues from the checkpoint, if any."""
+    """Ray Tune trial whose step is one generation; the first resumes from a checkpoint, if any."""
 
     def setup(self, config: dict[str, Any], study: Study, workers: int) -> None:
         self._study = study
@@ -43,14 +42,14 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         self.reset_config(config)
 
     def reset_config(self, new_config: dict[str, Any]) -> bool:
-        """Take the next job; the pool, started once, serves it too."""
+        """Take the next job; the pool is reused."""
         self._job = new_config["job"]
         self._state: NESState | None = None
         self._kernel_seconds_before = self._pool.kernel_seconds
         return True
 
     def step(self) -> dict[str, Any]:
-        """Run one generation and report its record, or what went wrong."""
+        """Run one generation and return its record, or the error."""
         for _ in range(_ATTEMPTS):
             try:
                 return self._generation()
@@ -71,7 +70,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         state = self._state or run.open(told.append)
         before = state.generation
         while state.generation == before and before < job["budget"]:
-            state = run.advance(state, self._pool)  # the first also chooses the start
+            state = run.advance(state, self._pool)  # before the first one: the choice of the start
         self._state = state
         reached = state.generation >= job["budget"]
         return {
@@ -85,10 +84,10 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         }
 
     def save_checkpoint(self, checkpoint_dir: str) -> None:
-        """Nothing for Tune to keep: the run's state is in the study's folder."""
+        """Do nothing: the run's state is in the study's folder."""
 
     def load_checkpoint(self, checkpoint: Any) -> None:
-        """Nothing: see `save_checkpoint`."""
+        """Do nothing: see `save_checkpoint`."""
 
     def cleanup(self) -> None:
         """End the pool."""

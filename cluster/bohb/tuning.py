@@ -1,4 +1,4 @@
-"""Ray Tune as a study uses it: it places trials, and keeps nothing."""
+"""Ray Tune for a study: Tune only places trials; the study keeps its own state."""
 
 import logging
 import os
@@ -15,7 +15,7 @@ from cluster.bohb.study import Study
 from cluster.bohb.trial import NESTrial
 from cluster.ray.environment import environment_kept
 
-#: Tune's own files within the study's folder; nothing is ever read from them.
+#: Folder of Tune's own files within the study's folder; the study never reads them.
 _TUNES_FOLDER = "ray"
 
 
@@ -26,7 +26,7 @@ def run_trials(
     stopper: StudyStopper,
     report: StudyReport,
 ) -> None:
-    """Run what the searcher hands out until it has no more, or the stopper says so."""
+    """Run the searcher's jobs until it has no more, or the stopper stops all trials."""
     trainable = tune.with_parameters(NESTrial, study=study, workers=workers_per_trial)
     bundles: list[dict[str, float]] = [{}, *({"CPU": 1.0} for _ in range(workers_per_trial))]
     resources = tune.PlacementGroupFactory(bundles)
@@ -40,10 +40,10 @@ def run_trials(
                 storage_path=str(study.folder),
                 callbacks=[report],
                 stop=stopper,
-                # The run's own checkpoint is on disk after every generation: a trial
-                # that is started again continues from it.
+                # NESRun writes its own checkpoint after every generation; a restarted
+                # trial continues from it.
                 checkpoint_config=tune.CheckpointConfig(checkpoint_at_end=False),
-                # The searcher hands the job of a trial that died out again.
+                # The searcher puts the job of a dead trial back into its queue.
                 failure_config=tune.FailureConfig(max_failures=0),
                 verbose=0,
             ),
@@ -53,9 +53,11 @@ def run_trials(
 
 @contextmanager
 def _quiet_tune() -> Iterator[None]:
-    """Tune without its own files, messages and signal handling: the journal and the
-    checkpoints are the study's state, the report its voice, `InterruptGuard` its
-    Ctrl-C."""
+    """Disable Tune's own files, messages and signal handling.
+
+    Journal and checkpoints hold the study's state, `StudyReport` prints its messages, and
+    `InterruptGuard` handles Ctrl-C.
+    """
     for name in ("ray.tune", "hpbandster"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     wanted = {

@@ -1,8 +1,4 @@
-"""A study as MLflow shows it.
-
-One run for the study, with what BOHB found; one under it for each configuration,
-with its generations.
-"""
+"""MLflow views of a study: one parent run with BOHB's results, one child run per configuration."""
 
 import json
 import time
@@ -34,8 +30,8 @@ __all__ = ["KIND", "StudyViews"]
 
 @dataclass(frozen=True)
 class StudyViews:
-    """The runs that a study is shown as. `live` are the names of the configurations
-    that are being run, None if nobody works on the study."""
+    """The MLflow runs of a study. `live` are the names of running configurations, None if no
+    process works on the study."""
 
     study: Study
     begun: Begun
@@ -43,7 +39,7 @@ class StudyViews:
 
     @classmethod
     def of(cls, folder: Path) -> "StudyViews":
-        """Of a study that nobody works on. Raises InvalidInput."""
+        """Views of a study that no process works on. Raises InvalidInput if it is damaged."""
         return cls(Study.read(folder), Begun.read(folder), None)
 
     @property
@@ -149,10 +145,10 @@ class StudyViews:
             f"rule `{study.base.nes.update}`: search space `{study.space}`, "
             f"population {study.base.nes.population_size}, budgets {list(study.schedule.budgets)} "
             f"generations (eta 3), seed {study.seed}. Each child run is one configuration; a "
-            "promoted one goes on in the same run. `objective` is the mean over the run's "
-            "generations of the mean score of agents trained on the unperturbed SE, so that soon "
-            "and good both count; it is maximised. `final_*` are of fresh agents "
-            "trained on the best SE of all configurations."
+            "promoted one continues in the same run. `objective`, which is maximised, is the mean "
+            "over the run's generations of the mean score of agents trained on the unperturbed "
+            "SE: the area under the learning curve. `final_*` are of fresh agents trained on the "
+            "best SE of all configurations."
         )
 
     # -- a configuration's run ---------------------------------------------------
@@ -202,7 +198,7 @@ class StudyViews:
 
 
 def _status(results: list[ResultLine], generations: int) -> str:
-    """How a configuration's run ended that nobody works on."""
+    """MLflow status of a configuration's run that no process works on."""
     if any(result.loss is None for result in results):
         return "FAILED"
     reached = max((result.budget for result in results), default=0)

@@ -1,1 +1,1 @@
-"""The kinds of runs, and lists of them."""
+"""The kinds of runs, their listing, and writing them to MLflow again."""

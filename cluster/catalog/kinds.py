@@ -1,4 +1,4 @@
-"""The kinds of runs there are, and how the folder of each is shown."""
+"""The kinds of runs, and the MLflow views of their folders."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -15,7 +15,7 @@ from cluster.tracking import Views
 
 
 def views_of(folder: Path) -> Views:
-    """The views of a folder that nobody works on. Raises InvalidInput."""
+    """The views of a folder that no process works on. Raises InvalidInput for a damaged folder."""
     kinds: dict[str, Callable[[Path], Views]] = {
         STUDY_KIND: StudyViews.of,
         NES_KIND: NESViews.of,

@@ -1,4 +1,4 @@
-"""`bilevel sync`: MLflow shows a study again as it is on disk, an empty MLflow too."""
+"""`bilevel sync`: write a study from disk to MLflow, also to an empty one."""
 
 from pathlib import Path
 
@@ -12,10 +12,10 @@ from cluster.tracking.tracker import check_tracking_uri, first_line
 
 
 def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> None:
-    """Bring MLflow to show the study or NES run in `folder`, from its files alone.
+    """Write what MLflow lacks of the study or NES run in `folder`, from its files alone.
 
-    What MLflow has already is left as it is, so this may be repeated. Raises
-    InvalidInput if the folder is damaged or being worked on, or MLflow fails.
+    The call may be repeated. Raises InvalidInput if the folder is damaged or in use by another
+    process, or if MLflow fails.
     """
     check_tracking_uri(tracking_uri)
     with held(folder):
@@ -28,10 +28,10 @@ def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> Non
                 terminal.bar(f"sync {view.name}", done, len(keys), "runs")
                 try:
                     tracker.show(view)
-                except Exception as error:  # whatever MLflow has
+                except Exception as error:  # MLflow raises errors of many kinds
                     raise InvalidInput(
-                        f"MLflow at {tracking_uri!r} took {done} of {len(keys)} runs, then: "
-                        f"{first_line(error)}; the same command goes on"
+                        f"MLflow at {tracking_uri!r} failed after {done} of {len(keys)} runs: "
+                        f"{first_line(error)}; run the same command again to resume"
                     ) from None
-        terminal.line(f"{folder.name}: {len(keys)} run(s) in MLflow are as on disk")
-        terminal.line(f"to look at them: {tracker.address}")
+        terminal.line(f"{folder.name}: {len(keys)} run(s) in MLflow now match the disk")
+        terminal.line(f"view them: {tracker.address}")

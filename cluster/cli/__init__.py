@@ -1,4 +1,4 @@
-"""The console script `bilevel`: a module a group of commands."""
+"""The console script `bilevel`: one module per group of commands."""
 
 import sys
 
@@ -22,7 +22,7 @@ for command in (nes, bohb, evaluate, studies, sync, up, status, down, ui):
 
 
 def main() -> None:
-    """Entry point: an error of the user's is one line and exit code 2."""
+    """Entry point; invalid input prints one line and exits with code 2."""
     try:
         code = cli.main(standalone_mode=False)
         sys.exit(code if isinstance(code, int) else 0)

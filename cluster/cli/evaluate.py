@@ -16,24 +16,32 @@ from cluster.storage.home import LONGEST_NAME
 @click.argument(
     "files", metavar="[SE]...", nargs=-1, type=click.Path(path_type=Path, dir_okay=False)
 )
-@click.option("--real", metavar="TASK", help="Train on the real task, too: the baseline.")
+@click.option(
+    "--real", metavar="TASK", help="Also train on this real task (gymnasium id), as the baseline."
+)
 @click.option(
     "--agents",
     "count",
     type=WholeNumber(min=1),
     default=10,
     show_default=True,
-    help="Fresh agents of each kind on each source.",
+    help="Fresh agents of each kind trained on each source.",
 )
 @vary_option
 @click.option(
     "--recipe",
-    help="Train the agents of a recipe (paper, authors, default, distilled or a file); default: "
-    "those of the paper's default table.",
+    help="Recipe of the agents' hyperparameters: paper, authors, default, distilled or a file "
+    "(default: the paper's table of default hyperparameters).",
 )
-@click.option("--max-episodes", type=WholeNumber(min=1), help="Training episodes at most.")
-@click.option("--workers", type=WholeNumber(min=1), help="Actors; default all cores.")
-@click.option("--name", help="Of the evaluation; the same name goes on where it was.")
+@click.option(
+    "--max-episodes",
+    type=WholeNumber(min=1),
+    help="Maximum number of training episodes (default: the recipe's).",
+)
+@click.option(
+    "--workers", type=WholeNumber(min=1), help="Actors (default: one per core of the run's share)."
+)
+@click.option("--name", help="Name of the evaluation; an existing name resumes.")
 @common_options
 def evaluate(
     files: tuple[Path, ...],
@@ -48,7 +56,7 @@ def evaluate(
 ) -> None:
     """Train fresh agents on SE files (or on the real task) and test them on the real task.
 
-    Several kinds, --agent ddqn,td3, are each trained --agents times.
+    Several kinds (--agent ddqn,td3) are trained --agents times each.
     """
     from bilevel.hyperparameters import VARIATIONS, load_recipe
     from bilevel.synthetic_env import StoredSE, load_se
@@ -56,7 +64,9 @@ def evaluate(
     ses = _labelled(files)
     facts = (options["solved_reward"], options["step_limit"])
     if real is None and facts != (None, None):
-        raise InvalidInput("--solved-reward and --step-limit go with --real: an SE has its own")
+        raise InvalidInput(
+            "--solved-reward and --step-limit need --real: an SE file holds its own values"
+        )
     sources: dict[str, StoredSE | None] = {label: load_se(file) for label, file in ses.items()}
     tasks = {label: se.task() for label, se in sources.items() if se is not None}
     if real is not None:
@@ -70,7 +80,7 @@ def evaluate(
             f"{t.id} ({t.step_limit} steps, solved at {t.solved_reward:g})"
             for t in set(tasks.values())
         )
-        raise InvalidInput(f"sources of several tasks: {', '.join(facts_of)}")
+        raise InvalidInput(f"all sources must have the same task; got {', '.join(facts_of)}")
     common = RunOptions(task=task.id, **options)
     agents = common.the_agents() or ("ddqn",)
     kinds = (
@@ -104,7 +114,7 @@ def evaluate(
 
 
 def _labelled(files: tuple[Path, ...]) -> dict[str, Path]:
-    """The files by what they are called in tables, names and metrics. Raises InvalidInput."""
+    """The files by their labels in tables, names and metrics. Raises InvalidInput on duplicates."""
     found: dict[str, Path] = {}
     for file in files:
         label = file.stem if file.stem not in found else f"{file.parent.name}-{file.stem}"

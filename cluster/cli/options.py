@@ -1,4 +1,4 @@
-"""Options that several commands share, and what becomes of them."""
+"""Options that several commands share, and the objects built from them."""
 
 import json
 import os
@@ -21,7 +21,7 @@ _SECONDS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
 
 
 class Duration(click.ParamType[float]):
-    """`90s`, `45m`, `2h`, or plain seconds; a float of seconds."""
+    """Parses `90s`, `45m`, `2h` or plain seconds into a float of seconds."""
 
     name = "duration"
 
@@ -35,7 +35,7 @@ class Duration(click.ParamType[float]):
 
 
 class WholeNumber(click.IntRange):
-    """An IntRange that says what is allowed of anything else than a number, too."""
+    """An IntRange that also names the allowed range if the value is not an integer."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
         if not re.fullmatch(r"[+-]?\d+", str(value)):
@@ -46,7 +46,7 @@ class WholeNumber(click.IntRange):
 
 
 class Setting(click.ParamType[tuple[str, Any]]):
-    """`section.field=value`; a pair of the name and the value as number, truth or text."""
+    """Parses `section.field=value` into the name and a number, bool or string."""
 
     name = "section.field=value"
 
@@ -62,42 +62,39 @@ class Setting(click.ParamType[tuple[str, Any]]):
             return name, text
 
 
-#: Where everything lies.
 home_option = click.option(
     "--home",
     type=click.Path(path_type=Path),
     default="runs",
     show_default=True,
-    help="Folder for checkpoints, journals, and MLflow's database.",
+    help="Folder of checkpoints, journals and MLflow's database.",
 )
 
-#: Agents of the user's own.
 agent_file_option = click.option(
     "--agent-file",
     "agent_files",
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     multiple=True,
-    help="Python file that registers an agent (docs/agents.md).",
+    help="Python file that registers an agent (docs/agents.md); may be repeated.",
 )
 
-#: Agents that differ.
 vary_option = click.option(
     "--vary-hp",
     "vary",
     metavar="no|small|all",
-    help="Draw each agent's learning rate, batch size and network anew from the paper's "
-    "ranges: all of them, or small networks and batches.",
+    help="Draw the agents' learning rate, batch size and network from the paper's ranges: no, "
+    "small (cheap networks and batches only) or all (default: the recipe's; in evaluate: no).",
 )
 
-#: Where runs are tracked.
 tracking_option = click.option(
     "--tracking-uri",
-    help="MLflow server or database; else the server of `up`, or a database in the home.",
+    help="URI of an MLflow server or database (default: $MLFLOW_TRACKING_URI, else the server of "
+    "`up`, else a SQLite database in --home).",
 )
 
 
 def the_tracking_uri(given: str | None, home: Home) -> str:
-    """The tracking URI: given, of the environment, of the home's server, or its database."""
+    """The tracking URI: the option, MLFLOW_TRACKING_URI, the home's server, or its database."""
     from cluster.services.background import join
 
     named = given or os.environ.get("MLFLOW_TRACKING_URI")
@@ -105,8 +102,10 @@ def the_tracking_uri(given: str | None, home: Home) -> str:
 
 
 def the_address(given: str | None, home: Home) -> str | None:
-    """Address of the Ray cluster to join: given, of the environment, or of the home's
-    head; None for a cluster of the process's own."""
+    """Address of the Ray cluster to join: the option, RAY_ADDRESS, or the home's head.
+
+    None starts a local cluster.
+    """
     from cluster.services.background import join
 
     named = given or os.environ.get("RAY_ADDRESS") or join("ray", home)
@@ -114,25 +113,38 @@ def the_address(given: str | None, home: Home) -> str | None:
 
 
 def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Options that all commands which train agents have in common."""
+    """Options of all commands that train agents."""
     options = [
-        click.option("--seed", type=WholeNumber(min=0), default=0, show_default=True),
+        click.option(
+            "--seed",
+            type=WholeNumber(min=0),
+            default=0,
+            show_default=True,
+            help="Seed of all random numbers.",
+        ),
         click.option(
             "--agent",
             "agents",
-            help="Agent to train: ddqn, dueling-ddqn, td3 or one of your own; several, "
-            "comma-separated: each evaluation draws one (default: the recipe's, ddqn).",
+            help="Agents, comma-separated: ddqn, dueling-ddqn, td3 or registered ones. `nes` and "
+            "`bohb` draw one of several, `evaluate` trains each (default: the recipe's, ddqn).",
         ),
         agent_file_option,
         click.option(
             "--address",
-            help="Ray cluster to join (host:port, auto); else that of `up`, or a local one.",
+            help="Ray cluster to join: host:port, ray://host:port, auto, or local for a new one "
+            "(default: $RAY_ADDRESS, else the head of `up`, else local).",
         ),
         tracking_option,
         home_option,
-        click.option("--solved-reward", type=float, help="For tasks whose spec has none."),
         click.option(
-            "--step-limit", type=WholeNumber(min=1), help="For tasks whose spec has none."
+            "--solved-reward",
+            type=float,
+            help="Mean return at which the task counts as solved (default: the task's).",
+        ),
+        click.option(
+            "--step-limit",
+            type=WholeNumber(min=1),
+            help="Maximum number of steps per episode of the real task (default: the task's).",
         ),
     ]
     for option in reversed(options):
@@ -141,23 +153,27 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Options that the commands which learn SEs have in common."""
+    """Options of the commands that learn SEs."""
     options = [
         click.option(
             "--recipe",
-            help="All hyperparameters of a run: default, paper, authors, distilled, or the path "
-            "of a recipe file (*.toml); default: default, in the profile paper: paper.",
+            help="All hyperparameters of a run: default, paper, authors, distilled, or the path of "
+            "a recipe file, *.toml (default: default; for the profile paper: paper).",
         ),
         click.option(
             "--set",
             "settings",
             type=Setting(),
             multiple=True,
-            help="Replace a hyperparameter of the recipe, as nes.std_dev=0.1 or "
+            help="Replace a hyperparameter of the recipe, for instance nes.std_dev=0.1 or "
             "ddqn.learning_rate=0.002; may be repeated.",
         ),
         vary_option,
-        click.option("--population", type=WholeNumber(min=1), help="NES members a generation."),
+        click.option(
+            "--population",
+            type=WholeNumber(min=1),
+            help="NES members per generation, n_p (default: the recipe's).",
+        ),
     ]
     function = common_options(function)
     for option in reversed(options):
@@ -167,7 +183,7 @@ def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """The values of these options."""
+    """Values of the common options; `population` and below only exist for `nes` and `bohb`."""
 
     task: str
     seed: int
@@ -203,7 +219,7 @@ class RunOptions:
         return names
 
     def the_hyperparameters(self, task: Task, usual_recipe: str = "default") -> "Hyperparameters":
-        """Those of the recipe, with what the options replace. Raises InvalidInput."""
+        """The recipe's hyperparameters with the options' replacements. Raises InvalidInput."""
         from bilevel.hyperparameters import load_recipe
         from search_spaces import to_hyperparameters
 
@@ -215,17 +231,19 @@ class RunOptions:
         return to_hyperparameters(hp, dict(self.settings))
 
     def suffix(self, recipe: str) -> str:
-        """What recipe, agents and variation add to a default name."""
+        """Part of a default name that states recipe, agents and variation."""
         agents = "" if self.agents is None else "-" + self.agents.replace(",", "-").replace(" ", "")
         return f"-{recipe}{agents}" + (f"-{self.vary}" if self.vary else "")
 
     def the_place(self) -> "Place":
-        """Home, MLflow and Ray cluster: given, or those that `up` has started. To be called
-        before anything is imported that imports Ray."""
+        """Home, MLflow and Ray cluster: those of the options, or the services of `up`.
+
+        Must be called before any import of Ray, which reads the environment set here.
+        """
         home = Home(self.home)
         tracking_uri = the_tracking_uri(self.tracking_uri, home)
         address = the_address(self.address, home)
 
-        from cluster.session.place import Place  # imports Ray, which reads what joining has set
+        from cluster.session.place import Place
 
         return Place(home, tracking_uri, address)

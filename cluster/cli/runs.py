@@ -1,4 +1,4 @@
-"""Commands that run something: `nes` and `bohb`."""
+"""The commands `nes` and `bohb`."""
 
 import sys
 from dataclasses import replace
@@ -21,12 +21,14 @@ from cluster.cli.options import (
     type=WholeNumber(min=1),
     help="Maximum number of generations (default: the recipe's).",
 )
-@click.option("--workers", type=WholeNumber(min=1), help="Actors (default: one a core).")
+@click.option(
+    "--workers", type=WholeNumber(min=1), help="Actors (default: one per core of the run's share)."
+)
 @click.option(
     "--solved-for",
     type=WholeNumber(min=1),
-    help="Stop once solved for so many generations in a row, and confirmed (default: the recipe's; "
-    "paper and authors never stop early).",
+    help="Stop once the task is solved in this many generations in a row and fresh agents confirm "
+    "it (default: the recipe's; paper and authors never stop early).",
 )
 @click.option("--name", help="Name of the run; an existing name resumes.")
 def nes(
@@ -36,7 +38,7 @@ def nes(
     name: str | None,
     **options: Any,
 ) -> None:
-    """One NES run on TASK (CartPole-v0, Acrobot-v1 or another gymnasium id)."""
+    """Learn an SE for TASK (CartPole-v0, Acrobot-v1 or another gymnasium id) by one NES run."""
     common = RunOptions(**options)
     task = common.the_task()
     hp = common.the_hyperparameters(task)
@@ -57,21 +59,48 @@ def nes(
 
 @click.command()
 @run_options
-@click.option("--study", default=None, help="Name; the same name goes on where it was.")
-@click.option("--profile", default="local", show_default=True, help="smoke, local or paper.")
-@click.option("--space", help="full (the paper's 18 hyperparameters) or core.")
-@click.option("--brackets", type=WholeNumber(min=1), help="Brackets to run.")
-@click.option("--time-budget", type=Duration(), help="End after 90s, 45m, 2h, ...")
-@click.option("--workers-per-trial", type=WholeNumber(min=1), default=1, show_default=True)
-@click.option("--concurrent-trials", type=WholeNumber(min=1), help="Default: all cores' worth.")
+@click.option("--study", default=None, help="Study name; an existing name resumes.")
+@click.option(
+    "--profile",
+    default="local",
+    show_default=True,
+    help="Size of the search: smoke (a quick check), local (30 minutes) or paper (the paper's).",
+)
+@click.option(
+    "--space",
+    help="Search space: full (the paper's 18 hyperparameters) or core (7 hyperparameters) "
+    "(default: the profile's).",
+)
+@click.option(
+    "--brackets", type=WholeNumber(min=1), help="Number of brackets (default: the profile's)."
+)
+@click.option(
+    "--time-budget",
+    type=Duration(),
+    help="Time limit of this call: 90s, 45m, 2h or seconds (default: the profile's).",
+)
+@click.option(
+    "--workers-per-trial",
+    type=WholeNumber(min=1),
+    default=1,
+    show_default=True,
+    help="Actors, of one core each, per trial.",
+)
+@click.option(
+    "--concurrent-trials",
+    type=WholeNumber(min=1),
+    help="Trials at a time (default: as many as this study's share of the cores holds).",
+)
 @click.option(
     "--method",
     default="bohb",
     show_default=True,
-    help="bohb; hyperband (the same brackets without BOHB's model); random (one configuration a "
-    "bracket, to the largest budget).",
+    help="bohb, hyperband (the same brackets without BOHB's model) or random (random search at the "
+    "largest budget).",
 )
-@click.option("--dry-run", is_flag=True, help="Say what would be run, and run nothing.")
+@click.option(
+    "--dry-run", is_flag=True, help="Print brackets, cost and estimated time without running."
+)
 def bohb(
     study: str | None,
     profile: str,
@@ -104,8 +133,8 @@ def bohb(
     hp = sized(common.the_hyperparameters(task, size.recipe), size)
     if size.space == "full" and hp.se.structure != "plain":
         raise InvalidInput(
-            f"the space 'full' is one of plain SEs, the recipe {hp.recipe!r} has "
-            f"{hp.se.structure} ones: allowed are --recipe paper, authors or distilled"
+            "the space 'full' needs plain SEs (--recipe paper, authors or distilled); "
+            f"the recipe {hp.recipe!r} has {hp.se.structure} SEs"
         )
     place = common.the_place()
     name = study or f"{method}-{profile}-{size.space}{common.suffix(hp.recipe)}-seed{common.seed}"

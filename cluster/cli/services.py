@@ -1,4 +1,4 @@
-"""Commands for what runs beside the runs: `up`, `status`, `down`, `ui`."""
+"""Commands for the background services: `up`, `status`, `down`, `ui`."""
 
 import sys
 from pathlib import Path
@@ -16,11 +16,21 @@ _host_option = click.option(
 @click.command()
 @home_option
 @_host_option
-@click.option("--ray-port", type=_port, default=6379, show_default=True)
-@click.option("--dashboard-port", type=_port, default=8265, show_default=True)
-@click.option("--mlflow-port", type=_port, default=5000, show_default=True)
+@click.option(
+    "--ray-port", type=_port, default=6379, show_default=True, help="Port of the Ray head."
+)
+@click.option(
+    "--dashboard-port",
+    type=_port,
+    default=8265,
+    show_default=True,
+    help="Port of Ray's dashboard.",
+)
+@click.option(
+    "--mlflow-port", type=_port, default=5000, show_default=True, help="Port of the MLflow server."
+)
 def up(home: Path, host: str, ray_port: int, dashboard_port: int, mlflow_port: int) -> None:
-    """Start a Ray head and an MLflow server in the background; studies join them."""
+    """Start a Ray head and an MLflow server in the background, for studies to join."""
     from cluster.services import background
     from cluster.storage.home import Home
 
@@ -30,7 +40,7 @@ def up(home: Path, host: str, ray_port: int, dashboard_port: int, mlflow_port: i
 @click.command()
 @home_option
 def status(home: Path) -> None:
-    """Tell how the services are; exit code 0 if all are up, else 1."""
+    """Print the state of the services; exit code 0 if all are up, else 1."""
     from cluster.services.background import services
     from cluster.storage.home import Home
 
@@ -45,7 +55,7 @@ def status(home: Path) -> None:
 @click.command()
 @home_option
 def down(home: Path) -> None:
-    """Stop the services that `up` started here, and nothing else."""
+    """Stop the services that `up` started in this home."""
     from cluster.services import background
     from cluster.storage.home import Home
 
@@ -55,9 +65,9 @@ def down(home: Path) -> None:
 @click.command()
 @home_option
 @_host_option
-@click.option("--port", type=_port, default=5000, show_default=True)
+@click.option("--port", type=_port, default=5000, show_default=True, help="Port of the UI.")
 def ui(home: Path, host: str, port: int) -> None:
-    """The MLflow UI on the runs of the home folder, until Ctrl-C."""
+    """Serve the MLflow UI on the runs of the home folder until Ctrl-C."""
     from cluster.services.background import join
     from cluster.services.mlflow_server import serve_ui
     from cluster.storage.home import Home

@@ -1,4 +1,4 @@
-"""Commands on what lies in a home: `studies` and `sync`."""
+"""Commands on the runs of a home: `studies` and `sync`."""
 
 from pathlib import Path
 
@@ -24,7 +24,7 @@ def studies(home: Path) -> None:
     if lines:
         print_overview(lines, Terminal().console)
     else:
-        click.echo(f"nothing in {str(home)!r} yet: begin with `make nes-cartpole`")
+        click.echo(f"no runs in {str(home)!r} yet: start with `make nes-cartpole`")
 
 
 @click.command()
@@ -33,10 +33,9 @@ def studies(home: Path) -> None:
 @tracking_option
 @agent_file_option
 def sync(study: str, home: Path, tracking_uri: str | None, agent_files: tuple[Path, ...]) -> None:
-    """Write STUDY to MLflow as it is on disk: what is missing there, or all of it.
+    """Write to MLflow what it lacks of STUDY, from the files on disk.
 
-    STUDY is a study or an NES run by its name, or TASK/NAME where several tasks have one
-    of that name.
+    STUDY is the name of a study or an NES run, or TASK/NAME if several tasks have that name.
     """
     from bilevel.agents import load_plugins
     from cluster.catalog.sync import sync as write

@@ -1,4 +1,4 @@
-"""What an evaluation of many agents comes to: figures, a table, a picture."""
+"""Report of an evaluation of many agents: statistics, a table, a violin plot."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -26,22 +26,22 @@ class Group:
 
     @property
     def test_returns(self) -> NDArray[np.float64]:
-        """All test episodes of all agents."""
+        """Returns of all test episodes of all agents."""
         return np.concatenate([result.test_returns for result in self.results])
 
     @property
     def train_steps(self) -> NDArray[np.float64]:
-        """(n,) steps that each agent was trained for."""
+        """Train steps (n,) of the agents."""
         return np.array([result.train_steps for result in self.results], np.float64)
 
     @property
     def train_episodes(self) -> NDArray[np.float64]:
-        """(n,) episodes that each agent was trained for."""
+        """Train episodes (n,) of the agents."""
         return np.array([result.train_episodes for result in self.results], np.float64)
 
     def summary(self) -> dict[str, float]:
-        """Mean, standard deviation and quartiles of the test returns and of the training's
-        steps and episodes; the fraction of agents that solve the task."""
+        """Mean, standard deviation and quartiles of test returns, train steps and train episodes;
+        the fraction of agents that solve the task; the number of diverged agents."""
         values: dict[str, float] = {"agents": float(len(self.results))}
         for name in ("test_returns", "train_steps", "train_episodes"):
             array = getattr(self, name)
@@ -60,7 +60,7 @@ class Group:
 
 
 def as_json(groups: Sequence[Group]) -> list[dict[str, Any]]:
-    """The summaries, one dictionary a group."""
+    """The summaries, one dictionary per group."""
     return [{"source": g.source, "agent": g.agent, **g.summary()} for g in groups]
 
 
@@ -85,7 +85,7 @@ def as_table(groups: Sequence[Group]) -> list[str]:
 
 
 def violins(groups: Sequence[Group], task: Task) -> Figure:
-    """Test returns of every group, and below them the train steps (as in the paper's
+    """Violin plots of every group's test returns and, below, train steps (as in the paper's
     figures on robustness and transfer)."""
     figure = Figure(figsize=(max(5.0, 1.9 * len(groups) + 1.5), 6), layout="constrained")
     returns, steps = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1.4])

@@ -35,18 +35,18 @@ FINAL_AGENTS = 10
 
 @dataclass(frozen=True)
 class NESCommand:
-    """An NES run, and how and where it is run this time."""
+    """An NES run, and how and where this command runs it."""
 
     run: NESRun
     place: Place
-    workers: int | None = None  # actors; None: one a core of the cluster
+    workers: int | None = None  # actors; None: one per core of this run's share
 
 
 def run_nes(command: NESCommand) -> NESState:
-    """Run (or continue) until solved and confirmed, or out of generations.
+    """Run or resume until solved and confirmed, or out of generations; return the last state.
 
-    Raises InvalidInput before anything is written, and StorageFailure when there is
-    no room any more; Ctrl-C loses at most the generation in flight.
+    Raises InvalidInput before anything is written, and StorageFailure if the disk is full.
+    Ctrl-C loses at most the generation in flight.
     """
     run = command.run
     with (
@@ -58,7 +58,7 @@ def run_nes(command: NESCommand) -> NESState:
 
 
 class _UnderWay:
-    """An NES run under way."""
+    """An NES run in progress."""
 
     def __init__(self, run: NESRun, session: Session, pool: EvaluationPool) -> None:
         self.run = run
@@ -67,7 +67,7 @@ class _UnderWay:
         self.pool = pool
 
     def go(self) -> NESState:
-        """From what is on disk to the end."""
+        """Run from the last checkpoint to the end."""
         run, nes = self.run, self.run.hp.nes
         self.session.introduce(
             f"NES on {run.task.id}: recipe {run.hp.recipe}, {start_of(nes)}, rule {nes.update}, "
@@ -75,7 +75,7 @@ class _UnderWay:
             f"{nes.generations} generations, {self.pool.size} worker(s), seed {run.seed}"
         )
         views = NESViews(run, self.session.begun, live=True)
-        goes_on = "the same command goes on from the last finished generation"
+        goes_on = "run the same command again to resume after the last finished generation"
         with self.session.live(views, nes.generations, goes_on) as mirror:
             state = self._evolved(self._open(), lambda: mirror.mark(views.keys()))
             self._finish(state)
@@ -86,11 +86,11 @@ class _UnderWay:
             self.terminal.line("distilling the start from action values of the real task")
         state = self.run.open(self.terminal.line)
         if state.generation > 0:
-            self.terminal.line(f"going on after generation {state.generation - 1}")
+            self.terminal.line(f"resuming after generation {state.generation - 1}")
         return state
 
     def _evolved(self, state: NESState, changed: Callable[[], None]) -> NESState:
-        """The finished run: start, generations, confirmations."""
+        """Run start, generations and confirmations until the state is finished."""
         nes = self.run.hp.nes
         started, first = time.monotonic(), state.generation
         while not state.finished:
@@ -125,7 +125,7 @@ class _UnderWay:
         if state.attempt:
             self.terminal.line(
                 f"no new best SE for {self.run.hp.nes.restart_after} generations: attempt "
-                f"{state.attempt + 1} begins from other random SEs"
+                f"{state.attempt + 1} starts from other random SEs"
             )
         self.terminal.line(f"choosing a start among {race.candidates} random SEs")
         self.terminal.bar("choosing the start", 0, race.evaluations, "evaluations")
@@ -140,7 +140,7 @@ class _UnderWay:
         scores = list(confirmation.scores)
         state = self._advanced(state, lambda result: scores.append(result.score))
         if state.confirmation is None:
-            verdict = "solved" if state.confirmed else "not surely solved yet, going on"
+            verdict = "solved" if state.confirmed else "not confirmed"
             kind = "fresh agents" if self.run.hp.vary_agent == "no" else "fresh agents of all sizes"
             self.terminal.line(
                 f"{len(scores)} {kind} score {np.mean(scores):.1f} ± {np.std(scores):.1f} on the "
@@ -158,7 +158,7 @@ class _UnderWay:
 
     def _finish(self, state: NESState) -> None:
         run, line = self.run, self.terminal.line
-        reason = "solved and stayed solved" if state.confirmed else "all generations done"
+        reason = "solved and confirmed" if state.confirmed else "all generations done"
         elapsed = duration(time.monotonic() - self.terminal.started)
         line(
             f"{reason}: {count(state.generation, 'generation')}, {elapsed} after the command began"
@@ -176,7 +176,7 @@ class _UnderWay:
         path = hand_over(se, score, run.folder, state.generation)
         line(str(score))
         line(f"best SE: {path}  ({model_address(run.task.id)} in MLflow's model registry)")
-        line("look at the curves with `make ui`; use the SE with")
+        line("view the learning curve with `make ui`; load the SE with")
         line(
             f'  import bilevel, gymnasium; gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")'
         )

@@ -1,4 +1,4 @@
-"""The end of a run: its best SEs retested, the winner scored anew and handed over."""
+"""The end of a run: retest its best SEs, score the winner with fresh agents, and save it."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -19,10 +19,10 @@ from bilevel.tasks import Task
 from cluster.ray.pool import EvaluationPool
 from cluster.storage.run_folder import Final, add_final
 
-#: What fresh seeds are derived from: the run's seed, and when in the run.
+#: Root of fresh seeds: the run's seed, and optionally the time in the run.
 Seed = tuple[int, ...]
 
-#: Of a run's folder and of its artifacts.
+#: File names in a run's folder and artifacts.
 BEST_FILE, LAST_FILE = "best_se.safetensors", "last_se.safetensors"
 
 
@@ -33,10 +33,10 @@ class FinalScore:
     scores: NDArray[np.float64]
     train_steps: NDArray[np.int64]
     solved_reward: float
-    real_env_steps: int = 0  # of the tests
+    real_env_steps: int = 0  # made in the tests
 
     def __add__(self, other: Self) -> Self:
-        """Of the agents of both."""
+        """Concatenate the agents of both."""
         scores = np.concatenate([self.scores, other.scores])
         steps = np.concatenate([self.train_steps, other.train_steps])
         real = self.real_env_steps + other.real_env_steps
@@ -62,14 +62,14 @@ class FinalScore:
         return (
             f"{self.scores.size} fresh agents trained on the best SE score "
             f"{self.scores.mean():.1f} ± {self.scores.std():.1f} on the real task "
-            f"({verdict}: {self.solved_reward:g} is; {solved} of {self.scores.size} agents do), "
+            f"({verdict}: {solved} of {self.scores.size} agents reach {self.solved_reward:g}), "
             f"after {self.train_steps.mean():.0f} steps"
         )
 
 
 @dataclass(frozen=True)
 class Contender:
-    """An SE that may be the best, and the agent it was made for."""
+    """A candidate for the best SE, with the hyperparameters that it was learned with."""
 
     se: StoredSE
     hp: Hyperparameters
@@ -77,20 +77,20 @@ class Contender:
 
 @dataclass(frozen=True)
 class Round:
-    """Of a choice between SEs."""
+    """A round of successive halving between SEs."""
 
-    contenders: int  # that are in it, at most
-    agents: int  # that each has been tried on by its end
+    contenders: int  # maximum number
+    agents: int  # trained on each contender by the end of the round
 
 
-#: A choice between a few: the same for all.
+#: Choice between a few SEs: one round.
 RETEST = (Round(100, 32),)
-#: Between many, most of them there by luck.
+#: Choice between many SEs, most of which scored high by chance.
 RACE = (Round(16, 8), Round(6, 32), Round(2, 96))
 
 
 def agents_needed(contenders: int, rounds: Sequence[Round]) -> int:
-    """That a choice trains; one contender alone needs none."""
+    """Number of agents that a choice trains; a single contender needs none."""
     if contenders == 1:
         return 0
     before = [0, *(one.agents for one in rounds)]
@@ -108,9 +108,9 @@ def choose_best(
     on_test: Callable[[], None] = lambda: None,
     rounds: Sequence[Round] = RETEST,
 ) -> Contender:
-    """The one whose agents score highest, among equals the one that took fewer steps; contenders
-    come best first. Each round trains more fresh agents, the same for all, on those that are
-    left, and keeps the best of them for the next (successive halving)."""
+    """The contender whose agents score highest; ties go to fewer train steps, then to the order
+    of `contenders`, best first. Each round trains more fresh agents, the same for all, on the
+    remaining contenders and keeps the best for the next round (successive halving)."""
     if len(contenders) == 1:
         return contenders[0]
     none = FinalScore(np.empty(0), np.empty(0, np.int64), task.solved_reward)
@@ -136,8 +136,11 @@ def choose_best(
 def score_anew(
     task: Task, contender: Contender, agents: int, seed: Seed, pool: EvaluationPool
 ) -> FinalScore:
-    """Train `agents` fresh agents on the SE, with seeds nothing was chosen by: by the stopping
-    rule, and, if agents vary, drawn from the whole of the paper's ranges."""
+    """Score the SE with `agents` fresh agents, whose seeds took part in no choice.
+
+    The agents train by the stopping rule; if agents vary, they are drawn from the paper's full
+    ranges.
+    """
     hp = contender.hp
     vary = "no" if hp.vary_agent == "no" else "all"
     impatient = replace(hp, nes=replace(hp.nes, patient_episodes=0))
@@ -152,7 +155,7 @@ Drawn = tuple[AgentHyperparameters, int]
 def _agents(
     hp: Hyperparameters, vary: str, numbers: range, purpose: Purpose, seed: Seed
 ) -> list[Drawn]:
-    """The fresh agents of these numbers; every second one is patient, if NES has such."""
+    """The fresh agents with these numbers; if NES has patient agents, every second one is."""
     root, *when = seed
     drawn = []
     for number in numbers:
@@ -181,10 +184,9 @@ def _tested(
 
 
 def hand_over(se: StoredSE, score: FinalScore, folder: Path, step: int) -> Path:
-    """Put the SE, with its final score, into a run's folder; returns its file.
+    """Save the SE with its final score in a run's folder; return the file's path.
 
-    `step` is how far the run has come: generations, or results of a study. Raises
-    StorageFailure.
+    `step` is the number of generations, or of a study's results. Raises StorageFailure.
     """
     path = folder / BEST_FILE
     save_se(replace(se, info={**se.info, **score.metrics()}), path)

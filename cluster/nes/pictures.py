@@ -1,4 +1,4 @@
-"""Pictures of an NES run."""
+"""Plots of an NES run."""
 
 from collections.abc import Sequence
 
@@ -11,7 +11,7 @@ from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
 
 def learning_curve(records: Sequence[GenerationRecord], task: Task, title: str) -> Figure:
-    """Scores and train steps by generation."""
+    """Plot scores and train steps by generation."""
     generations = [record.generation for record in records]
     mean = np.array([record.score_mean for record in records])
     std = np.array([record.score_std for record in records])

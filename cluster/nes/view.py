@@ -1,4 +1,4 @@
-"""An NES run as MLflow shows it; of a study's configurations the same parts."""
+"""MLflow view of an NES run; a study's configurations share its parts."""
 
 import json
 from dataclasses import dataclass
@@ -17,18 +17,18 @@ from cluster.tracking.pictures import png
 
 
 def generation_points(state: NESState | None) -> list[Point]:
-    """A point a generation."""
+    """One point per generation."""
     return [] if state is None else [Point.of(record) for record in state.records]
 
 
 def edition(state: NESState | None) -> str | None:
-    """Tells a run from one that was begun anew because its checkpoint was damaged: scores
-    are the same again, measured times are not."""
+    """Distinguishes a run from its repetition after a damaged checkpoint: the scores are the
+    same, the measured times are not."""
     return repr(state.records[0].finished) if state is not None and state.records else None
 
 
 def run_documents(run: NESRun, state: NESState, title: str, best: Document) -> list[Document]:
-    """Best and last SE, learning curve and hyperparameters."""
+    """Documents of a run: best and last SE, learning curve and hyperparameters."""
     version = f"generation {state.generation}"
 
     def curve() -> bytes:
@@ -43,14 +43,14 @@ def run_documents(run: NESRun, state: NESState, title: str, best: Document) -> l
 
 
 def registered(folder: Path, task_id: str, last: Final) -> RegisteredSE:
-    """The best SE of a run that has come to an end."""
+    """The best SE of a finished run, for the model registry."""
     tags = {name: f"{value:.6g}" for name, value in last.metrics.items()}
     return RegisteredSE(folder / BEST_FILE, task_id, last.time, tags)
 
 
 @dataclass(frozen=True)
 class NESViews:
-    """The one run that an NES run is shown as; `live` while a process works on it."""
+    """The MLflow run of an NES run; `live` while a process works on it."""
 
     run: NESRun
     begun: Begun
@@ -58,7 +58,7 @@ class NESViews:
 
     @classmethod
     def of(cls, folder: Path) -> "NESViews":
-        """Of a run that nobody works on. Raises InvalidInput."""
+        """View of a run that no process works on. Raises InvalidInput if it is damaged."""
         return cls(NESRun.read(folder), Begun.read(folder), False)
 
     @property
@@ -122,7 +122,7 @@ class NESViews:
             f"{nes.population_size}, step size {nes.step_size:g}, std. dev. {nes.std_dev:g}, "
             f"seed {run.seed}). `real_env_steps` are all steps made on the real task "
             "so far. Per generation: `score_*`, `train_*` and `solved_fraction` are of agents "
-            "trained on the unperturbed SE. It stops early once the task has been solved "
+            "trained on the unperturbed SE. The run stops early once the task has been solved "
             "for several generations in a row and fresh agents confirm it; `final_*` are of fresh "
             "agents trained on the best SE."
         )

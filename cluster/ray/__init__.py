@@ -1,1 +1,1 @@
-"""Ray: the connection, the pool of actors, and the order in which these get their requests."""
+"""Ray: the connection, the actor pool, and the order in which actors get their requests."""

@@ -1,4 +1,4 @@
-"""Agents of the user's own, from a Python file: imported here and by every actor."""
+"""User-defined agents from Python files, imported by the driver and every actor."""
 
 import importlib
 import os
@@ -8,16 +8,16 @@ from typing import Any
 
 from bilevel.errors import InvalidInput
 
-#: Folders of the files imported so far, the last one first.
+#: Folders of the imported files, the latest first.
 _FOLDERS: list[str] = []
 
 
 def load_agent_file(file: Path) -> None:
     """Import a file that registers an agent.
 
-    Its folder goes to the front of the search path, here and by `runtime_env` in the
-    actors: one imports the file when the first request names its class.
-    Raises InvalidInput if the file cannot be imported.
+    Its folder is put first on the module search path, here and (by `runtime_env`) in the actors,
+    which import the file when the first request refers to its class. Raises InvalidInput if the
+    file cannot be imported.
     """
     if not file.stem.isidentifier() or file.suffix != ".py":
         raise InvalidInput(f"agent file {str(file)!r} must be a Python file, NAME.py")
@@ -35,7 +35,7 @@ def load_agent_file(file: Path) -> None:
 
 
 def runtime_env() -> dict[str, Any] | None:
-    """What Ray has to tell the actors: nothing unless agent files were loaded."""
+    """Ray's `runtime_env` for the actors; None if no agent files were loaded."""
     if not _FOLDERS:
         return None
     others = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]

@@ -18,10 +18,10 @@ from cluster.ray.agent_files import runtime_env
 from cluster.ray.environment import environment_kept
 
 _CONNECT_TIMEOUT = 5.0  # seconds until an address counts as unreachable
-#: Begins the names of placement groups that stand for a run.
+#: Prefix of the names of placement groups that mark a run.
 _MARK = "bilevel-run-"
-#: Set by Ray when it starts a cluster. Left behind, it makes a later process ask for a token
-#: that its parent, with Ray imported before, does not show: the two never meet.
+#: Ray sets this variable when it starts a cluster. If it stayed set, a child process would demand
+#: a token that its parent, which imported Ray earlier, does not send, and could not connect.
 _AUTHENTICATION = "RAY_AUTH_MODE"
 
 
@@ -74,10 +74,9 @@ def cluster_cores() -> int:
 
 @contextlib.contextmanager
 def sharing() -> Iterator[None]:
-    """Within the block, other runs on the cluster leave this one its share.
+    """Within the block, other runs on the cluster leave this run its share of the cores.
 
-    A placement group of next to nothing tells them; it goes with the driver, however
-    that ends.
+    A tiny placement group marks the run; Ray removes the mark when the driver ends in any way.
     """
     mark = placement_group([{"memory": 1}], name=f"{_MARK}{uuid.uuid4().hex}")
     try:
@@ -87,8 +86,10 @@ def sharing() -> Iterator[None]:
 
 
 def fair_share(workers_per_trial: int) -> int:
-    """How many trials of so many workers a run may have at a time, on the cluster as it is
-    now: its cores are shared equally among the runs that are `sharing`."""
+    """Number of trials, of `workers_per_trial` cores each, that a run may have at a time.
+
+    The cluster's current cores are shared equally among the runs that are `sharing`.
+    """
     groups = placement_group_table().values()
     names = [group["name"] for group in groups if group["state"] != "REMOVED"]
     runs = sum(1 for name in names if name.startswith(_MARK))

@@ -1,4 +1,4 @@
-"""Variables of this process's environment."""
+"""Variables of this process's environment (os.environ)."""
 
 import os
 from collections.abc import Iterator
@@ -7,7 +7,7 @@ from contextlib import contextmanager
 
 @contextmanager
 def environment_kept(*names: str) -> Iterator[None]:
-    """After the block these variables are what they were before it."""
+    """Restore these variables after the block."""
     before = {name: os.environ.get(name) for name in names}
     try:
         yield

@@ -1,8 +1,8 @@
 """A pool of Ray actors that evaluates SEs.
 
-Requests are handed out in batches as actors become free, the longest first (`request_queue`),
-and only to actors that have arrived: nodes may come and go. An actor that dies is replaced
-and what it held is run again, which changes nothing: an answer depends on its request alone.
+Requests are sent in batches as actors become free, the longest first (`cluster.ray.queue`), and
+only to actors that have started: nodes may come and go. An actor that dies is replaced and its
+requests are run again, with the same results, because a result depends on its request alone.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,17 +17,16 @@ from bilevel.tasks import Task
 from cluster.ray.connection import fair_share, require_capacity
 from cluster.ray.queue import Batch, RequestQueue
 
-#: Deaths of actors on one and the same batch after which it is given up: then it
-#: is a request of it (out of memory, say) and not the machine. Likewise deaths in a row of
-#: actors that have not even arrived.
+#: Actor deaths on one batch after which the pool gives up: the cause is then a request (out of
+#: memory, say) and not the machine. The same number, per actor, limits deaths in a row at start.
 MAX_DEATHS = 5
 
 
 class _Worker:
-    """Answers one request after the other."""
+    """Actor that evaluates requests one after the other."""
 
     def arrive(self) -> None:
-        """Returns once the actor is up."""
+        """Return once the actor is up."""
 
     def evaluate(
         self, task: Task, se: SE | SEDistribution | None, batch: Batch
@@ -38,7 +37,7 @@ class _Worker:
 class EvaluationPool:
     """`workers` actors of one core each; a context manager that ends them.
 
-    With fewer cores free, the actors that find one do all the work.
+    If fewer cores are free, the actors that got one do all the work.
     """
 
     def __init__(self, workers: int) -> None:
@@ -46,14 +45,14 @@ class EvaluationPool:
         self._arriving = {actor.arrive.remote(): i for i, actor in enumerate(self._actors)}
         self._arrived: set[int] = set()
         self._deaths_on_arrival = 0
-        #: Seconds its actors have spent in evaluations.
+        #: Seconds that its actors have spent in evaluations.
         self.kernel_seconds = 0.0
         #: Steps on the real task that its evaluations have made.
         self.real_env_steps = 0
 
     @classmethod
     def on_cluster(cls, workers: int | None) -> Self:
-        """A pool of that many actors, or of one a core of this run's share of the cluster.
+        """A pool of `workers` actors, or (None) one per core of this run's share of the cluster.
 
         Raises InvalidInput if the cluster has fewer cores.
         """
@@ -85,10 +84,10 @@ class EvaluationPool:
         requests: Sequence[EvaluationRequest],
         on_result: Callable[[EvaluationResult], None] = lambda result: None,
     ) -> list[EvaluationResult]:
-        """Answers to all requests, in no particular order; the SE, or the distribution that
-        requests draw from, is sent once.
+        """Evaluate all requests; return the results in no particular order.
 
-        Raises RuntimeError if actors keep dying on one batch of requests.
+        The SE, or the distribution that requests draw from, is sent once. `on_result` is called
+        with each result. Raises RuntimeError if actors keep dying on one batch or at start.
         """
         sent = [ray.put(task), ray.put(se)]
         waiting = RequestQueue(requests, self.size)
@@ -110,7 +109,9 @@ class EvaluationPool:
                 answers = ray.get(done)
             except RayTaskError:
                 raise
-            except RayError as error:  # of actor, node or object: the requests are unharmed
+            except (
+                RayError
+            ) as error:  # actor, node or object was lost: its requests can be run again
                 fatal = held[slot][0].index
                 deaths[fatal] = deaths.get(fatal, 0) + 1
                 if deaths[fatal] >= MAX_DEATHS:
@@ -131,7 +132,7 @@ class EvaluationPool:
         return results
 
     def _receive(self, reference: Any) -> None:
-        """An actor has arrived, or died on the way and is replaced."""
+        """Register an actor that has started, or replace one that died at start."""
         slot = self._arriving.pop(reference)
         try:
             ray.get(reference)

@@ -1,7 +1,7 @@
-"""In which batches and order a pool's actors get their requests, and how early.
+"""Batches and order in which a pool's actors get their requests, and how early.
 
-Results do not depend on it, an evaluation being a function of its request alone; the
-time does, by what actors wait for the driver and, at the end, for the slowest of them.
+The order does not affect results, since an evaluation is a function of its request alone. It
+affects the time that actors wait for the driver and, at the end, for the slowest actor.
 """
 
 from collections import deque
@@ -10,14 +10,14 @@ from dataclasses import dataclass
 
 from bilevel.evaluation import Centre, EvaluationRequest
 
-#: A batch is one of so many an actor into which the requests that are left would be divided: large
-#: ones first, because a round trip to an actor costs about a millisecond and an evaluation may
-#: take five, and at the end single requests, so that the actors finish together (guided
+#: A batch holds one of BATCHES equal parts of an actor's share of the remaining requests. The first
+#: batches are large, because a round trip to an actor costs about a millisecond and an evaluation
+#: may take five; the last are single requests, so that the actors finish together (guided
 #: self-scheduling; Polychronopoulos and Kuck, 1987).
 BATCHES = 4
 
-#: A busy actor gets its next batch early while all that wait would keep every actor
-#: busy for so many times what that one would then have to do (docs/speed.md).
+#: A busy actor gets its next batch early while the waiting batches would keep every actor busy for
+#: this multiple of the cost of its two batches (docs/speed.md).
 EARLY_MARGIN = 1.5
 
 
@@ -30,16 +30,16 @@ class Batch:
 
     @property
     def cost(self) -> float:
-        """Expected, in multiplications a training step."""
+        """Expected cost, in multiplications per training step."""
         return sum(request.agent.step_cost for request in self.requests)
 
 
 def batches(requests: Sequence[EvaluationRequest], actors: int) -> list[Batch]:
-    """All requests, longest expected first, in batches of ever less cost.
+    """All requests, longest expected first, in batches of decreasing cost.
 
-    What is long must not begin last, when the other actors have nothing left to do
-    (Graham, 1969). How many steps an agent will train is not known (its SE is new),
-    but what a step costs is; and agents on the unperturbed SE tend to stop sooner.
+    A long evaluation must not begin last, when the other actors have nothing left to do (Graham,
+    1969). The number of training steps is unknown (the SE is new), but the cost of a step is
+    known, and agents on the unperturbed SE tend to stop sooner.
     """
     ordered = sorted(requests, key=lambda one: (-one.agent.step_cost, isinstance(one.on, Centre)))
     left = sum(one.agent.step_cost for one in ordered)
@@ -56,7 +56,7 @@ def batches(requests: Sequence[EvaluationRequest], actors: int) -> list[Batch]:
 
 
 class RequestQueue:
-    """Batches that none of `actors` actors has yet."""
+    """Batches that have not been sent to any of the `actors` actors."""
 
     def __init__(self, requests: Sequence[EvaluationRequest], actors: int) -> None:
         self._waiting = deque(batches(requests, actors))
@@ -67,11 +67,11 @@ class RequestQueue:
         return len(self._waiting)
 
     def take(self, held: Sequence[Batch]) -> Batch | None:
-        """The next batch for an actor that holds these, None if it gets none now.
+        """The next batch for an actor that holds the batches `held`, None if it gets none now.
 
-        One that holds nothing gets a batch whenever there is one. One that holds one
-        gets the next early, so that it need not wait for the driver between the two,
-        unless others may then be idle before it has begun that.
+        An idle actor gets a batch whenever one is waiting. An actor with one batch gets the next
+        early, so that it need not wait for the driver, unless other actors could then run out of
+        work before it begins that batch.
         """
         if not self._waiting or len(held) > 1:
             return None
@@ -85,6 +85,6 @@ class RequestQueue:
         return batch
 
     def put_back(self, held: Sequence[Batch]) -> None:
-        """What an actor held when it died comes first again."""
+        """Put the batches of a dead actor back at the front of the queue."""
         self._waiting.extendleft(reversed(held))
         self._cost += sum(batch.cost for batch in held)

@@ -1,1 +1,1 @@
-"""What runs beside the runs: a Ray head and an MLflow server."""
+"""Background services: a Ray head and an MLflow server."""

@@ -1,4 +1,4 @@
-"""MLflow's own server on a home: for `bilevel ui`, and in the background for `up`."""
+"""MLflow server on a home, for `bilevel ui` and, in the background, `bilevel up`."""
 
 import os
 import subprocess
@@ -13,15 +13,15 @@ from cluster.storage.home import Home
 def mlflow_server(home: Home, host: str, port: int) -> tuple[list[str], dict[str, str]]:
     """Command and environment of a server on the home's database and artifacts.
 
-    Artifacts lie where the database says, also for clients of the server: so one
-    database serves with and without it.
+    Clients of the server also write artifacts to the locations in the database, so the database
+    works with and without the server.
     """
     command = ["mlflow", "server", "--host", host, "--port", str(port), "--workers", "1"]
     command += ["--backend-store-uri", home.database_uri]
     command += ["--registry-store-uri", home.database_uri]
     command += ["--default-artifact-root", home.artifacts.as_uri()]
     command += ["--uvicorn-opts", "--log-level error"]
-    # Only errors are worth a line, and jobs for language models are not wanted.
+    # Log errors only, and run no jobs for language models.
     return command, {
         "MLFLOW_LOGGING_LEVEL": "ERROR",
         "PYTHONWARNINGS": "ignore",
@@ -30,12 +30,12 @@ def mlflow_server(home: Home, host: str, port: int) -> tuple[list[str], dict[str
 
 
 def serve_ui(home: Home, host: str, port: int) -> int:
-    """Serve until interrupted; returns the server's exit code.
+    """Serve until interrupted; return the server's exit code.
 
     Raises InvalidInput if there are no runs yet, or the port is taken.
     """
     if not (home.folder / "mlflow.db").exists():
-        raise InvalidInput(f"no runs in {str(home.folder)!r} yet: begin with `make nes-cartpole`")
+        raise InvalidInput(f"no runs in {str(home.folder)!r} yet: start with `make nes-cartpole`")
     require_free(host, port)
     address = f"http://{host}:{port}/#/experiments?workflowType=machine_learning"
     print(f"MLflow UI on {address}  (Ctrl-C ends it)", flush=True)

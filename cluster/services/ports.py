@@ -1,4 +1,4 @@
-"""Ports of this machine."""
+"""TCP ports of this machine."""
 
 import socket
 
@@ -6,7 +6,7 @@ from bilevel.errors import InvalidInput
 
 
 def require_free(host: str, port: int) -> None:
-    """Raise InvalidInput if nothing can be served there."""
+    """Raise InvalidInput if no server can bind to the port."""
     with socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
@@ -16,13 +16,13 @@ def require_free(host: str, port: int) -> None:
 
 
 def free_port() -> int:
-    """A port that nobody uses now."""
+    """A port that is currently unused."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
 
 
 def listening(host: str, port: int) -> bool:
-    """Whether somebody answers there."""
+    """Whether a server accepts connections on the port."""
     with socket.socket() as probe:
         return probe.connect_ex((host, port)) == 0

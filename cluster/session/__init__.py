@@ -1,1 +1,1 @@
-"""What holds while a command runs: place, terminal, signals, and that MLflow follows."""
+"""Context of a running command: Ray and MLflow, terminal, signals, the run's status."""

@@ -1,4 +1,4 @@
-"""Ctrl-C, and SIGTERM, which stops what is run as orderly."""
+"""Handling of Ctrl-C and SIGTERM, which both stop a command cleanly."""
 
 import signal
 from collections.abc import Iterator
@@ -10,9 +10,11 @@ from cluster.session.terminal import Terminal
 
 
 class InterruptGuard:
-    """Ctrl-C (or SIGTERM) within `orderly` becomes a flag, the first time; at any other time
-    it is a KeyboardInterrupt, which `check` raises again: it may have come where Python or a
-    library swallows it, as in a finaliser."""
+    """Turns the first Ctrl-C (or SIGTERM) within `orderly` into a flag.
+
+    At any other time the signal raises KeyboardInterrupt, and `check` raises it again, because
+    Python or a library may have swallowed the first one, as in a finaliser.
+    """
 
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
@@ -31,7 +33,7 @@ class InterruptGuard:
 
     @contextmanager
     def orderly(self) -> Iterator[None]:
-        """Within the block someone asks for `interrupted` and ends what is in flight."""
+        """Within the block the caller polls `interrupted` and stops its work itself."""
         self._orderly = True
         try:
             yield
@@ -39,7 +41,7 @@ class InterruptGuard:
             self._orderly = False
 
     def check(self) -> None:
-        """Raises KeyboardInterrupt if there was one."""
+        """Raise KeyboardInterrupt if a signal has arrived."""
         if self.interrupted:
             raise KeyboardInterrupt
 
@@ -47,4 +49,4 @@ class InterruptGuard:
         again, self.interrupted = self.interrupted, True
         if again or not self._orderly:
             raise KeyboardInterrupt
-        self._terminal.line("stopping after what is in flight; once more stops at once")
+        self._terminal.line("stopping cleanly; press Ctrl-C again to stop at once")

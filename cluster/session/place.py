@@ -1,4 +1,4 @@
-"""Where a command runs this time: its home, its MLflow, its Ray cluster."""
+"""Home, MLflow and Ray cluster of one command."""
 
 import contextlib
 from collections.abc import Iterator
@@ -20,24 +20,25 @@ from cluster.tracking.tracker import check_tracking_uri, mlflow_imported_meanwhi
 
 @dataclass(frozen=True)
 class Place:
-    """All of it may differ when a run is continued, but the home."""
+    """Home, MLflow and Ray cluster; a resumed run may change all but the home."""
 
     home: Home
     tracking_uri: str
-    address: str | None = None  # of a Ray cluster to join; None: one of the process's own
+    address: str | None = None  # of a Ray cluster to join; None: start a local one
 
     @contextlib.contextmanager
     def entered(self) -> Iterator["Driver"]:
         """Within the block this process is a driver of the cluster; nothing is written.
 
-        Raises InvalidInput for a tracking URI or a cluster that will not do.
+        Raises InvalidInput for an invalid or unreachable MLflow or cluster, and for SQLite on
+        several nodes.
         """
         check_tracking_uri(self.tracking_uri)
         with (
             Terminal() as terminal,
             mlflow_imported_meanwhile(),
             ray_cluster(self.address),
-            InterruptGuard(terminal) as guard,  # after Ray, which takes SIGTERM for itself
+            InterruptGuard(terminal) as guard,  # after Ray, which installs its own SIGTERM handler
         ):
             require_server_for_nodes(self.tracking_uri)
             if ray.available_resources().get("CPU", 0) < 1:
@@ -56,9 +57,9 @@ class Driver:
 
     @contextlib.contextmanager
     def session(self, folder: Path, task_id: str, settings: dict[str, Any]) -> Iterator[Session]:
-        """Within the block this process alone works on the run in the folder.
+        """Within the block this process holds the lock of the run in `folder`.
 
-        Raises InvalidInput if the home cannot be written, if another process holds the folder,
+        Raises InvalidInput if the home cannot be written, if another process holds the lock,
         or if the run was begun with other settings.
         """
         home = self.place.home

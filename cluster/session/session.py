@@ -1,4 +1,4 @@
-"""A run under way: its folder is held, it stands as running, and MLflow follows."""
+"""A run in progress: its folder is locked, its status is RUNNING, and MLflow follows."""
 
 import contextlib
 import time
@@ -15,32 +15,32 @@ from cluster.tracking import Mirror, Tracker, Views
 
 @dataclass
 class Session:
-    """What every kind of run has at hand while a process works on it."""
+    """Folder, tracker, terminal and signals of a run while a process works on it."""
 
     folder: Path
     begun: Begun
     tracker: Tracker
     terminal: Terminal
     guard: InterruptGuard
-    #: How the run will stand if it ends without an error.
+    #: Status of the run if it ends without an error.
     status: Status = "FINISHED"
 
     def introduce(self, what: str) -> None:
-        """Tell what is run, where it is kept, and where to look at it."""
+        """Print a description of the run, its folder, and its MLflow address."""
         self.terminal.line(what)
-        self.terminal.line(f"folder {self.folder}; to look at it: {self.tracker.address}")
+        self.terminal.line(f"folder {self.folder}; MLflow: {self.tracker.address}")
 
     @contextlib.contextmanager
     def live(self, views: Views, target: int, goes_on: str) -> Iterator[Mirror]:
-        """Within the block the run stands as RUNNING up to `target`, and MLflow shows those of
-        its views that the mirror is told have changed; in the end both show how the block ended.
+        """Within the block the run's status is RUNNING with `target`, and MLflow shows the views
+        that are marked as changed; at the end both record how the block ended.
 
-        After Ctrl-C the user is told how the run `goes_on`, and if MLflow lacks something even
-        then, what to do about it.
+        After Ctrl-C the message `goes_on` says how to resume the run. If MLflow still lacks some
+        runs at the end, a message says how to write them.
         """
         self._stand("RUNNING", target)
         mirror = Mirror(self.tracker, views.view, self.terminal.line)
-        mirror.mark(views.keys())  # what an earlier process did not get to show
+        mirror.mark(views.keys())  # an earlier process may not have shown all of them
         ended_as: Status = "FAILED"
         try:
             yield mirror
@@ -50,7 +50,7 @@ class Session:
             raise
         except KeyboardInterrupt:
             ended_as = "KILLED"
-            self.terminal.line(f"stopped; {goes_on}")
+            self.terminal.line(f"interrupted; {goes_on}")
             raise
         finally:
             with contextlib.suppress(StorageFailure):
@@ -59,8 +59,8 @@ class Session:
             missing = mirror.close()
             if missing:
                 self.terminal.line(
-                    f"MLflow lacks {missing} run(s) as they are now: when it is back, "
-                    f"`bilevel sync {self.folder.name}` writes them"
+                    f"MLflow lacks the current state of {missing} run(s): write them with "
+                    f"`bilevel sync {self.folder.name}` once MLflow is reachable"
                 )
 
     def _stand(self, status: Status, target: int) -> None:

@@ -1,4 +1,4 @@
-"""What the user sees while it runs: a line per event, and on a terminal a live bar."""
+"""Progress output: one line per event and, on a terminal, a live bar."""
 
 import time
 from types import TracebackType
@@ -21,17 +21,17 @@ def duration(seconds: float) -> str:
 
 
 def count(number: int, noun: str) -> str:
-    """As `1 generation` or `3 generations`."""
+    """Number and noun, as `1 generation` or `3 generations`."""
     return f"{number} {noun}" + ("" if number == 1 else "s")
 
 
 def last_line(text: str) -> str:
-    """Of a traceback: what went wrong."""
+    """The last line of a text: in a traceback, the error."""
     return next(reversed(text.strip().splitlines()), "")
 
 
 class Terminal:
-    """Prints lines above a bar; without a terminal there is no bar, just lines."""
+    """Prints lines above a progress bar; the bar is left out if the output is no terminal."""
 
     def __init__(self, console: Console | None = None) -> None:
         self.console = console or Console(highlight=False, soft_wrap=True)
@@ -46,7 +46,7 @@ class Terminal:
             disable=not self.console.is_terminal,
         )
         self._task = self._bar.add_task("starting", total=1, unit="", note="")
-        #: When the command began, as time.monotonic() counts.
+        #: Start of the command (time.monotonic).
         self.started = time.monotonic()
 
     def __enter__(self) -> Self:
@@ -66,7 +66,7 @@ class Terminal:
         self.console.print(text, markup=False)
 
     def bar(self, what: str, done: float, total: float, unit: str, note: str = "") -> None:
-        """Set the bar."""
+        """Set the bar's title, progress and note."""
         self._bar.update(
             self._task, description=what, completed=done, total=total, unit=unit, note=note
         )
@@ -77,7 +77,7 @@ class Terminal:
 
 
 def generation_line(record: GenerationRecord, best: float) -> str:
-    """A generation in one line."""
+    """Summary of a generation in one line."""
     return (
         f"generation {record.generation:3d}   score {record.score_mean:7.1f} "
         f"± {record.score_std:5.1f}   best {best:7.1f}   train steps {record.train_steps_mean:6.0f}"

@@ -1,1 +1,1 @@
-"""What lies on disk: the home folder, a run's folder, files of lines."""
+"""Files on disk: the home folder, run folders, JSON lines files."""

@@ -1,36 +1,36 @@
-"""Where things lie on disk: one folder for all runs, a folder each within."""
+"""The home folder: one folder for all runs, with one folder per run."""
 
 import re
 from pathlib import Path
 
 from bilevel.errors import InvalidInput
 
-#: Characters of a name at most.
+#: Maximum number of characters in a name.
 LONGEST_NAME = 80
 
 _NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{LONGEST_NAME - 1}}}")
 
 
 class Home:
-    """The folder given by `--home`; created when something is first put there."""
+    """The folder given by `--home`; it is created when it is first written to."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
 
     @property
     def database_uri(self) -> str:
-        """Tracking URI of the SQLite database that serves when none is given."""
+        """Tracking URI of the home's SQLite database, the default for tracking."""
         return f"sqlite:///{self.folder / 'mlflow.db'}"
 
     @property
     def artifacts(self) -> Path:
-        """Where that database's artifacts lie."""
+        """Folder of the artifacts of that database."""
         return self.folder / "artifacts"
 
     def run_folder(self, task_id: str, name: str) -> Path:
         """Folder of a named study or NES run.
 
-        Raises InvalidInput for a name that could lead out of it.
+        Raises InvalidInput for a name that is not allowed: it could lead out of the home.
         """
         if not _NAME.fullmatch(name):
             raise InvalidInput(
@@ -44,8 +44,10 @@ class Home:
         return sorted(path.parent for path in self.folder.glob("*/*/settings.json"))
 
     def find(self, name: str) -> Path:
-        """Folder of the study or NES run called `name`, or `task/name` where several
-        tasks have one of that name. Raises InvalidInput if there is none, or several."""
+        """Folder of the study or NES run `name`, or `task/name` if several tasks have that name.
+
+        Raises InvalidInput unless exactly one run matches.
+        """
         found = [
             folder
             for folder in self.runs()

@@ -1,8 +1,7 @@
-"""Files of JSON values, one a line, that only ever grow.
+"""Append-only JSON lines files.
 
-A line counts once it is flushed to the disk with its end. A last line that was cut
-short, by a crash or a full disk, never counted: readers skip it, and the next append
-writes over it.
+A line counts once it is flushed to disk with its newline. A last line that was cut short, by a
+crash or a full disk, never counted: readers skip it, and the next append overwrites it.
 """
 
 import contextlib
@@ -20,10 +19,10 @@ _T = TypeVar("_T")
 
 
 class Lines:
-    """The values of such a file, read once, and those appended since.
+    """A JSON lines file: `values` are those read at the start and those appended since.
 
-    Raises InvalidInput for a whole line that is not JSON. Reading changes nothing,
-    so that anyone may look on while one process writes.
+    Raises InvalidInput for a complete line that is not JSON. Reading does not change the file,
+    so other processes may read while one process writes.
     """
 
     def __init__(self, path: Path) -> None:
@@ -47,7 +46,7 @@ class Lines:
         ]
 
     def damaged(self, index: int, reason: object) -> InvalidInput:
-        """The error for the value at `index`, if whoever reads it finds it wrong."""
+        """The error to raise if the value at `index` (from 0) is invalid."""
         text = " ".join(str(reason).split()) or type(reason).__name__
         return InvalidInput(f"{self._damaged(index)}: {text}")
 
@@ -55,7 +54,7 @@ class Lines:
         return f"damaged journal {str(self.path)!r}, line {index + 1}"
 
     def append(self, value: Any) -> None:
-        """Add a value, durably. Raises StorageFailure, with nothing added."""
+        """Append a value durably. Raises StorageFailure, with nothing appended."""
         line = json.dumps(value).encode() + b"\n"
         try:
             self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -64,7 +63,7 @@ class Lines:
                 file.truncate(self._end)
                 file.seek(self._end)
                 try:
-                    if file.write(line) != len(line):  # what room there was
+                    if file.write(line) != len(line):  # the disk is full
                         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
                     os.fsync(file.fileno())
                 except OSError:

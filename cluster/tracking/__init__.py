@@ -1,4 +1,4 @@
-"""Everything that goes to MLflow; only the driver writes there."""
+"""Tracking in MLflow; only the driver writes to it."""
 
 from cluster.tracking.mirror import Mirror
 from cluster.tracking.tracker import Tracker

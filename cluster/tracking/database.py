@@ -1,4 +1,4 @@
-"""MLflow's database in a file."""
+"""MLflow's SQLite database."""
 
 import logging
 import warnings
@@ -11,13 +11,11 @@ from filelock import FileLock
 
 @contextmanager
 def database_ready(uri: str) -> Iterator[None]:
-    """Within the block a SQLite database is whole, and nobody else begins with it; of other
-    URIs this knows nothing.
+    """Within the block a SQLite database is complete and locked against creation by others.
 
-    MLflow makes the tables of a new database in many steps, without a look at who else
-    does, and whoever is stopped between two of them leaves one that is of no use to anyone.
-    So it is made aside, and put into its place when it is whole. Raises what MLflow raises,
-    and OSError.
+    MLflow creates the tables of a new database in many steps without a lock, and an interruption
+    leaves an unusable database. So the database is created in a temporary file and renamed. Other
+    URIs are ignored. Raises MLflow's exceptions and OSError.
     """
     path = _file(uri)
     if path is None:
@@ -31,7 +29,7 @@ def database_ready(uri: str) -> Iterator[None]:
 
 
 def silence_mlflow() -> None:
-    """Its messages are of tables and retries; what matters is raised."""
+    """Suppress MLflow's messages on tables and retries; errors that matter are raised."""
     for name in ("alembic", "mlflow", "mlflow.store.db.utils", "urllib3"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
 

@@ -1,7 +1,7 @@
-"""Keeps MLflow up to date with what is on disk, in a thread of its own.
+"""Keeps MLflow up to date with the disk, in its own thread.
 
-The disk is the truth and MLflow a view of it. So whoever runs a study only marks
-what has changed; if MLflow is away, the marks wait, and nothing else does.
+The disk is the truth and MLflow a view of it. A running study only marks changed runs; if MLflow is
+unreachable, the marks wait while the study continues.
 """
 
 import threading
@@ -11,17 +11,19 @@ from collections.abc import Callable, Iterable
 from cluster.tracking.tracker import Tracker, first_line
 from cluster.tracking.view import RunView
 
-#: Seconds until MLflow is tried again: first, and at most (doubled each time).
+#: First and longest delay in seconds before MLflow is tried again; the delay doubles each time.
 _FIRST_RETRY, _LAST_RETRY = 1.0, 30.0
 
-#: Seconds that the end of a run waits for MLflow to catch up, if it answers, and if it
-#: does not.
+#: Seconds that the end of a run waits for MLflow to catch up: if it answers, and if not.
 _PATIENCE, _PATIENCE_AWAY = 120.0, 10.0
 
 
 class Mirror:
-    """Shows the runs whose keys are marked; `view_of` makes a key's view from the
-    disk, in the mirror's thread. `tell` gets a line when MLflow goes and comes."""
+    """Writes the runs whose keys are marked to MLflow.
+
+    `view_of` builds a key's view from disk, in the mirror's thread. `tell` gets a line when MLflow
+    becomes unreachable or reachable again.
+    """
 
     def __init__(
         self, tracker: Tracker, view_of: Callable[[str], RunView], tell: Callable[[str], None]
@@ -29,7 +31,7 @@ class Mirror:
         self.tracker = tracker
         self._view_of = view_of
         self._tell = tell
-        self._marked: dict[str, None] = {}  # in order: parents are marked before children
+        self._marked: dict[str, None] = {}  # ordered: parents are marked before children
         self._change = threading.Condition()
         self._showing: set[str] = set()
         self._closing = False
@@ -39,13 +41,13 @@ class Mirror:
         self._thread.start()
 
     def mark(self, keys: Iterable[str]) -> None:
-        """These runs have changed on disk."""
+        """Mark runs that have changed on disk."""
         with self._change:
             self._marked.update(dict.fromkeys(keys))
             self._change.notify()
 
     def close(self) -> int:
-        """Show what is marked and end; returns how many runs could not be shown."""
+        """Write the marked runs and end; return the number of runs that could not be written."""
         with self._change:
             self._closing = True
             self._change.notify()
@@ -69,13 +71,13 @@ class Mirror:
             try:
                 for key in keys:
                     self._show(key)
-            except Exception as error:  # whatever MLflow has: the study goes on
+            except Exception as error:  # whatever MLflow raises, the study continues
                 self.tracker.forget()
                 if not self._away:
                     self._away = True
                     self._tell(
-                        f"MLflow at {self.tracker.uri} is away ({first_line(error)}): the run goes "
-                        "on, and what is missing is written when it is back"
+                        f"MLflow at {self.tracker.uri} is unreachable ({first_line(error)}): the "
+                        "run continues, and missing data is written once MLflow is back"
                     )
                 with self._change:
                     if self._change.wait_for(lambda: self._closing, retry):
@@ -86,11 +88,11 @@ class Mirror:
 
     def _show(self, key: str) -> None:
         with self._change:
-            self._marked.pop(key, None)  # marked again while it is shown, it is shown again
+            self._marked.pop(key, None)  # a mark set while it is being shown counts again
             self._showing = {key}
         try:
             view = self._view_of(key)
-        except Exception as error:  # of the disk, not of MLflow: later ones may fare better
+        except Exception as error:  # an error of the disk, not of MLflow: skip this run
             self._tell(f"{first_line(error)}; MLflow does not show it")
             self._showing = set()
             return
@@ -103,4 +105,4 @@ class Mirror:
         self._showing = set()
         if self._away and not self._given_up:
             self._away = False
-            self._tell("MLflow is back, and catches up")
+            self._tell("MLflow is reachable again and catches up")

@@ -1,4 +1,4 @@
-"""Pictures for MLflow: their colours, and how they become files."""
+"""Colours of plots, and their PNG files."""
 
 import io
 
@@ -8,7 +8,7 @@ BLUE, ORANGE, GREY = "#2a6fbb", "#d9822b", "#8a8f98"
 
 
 def png(figure: Figure) -> bytes:
-    """A picture as a PNG file."""
+    """Content of the figure's PNG file."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", dpi=150)
     return buffer.getvalue()

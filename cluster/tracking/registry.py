@@ -8,19 +8,21 @@ from typing import Any
 
 from cluster.tracking.view import RegisteredSE
 
-#: Tags of a model version: checksum of its SE file, and when that was handed over.
+#: Tags of a model version: checksum of its SE file, and the time when the SE was saved.
 _VERSION, _TIME = "bilevel.sha256", "bilevel.time"
 
 
 def model_address(task_id: str) -> str:
-    """How a task's best SE is addressed: `mlflow.pyfunc.load_model` of it gives an
-    object whose `predict` runs the SE."""
+    """URI of a task's best SE; `mlflow.pyfunc.load_model` of it returns an object whose `predict`
+    runs the SE."""
     return f"models:/{_model_name(task_id)}@best"
 
 
 def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
-    """Make an SE file a version of the task's model, once; the newest has the alias
-    `best`, in whatever order they come."""
+    """Register an SE file once as a version of the task's model.
+
+    The newest SE has the alias `best`, in whatever order SEs are registered.
+    """
     import mlflow.pyfunc
     from mlflow.exceptions import MlflowException
 
@@ -32,7 +34,7 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
             model,
             loader_module="cluster.tracking.se_model",
             data_path=str(se.path),
-            pip_requirements=[],  # whoever loads it has this package
+            pip_requirements=[],  # loading needs this package anyway
         )
         client.log_artifacts(run_id, str(model), folder_name)
     try:
@@ -60,4 +62,4 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
 
 
 def _model_name(task_id: str) -> str:
-    return "SE-" + re.sub("[/:]", "_", task_id)  # which MLflow's names may not have
+    return "SE-" + re.sub("[/:]", "_", task_id)  # not allowed in MLflow's names

@@ -1,4 +1,4 @@
-"""How MLflow loads a registered SE: from its safetensors file, without pickle."""
+"""MLflow's loader of a registered SE: reads its safetensors file, without pickle."""
 
 from pathlib import Path
 
@@ -18,7 +18,7 @@ class SEModel:
         self.module = SEModule(self.se)
 
     def predict(self, table: pd.DataFrame) -> pd.DataFrame:
-        """`next_state_0`, ..., `reward` and raw `done`, one row per row."""
+        """`next_state_0`, ..., `reward` and raw `done`, one row per input row."""
         names = [f"state_{i}" for i in range(self.se.architecture.state_size)]
         states = torch.tensor(table[names].to_numpy(np.float32))
         actions = torch.tensor(table["action"].to_numpy(np.int64))

@@ -1,12 +1,12 @@
-"""MLflow as this package uses it: it is brought to show what a view says.
+"""Writes views to MLflow: whatever a run in MLflow lacks of its view is added.
 
-One experiment a task; one run a study, one child run a configuration (nested by the
-tag `mlflow.parentRunId`). A run is found again by its tag `bilevel.key`.
+There is one experiment per task, one run per study, and one child run per configuration (nested by
+the tag `mlflow.parentRunId`). A run is found again by its tag `bilevel.key`.
 
     show(view):
-        run <- the run with the view's key, made if there is none, or of another edition
+        run <- the run with the view's key, created if missing or of another edition
         for each of params, points, documents, model, tags, status:
-            write what the run does not have yet
+            write what the run lacks
 
 Every write may be repeated: a point carries the time of its event, and the database
 holds one row for a metric, time, step and value.
@@ -31,7 +31,7 @@ from cluster.tracking.registry import register_se
 from cluster.tracking.view import Document, Point, RunView
 
 _KEY = "bilevel.key"
-#: Which version of each document the run has; JSON.
+#: Tag with the versions of the run's documents, as JSON.
 _DOCUMENTS = "bilevel.documents"
 _PARENT = "mlflow.parentRunId"
 _EDITION = "bilevel.edition"
@@ -44,7 +44,7 @@ _BATCH = 900
 
 
 def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested dictionaries as one, keys joined by dots."""
+    """Flatten nested dictionaries; keys are joined by dots."""
     flat: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
@@ -55,7 +55,7 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def check_tracking_uri(uri: str) -> None:
-    """Raise InvalidInput if `uri` is of no known kind, or nobody answers there."""
+    """Raise InvalidInput if `uri` is of no known kind, or its server does not answer."""
     parts = urlparse(uri)
     if parts.scheme in ("http", "https"):
         try:
@@ -72,17 +72,17 @@ def check_tracking_uri(uri: str) -> None:
 
 @contextmanager
 def mlflow_imported_meanwhile() -> Iterator[None]:
-    """Within the block, MLflow is being imported in a thread: it takes seconds, which
-    whoever waits for the processes of a Ray cluster has to spare."""
+    """Import MLflow in a thread during the block: the import takes seconds, in which the caller
+    waits for the processes of a Ray cluster anyway."""
     thread = threading.Thread(target=_import_mlflow, name="import mlflow")
     thread.start()
     try:
         yield
     finally:
-        thread.join()  # an import must not be caught by the end of the process
+        thread.join()  # the process must not end during an import
 
 
-#: Two threads that import SQLAlchemy at once see halves of its modules.
+#: Two threads that import SQLAlchemy at once see incomplete modules.
 _IMPORT = threading.Lock()
 
 
@@ -95,7 +95,7 @@ def _import_mlflow() -> None:
 
 @dataclass
 class _Shown:
-    """What a run in MLflow has."""
+    """Content of a run in MLflow."""
 
     run_id: str
     status: str
@@ -108,14 +108,14 @@ class _Shown:
 class Tracker:
     """Writes the runs of one task to one MLflow server or database.
 
-    `artifacts` is where a database (which stores no files) puts artifacts. A
-    `thorough` tracker looks at every document anew instead of believing what the run
-    says of itself. Raises InvalidInput if MLflow cannot be reached.
+    `artifacts` is the folder of artifacts if `uri` is a database, which stores no files. A
+    `thorough` tracker writes every document again instead of trusting the run's tags. Raises
+    InvalidInput if MLflow cannot be reached.
     """
 
     def __init__(self, uri: str, experiment: str, artifacts: Path, thorough: bool = False) -> None:
         check_tracking_uri(uri)
-        # Repeating is the caller's business, who has other things to do meanwhile.
+        # The caller retries, without blocking the study.
         os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")
         os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "30")
         os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
@@ -139,7 +139,7 @@ class Tracker:
             raise InvalidInput(f"MLflow at {uri!r} cannot be used: {first_line(error)}") from None
 
     def _experiment(self, name: str, location: str | None) -> str:
-        """The id of the experiment, made if there is none."""
+        """The id of the experiment, which is created if missing."""
         from mlflow.exceptions import MlflowException
 
         found = self._client.get_experiment_by_name(name)
@@ -147,7 +147,7 @@ class Tracker:
             tags = {_KIND: "custom_model_development"}
             try:
                 return str(self._client.create_experiment(name, location, tags))
-            except MlflowException:  # another process may have been faster
+            except MlflowException:  # another process may have created it
                 found = self._client.get_experiment_by_name(name)
                 if found is None:
                     raise
@@ -155,14 +155,17 @@ class Tracker:
 
     @property
     def address(self) -> str:
-        """Where a person looks at the runs."""
+        """Where a user views the runs: a URL, or the command to serve them."""
         if self.uri.startswith("http"):
             return f"{self.uri.rstrip('/')}/#/experiments/{self.experiment_id}/runs"
         return f"`make ui`, experiment {self.experiment_id}"
 
     def show(self, view: RunView) -> None:
-        """Bring MLflow to show the view. Raises what MLflow raises; then some of it may
-        be there, and showing it again completes it."""
+        """Write to MLflow what it lacks of the view.
+
+        Raises MLflow's exceptions; part of the view may then be written, and repeating the call
+        completes it.
+        """
         shown = self._shown.pop(view.key, None) or self._open(view)
         if view.edition is not None:
             if shown.tags.get(_EDITION, view.edition) != view.edition:
@@ -178,10 +181,10 @@ class Tracker:
             self._note_document(shown, "model", view.model.version)
         self._show_tags(shown, view.tags)
         self._show_status(shown, view)
-        self._shown[view.key] = shown  # of a run whose writing failed nothing is believed
+        self._shown[view.key] = shown  # after a failed write, the run is read again
 
     def forget(self) -> None:
-        """Believe nothing of what MLflow has: it was away, and may have lost something."""
+        """Read all runs again: MLflow was unreachable and may have lost data."""
         self._shown.clear()
 
     def _open(self, view: RunView) -> _Shown:
@@ -190,7 +193,7 @@ class Tracker:
             f"tags.`{_KEY}` = '{view.key}'",
             order_by=["attributes.start_time ASC", "attributes.run_id ASC"],
         )
-        for twin in runs[1:]:  # a request to make the run was answered too late
+        for twin in runs[1:]:  # two requests created the run: the first timed out
             self._client.delete_run(twin.info.run_id)
         if not runs:
             tags = {_KEY: view.key, **view.tags}
@@ -273,7 +276,7 @@ class Tracker:
 
 
 def first_line(error: BaseException) -> str:
-    """What an error says, in one line."""
+    """The first line of an error's message, or its type."""
     lines = str(error).strip().splitlines()
     return lines[0] if lines else type(error).__name__
 

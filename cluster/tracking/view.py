@@ -1,7 +1,7 @@
-"""What MLflow should show of a run: a plain value, made from what is on disk.
+"""Views: plain values, built from the files on disk, that state what MLflow should show of a run.
 
-A view is made anew whenever something has changed; `Tracker.show` brings MLflow from
-whatever it shows to the view. So it does not matter what reached MLflow, or when.
+After each change a new view is built, and `Tracker.show` writes what MLflow lacks of it. So it does
+not matter which earlier writes reached MLflow, or when.
 """
 
 import hashlib
@@ -17,33 +17,33 @@ from cluster.storage.run_folder import Final
 
 @dataclass(frozen=True)
 class Point:
-    """Metrics that belong together: they are logged in one transaction."""
+    """Metrics of one event, which are logged in one transaction."""
 
     values: Mapping[str, float]
     step: int
-    time: float  # unix time, seconds; of the event, so that a repeated write changes nothing
+    time: float  # of the event, unix seconds, so that a repeated write changes nothing
 
     @property
     def mark(self) -> tuple[str, int]:
-        """The metric and step by which the point is found in MLflow."""
+        """The metric and step that identify the point in MLflow."""
         return next(iter(self.values)), self.step
 
     @classmethod
     def of(cls, record: GenerationRecord) -> "Point":
-        """A generation, at its own step."""
+        """The point of a generation; its step is the generation."""
         values = asdict(record)
         time, step = values.pop("finished"), values.pop("generation")
         return cls(values, step, time)
 
     @classmethod
     def of_final(cls, final: Final) -> "Point":
-        """The scores of fresh agents on the best SE."""
+        """The point of the final scores, of fresh agents on the best SE."""
         return cls(final.metrics, final.step, final.time)
 
 
 @dataclass(frozen=True)
 class Document:
-    """A file of the run; `content` is asked for only if another version is there."""
+    """An artifact of the run; `content` is called only if MLflow lacks this version."""
 
     path: str  # within the run's artifacts
     version: str
@@ -51,7 +51,7 @@ class Document:
 
     @classmethod
     def of_file(cls, path: Path, folder: str = "") -> "Document":
-        """A file on disk, which is complete and small. Raises InvalidInput if it is gone."""
+        """A small, complete file on disk. Raises InvalidInput if it cannot be read."""
         try:
             content = path.read_bytes()
         except OSError as error:
@@ -60,29 +60,29 @@ class Document:
 
     @classmethod
     def of_text(cls, path: str, text: str) -> "Document":
-        """A text."""
+        """A text file at `path`."""
         content = text.encode()
         return cls(path, hashlib.sha256(content).hexdigest(), lambda: content)
 
 
 @dataclass(frozen=True)
 class RegisteredSE:
-    """An SE for the model registry: its file, the task, and what to say of it."""
+    """An SE for the model registry: its file, task, time and tags."""
 
     path: Path
     task_id: str
-    time: float  # unix time, seconds; when it was handed over
+    time: float  # unix time, seconds; when the SE was saved
     tags: Mapping[str, str]
 
     @property
     def version(self) -> str:
-        """Tells one file from another."""
+        """Checksum of the file (SHA-256)."""
         return hashlib.sha256(self.path.read_bytes()).hexdigest()
 
 
 @dataclass(frozen=True)
 class RunView:
-    """A run as MLflow should show it. `key` says which it is, whatever it is called."""
+    """A run as MLflow should show it. `key` identifies the run, whatever its name."""
 
     key: str
     name: str
@@ -93,20 +93,20 @@ class RunView:
     tags: Mapping[str, str]
     points: tuple[Point, ...] = ()
     documents: tuple[Document, ...] = ()
-    parent: str | None = None  # key of the run it is shown under
-    edition: str | None = None  # another one replaces the run: its points are of another course
+    parent: str | None = None  # key of the parent run
+    edition: str | None = None  # a run of another edition is replaced: its times differ
     model: RegisteredSE | None = field(default=None)
 
 
 class Views(Protocol):
-    """The runs that a folder is shown as."""
+    """The MLflow runs of one folder."""
 
     @property
     def task_id(self) -> str:
-        """The task, whose experiment they belong to."""
+        """The task, which names the experiment."""
 
     def keys(self) -> list[str]:
-        """Their keys, parents first."""
+        """Keys of the runs, parents first."""
 
     def view(self, key: str) -> RunView:
-        """The run with that key, from what is on disk now. Raises InvalidInput."""
+        """The run with that key, from the current files. Raises InvalidInput."""

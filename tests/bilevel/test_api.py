@@ -1,4 +1,4 @@
-"""What `import bilevel` gives: a run in one call, and a loop of one's own."""
+"""The public API of `bilevel`: a run in one call, and an explicit loop."""
 
 import subprocess
 import sys
@@ -31,7 +31,7 @@ def small(task_id: str) -> Hyperparameters:
 
 @pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
 def test_a_loop_of_ones_own(task_id: str, tmp_path: Path) -> None:
-    """With results in any order; what it saves is a gymnasium environment."""
+    """Results may come in any order; the saved SE is a gymnasium environment."""
     task = bilevel.get_task(task_id)
     ends = []
     for backwards in (False, True):

@@ -105,8 +105,8 @@ def test_an_se_that_is_no_number_scores_worst(
 def test_an_se_whose_episodes_never_end_is_bounded_by_the_step_limit(
     cartpole: Task, small_hp: Hyperparameters
 ) -> None:
-    """All networks answer 0: no episode is ever done, and no reward lets an agent stop
-    early for having learned; steps bound it, whatever the clock says."""
+    """With networks that output 0 no episode terminates. Step limit and number of episodes bound
+    training, not time."""
     architecture = Architecture.of(cartpole, small_hp.se)
     psi = np.zeros(architecture.parameter_count, np.float32)
     agent = replace(ddqn(small_hp), early_out_episodes=1000)
@@ -139,8 +139,8 @@ def test_task_that_gymnasium_runs(small_hp: Hyperparameters) -> None:
 
 
 def test_compiled_test_episodes_equal_gymnasiums(cartpole: Task, small_hp: Hyperparameters) -> None:
-    """The same agents score the same on the compiled task and on gymnasium's,
-    up to the episodes' initial states."""
+    """The same agents score the same on the compiled task and on gymnasium's, except for the
+    initial states of the episodes."""
     architecture = Architecture.of(cartpole, small_hp.se)
     psi = architecture.initialize(np.random.default_rng(0))
     agent = replace(small_hp.agents[0], test_episodes=50)
@@ -153,7 +153,7 @@ def test_compiled_test_episodes_equal_gymnasiums(cartpole: Task, small_hp: Hyper
 
 
 def test_learning_on_the_real_task_is_possible(cartpole: Task) -> None:
-    """DDQN with the paper's default hyperparameters does learn CartPole itself."""
+    """DDQN with the paper's default hyperparameters learns CartPole on the real task."""
     agent = replace(load_recipe("paper", "").agents[0], max_episodes=300)
     outcomes = [train_and_test(cartpole, None, agent, seed) for seed in range(2)]
     assert max(np.mean(outcome.test_returns) for outcome in outcomes) > 150

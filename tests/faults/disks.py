@@ -1,4 +1,4 @@
-"""Faults of disks and of what lies on them: full, torn, damaged, taken."""
+"""Faults of disks and files: a full disk, a torn line, a damaged checkpoint, a locked folder."""
 
 import shutil
 import signal
@@ -15,8 +15,8 @@ from tests.system.mlflow_shown import disagreements
 
 
 def torn_lines(stage: Stage, whole: Outcome, times: int) -> Row:
-    """Kill the driver, and append a part of a line to the journal: what a crash of the
-    machine can leave of a write that was never flushed."""
+    """Kill the driver and append a part of a line to the journal, as a machine crash can leave of
+    an unflushed write."""
     study = stage.study("torn", *ONE_BY_ONE)
     torn = 0
     while torn < times:
@@ -54,7 +54,7 @@ def damaged_checkpoints(stage: Stage, whole: Outcome, times: int) -> Row:
 
 
 def two_processes(stage: Stage, whole: Outcome, times: int) -> Row:
-    """The same command again and again while it runs; all but the first are refused."""
+    """Give the same command repeatedly while the study runs; all but the first are refused."""
     study = stage.study("twice", *ONE_BY_ONE)
     refused = [0]
 
@@ -72,9 +72,9 @@ def two_processes(stage: Stage, whole: Outcome, times: int) -> Row:
 
 
 def full_disk(folder: Path, whole: Outcome) -> Row:
-    """The home on a disk that fills up during the study; then there is room again.
+    """Fill the disk of the home during the study, then make room again.
 
-    The disk is a tmpfs in a mount namespace of its own, with a Ray cluster in it.
+    The disk is a tmpfs in its own mount namespace, in which a Ray cluster runs.
     """
     disk, kept = folder / "disk", folder / "kept"
     disk.mkdir()
@@ -96,7 +96,7 @@ def full_disk(folder: Path, whole: Outcome) -> Row:
         raise OSError("no disk can be mounted here")
     assert code // 10 == 2, log.read_text()
     assert "No space left on device" in log.read_text()
-    shutil.copytree(kept, disk, dirs_exist_ok=True)  # where MLflow says that artifacts lie
+    shutil.copytree(kept, disk, dirs_exist_ok=True)  # MLflow expects the artifacts there
     study = Home(disk).run_folder(TASK, STUDY)
     wrong = disagreements(study, uri)
     return Row.compare("disk full", 1, code % 10, whole, Outcome.of(study), wrong)

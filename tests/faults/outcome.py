@@ -1,4 +1,4 @@
-"""What a study came to, for comparison: all of it, less the measured times."""
+"""Outcome of a study for comparison: all its results without the measured times."""
 
 import hashlib
 import json
@@ -11,7 +11,7 @@ from safetensors import safe_open
 
 from cluster.bohb.journal import Journal
 
-#: Fields of a generation's record that are measured.
+#: Measured fields of a generation's record.
 TIMES = (
     "evaluation_seconds",
     "env_steps_per_second",
@@ -45,31 +45,30 @@ class Outcome:
         )
 
     def lost(self, other: "Outcome") -> int:
-        """Results of this one that the other lacks."""
+        """Number of results that the other outcome lacks."""
         return len({row[:2] for row in self.results} - {row[:2] for row in other.results})
 
     @property
     def duplicated(self) -> int:
-        """Results that stand twice."""
+        """Number of duplicate results."""
         counts = Counter(row[:2] for row in self.results)
         return sum(count - 1 for count in counts.values())
 
     def in_any_order(self) -> "Outcome":
-        """The same with results sorted: with several trials at a time they come as they
-        may. (The model, which the order of results would reach, has none yet in studies
-        as short as these.)"""
+        """The outcome with sorted results, because several trials at a time end in any order. (The
+        order could influence BOHB's model, which studies this short do not use.)"""
         return replace(self, results=sorted(self.results, key=lambda row: row[:2]))
 
 
 def comparable_state(path: Path) -> Any:
-    """A checkpoint: checksums of its tensors, and its header less the measured times.
+    """A checkpoint as checksums of its tensors and its header without the measured times.
 
-    The file is read as it is, so that all of it is compared.
+    The raw file is read, so that all of it is compared.
     """
     with safe_open(path, framework="numpy") as file:
         header = json.loads(file.metadata()["nes"])
         tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    del header["sha256"]  # it covers the times
+    del header["sha256"]  # it depends on the times
     for record in header["records"]:
         for name in TIMES:
             del record[name]

@@ -19,15 +19,14 @@ from tests.system.mlflow_shown import Server, disagreements
 
 
 def driver(stage: Stage, whole: Outcome, kills: int) -> Row:
-    """SIGKILL the driver of one study at random moments, from its first second on; then
-    let it end."""
+    """SIGKILL the driver of one study at random moments; then let the study end."""
     study = stage.study("driver", *ONE_BY_ONE)
     killed = _stopped_again_and_again(stage, study, kills, 0.5, signal.SIGKILL)
     return Row.of("driver killed (SIGKILL), one study", killed, study.run(), whole, study)
 
 
 def driver_of_two(stage: Stage, whole: Outcome, kills: int) -> Row:
-    """The same with two trials at a time."""
+    """SIGKILL the driver of a study with two trials at a time."""
     node = stage.cluster.add_node(num_cpus=1)
     with Server(stage.folder / "two-server") as server:
         study = stage.study("two", "--concurrent-trials", "2", tracking_uri=server.uri)
@@ -39,7 +38,7 @@ def driver_of_two(stage: Stage, whole: Outcome, kills: int) -> Row:
 
 
 def ctrl_c(stage: Stage, whole: Outcome, times: int, presses: int) -> Row:
-    """Ctrl-C once, the orderly stop, or twice, which stops at once."""
+    """Press Ctrl-C once, for a clean stop, or twice, which stops at once."""
     study = stage.study(f"ctrl-c-{presses}", *ONE_BY_ONE)
     stopped = _stopped_again_and_again(stage, study, times, 3.0, *[signal.SIGINT] * presses)
     name = "Ctrl-C" if presses == 1 else "Ctrl-C twice"
@@ -49,8 +48,8 @@ def ctrl_c(stage: Stage, whole: Outcome, times: int, presses: int) -> Row:
 def _stopped_again_and_again(
     stage: Stage, study: StudyOnStage, times: int, earliest: float, *signals: int
 ) -> int:
-    """Give the command again and again, with signals at a random moment; how many of them
-    met it before its end, which come late in a short study."""
+    """Give the command repeatedly and signal it at random moments; return how many signals arrived
+    before the study's end."""
     stopped = 0
     for _ in range(times):
         code = study.live(stage.chance.uniform(earliest, 9.0), *signals)
@@ -104,13 +103,13 @@ def nodes(folder: Path, whole: Outcome, times: int) -> Row:
 
 
 def everything(folder: Path, whole: Outcome, times: int, moment: Callable[[], float]) -> Row:
-    """SIGKILL the console script with the Ray cluster it has started, all at once."""
+    """SIGKILL the console script together with the Ray cluster that it started."""
     what = "driver killed with its own Ray cluster (SIGKILL)"
     return _alone(folder / "everything", what, whole, times, moment, _kill_everything)
 
 
 def own_raylet(folder: Path, whole: Outcome, times: int, moment: Callable[[], float]) -> Row:
-    """SIGKILL the raylet that a driver is connected to: Ray ends the driver, too."""
+    """SIGKILL the raylet that a driver is connected to, which also ends the driver."""
     what = "the driver's own raylet killed (SIGKILL)"
     return _alone(folder / "own-raylet", what, whole, times, moment, _kill_raylet)
 
@@ -123,7 +122,7 @@ def _alone(
     moment: Callable[[], float],
     kill: Callable[[psutil.Process], None],
 ) -> Row:
-    """The console script with a Ray cluster of its own, killed and given again."""
+    """Kill and repeat the console script with its own Ray cluster."""
     folder.mkdir()
     home = Home(folder / "home")
     command = [str(Path(sys.executable).with_name("bilevel")), "bohb", TASK, *SMOKE, *ONE_BY_ONE]

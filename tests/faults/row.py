@@ -1,4 +1,4 @@
-"""A line of the table: a fault, how often it was injected, and what came of it."""
+"""A row of the table: a fault, how often it was injected, and its effects."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Row:
-    """What came of a fault, compared with a study that was left in peace."""
+    """Effects of a fault, compared with an undisturbed study."""
 
     fault: str
     injected: int
@@ -19,14 +19,14 @@ class Row:
     lost: int
     duplicated: int
     identical: bool  # journal (less times), checkpoints (less times), best SE file
-    mlflow: list[str]  # where MLflow shows anything else than the disk
+    mlflow: list[str]  # differences between MLflow and the disk
     exit_code: int
 
     @classmethod
     def of(
         cls, fault: str, injected: int, code: int, whole: Outcome, study: "StudyOnStage"
     ) -> "Row":
-        """Of a study that has come to its end."""
+        """The row of a finished study."""
         return cls.compare(fault, injected, code, whole, study.outcome(), study.disagreements())
 
     @classmethod
@@ -39,7 +39,7 @@ class Row:
         outcome: Outcome,
         wrong: list[str],
     ) -> "Row":
-        """Of an outcome at hand."""
+        """The row of a given outcome."""
         lost, twice = whole.lost(outcome), outcome.duplicated
         same = outcome == whole
         return cls(fault, injected, len(outcome.results), lost, twice, same, wrong, code)

@@ -1,4 +1,4 @@
-"""Where faults happen: a Ray cluster of several nodes, small studies, one undisturbed."""
+"""Setting of the faults: a Ray cluster of several nodes, and small studies."""
 
 import os
 import random
@@ -19,7 +19,7 @@ from tests.system.mlflow_shown import disagreements
 TASK = "CartPole-v0"
 STUDY = "study"
 
-#: Small enough to be run over and over: two brackets, six results, eleven generations.
+#: Small enough to run repeatedly: two brackets, six results, eleven generations.
 SMOKE = ("--profile", "smoke", "--brackets", "2", "--study", STUDY)
 ONE_BY_ONE = ("--concurrent-trials", "1")
 
@@ -32,7 +32,7 @@ _LONGEST = 240.0  # seconds that any study may take
 class Stage:
     """A Ray cluster on this machine; a context manager that ends it.
 
-    `folder` is for homes and logs. Nodes are raylets of their own, with a core each.
+    `folder` holds homes and logs. Each node is a raylet with one core.
     """
 
     def __init__(self, folder: Path, cores: int = 1, seed: int = 0) -> None:
@@ -55,7 +55,7 @@ class Stage:
         self.cluster.shutdown()
 
     def study(self, name: str, *options: str, tracking_uri: str | None = None) -> "StudyOnStage":
-        """A study of its own, in the home `name`; not begun yet."""
+        """A new study in its own home `name`, not started yet."""
         home = Home(self.folder / name)
         uri = tracking_uri or home.database_uri
         arguments = ["bohb", TASK, *SMOKE, *options, "--home", str(home.folder)]
@@ -63,7 +63,7 @@ class Stage:
         return StudyOnStage(home, uri, arguments, self.folder / f"{name}.log")
 
     def processes(self, *titles: str) -> list[psutil.Process]:
-        """Processes of this cluster's nodes whose title, which Ray gives them, begins so."""
+        """Processes of this cluster's nodes whose title, set by Ray, begins with the given text."""
         found = []
         for node in self.cluster.list_all_nodes():
             try:
@@ -107,7 +107,7 @@ class StudyOnStage:
         return process.exitcode or 0
 
     def run(self, meanwhile: Callable[[], None] | None = None) -> int:
-        """Run to the end; the exit code. `meanwhile` is called over and over."""
+        """Run to the end; return the exit code. `meanwhile` is called repeatedly."""
         process = start_bilevel(self.arguments, self.log)
         deadline = time.monotonic() + _LONGEST
         while process.is_alive():
@@ -120,9 +120,9 @@ class StudyOnStage:
         return process.exitcode or 0
 
     def outcome(self) -> Outcome:
-        """What it came to."""
+        """The study's outcome."""
         return Outcome.of(self.folder)
 
     def disagreements(self) -> list[str]:
-        """Where MLflow shows anything else."""
+        """Differences between MLflow and the disk."""
         return disagreements(self.folder, self.tracking_uri)

@@ -10,7 +10,7 @@ from tests.system.mlflow_shown import Server
 
 
 def server_killed(stage: Stage, whole: Outcome, times: int) -> Row:
-    """SIGKILL the server during the study, and start it some seconds later."""
+    """SIGKILL the server during the study, and restart it some seconds later."""
     with Server(stage.folder / "server-killed") as server:
         study = stage.study("server", *ONE_BY_ONE, tracking_uri=server.uri)
         killed = [0]
@@ -29,7 +29,7 @@ def server_killed(stage: Stage, whole: Outcome, times: int) -> Row:
 
 
 def database_locked(stage: Stage, whole: Outcome, times: int) -> Row:
-    """Hold the SQLite database's lock for longer than it is waited for."""
+    """Hold the SQLite database's lock for longer than SQLite's timeout."""
     study = stage.study("locked", *ONE_BY_ONE)
     locked = [0]
     pause = [time.monotonic() + 5.0]

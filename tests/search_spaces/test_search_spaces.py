@@ -77,7 +77,7 @@ def test_full_is_table_1() -> None:
 def test_core_is_small_and_for_the_default_recipe() -> None:
     space = search_space("core")
     assert len(space) == 7
-    # what is drawn anew for every generation is nothing to search
+    # hyperparameters that are varied are not searched
     agent = ddqn(base("core"))
     drawn_anew = draw_agent((agent,), "all", 0)
     varied = {
@@ -95,7 +95,7 @@ def test_core_is_small_and_for_the_default_recipe() -> None:
 @pytest.mark.parametrize("task", ["CartPole-v0", "Acrobot-v1"])
 @pytest.mark.parametrize("space", SPACES)
 def test_every_sample_is_a_run(space: str, task: str) -> None:
-    """Of its recipe: its SEs can be built, and its update rule is given what it needs."""
+    """With the space's recipe its SEs can be built, and its update rule fits the sampling."""
     recipe = load_recipe(SPACES[space], task)
     for sample in search_space(space, seed=1).sample_configuration(50):
         NES(get_task(task), to_hyperparameters(recipe, dict(sample)))

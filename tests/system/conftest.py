@@ -1,4 +1,4 @@
-"""Real Ray, real MLflow, real processes. Slow: seconds to a minute each."""
+"""System tests with real Ray, MLflow and processes; each takes seconds to a minute."""
 
 import os
 import subprocess
@@ -24,7 +24,7 @@ def local_ray() -> Iterator[None]:
     with ray_cluster("local"):
         yield
     assert not ray.is_initialized()
-    assert _of_ray() == before  # what is started later must not inherit it
+    assert _of_ray() == before  # processes started later must not inherit Ray's variables
 
 
 def _of_ray() -> dict[str, str]:
@@ -37,7 +37,7 @@ def client(home: Path) -> mlflow.MlflowClient:
 
 
 def untimed(state: NESState) -> list[dict[str, Any]]:
-    """A run's records, less the measured times."""
+    """A run's records without the measured times."""
     return [
         {name: value for name, value in asdict(record).items() if name not in TIMES}
         for record in state.records
@@ -45,8 +45,10 @@ def untimed(state: NESState) -> list[dict[str, Any]]:
 
 
 def run_until(line: str, *args: str | Path) -> subprocess.Popen[str]:
-    """The console script, left running once it has printed a line with that text;
-    in a session of its own, so that signals reach all of it as from a terminal."""
+    """Start the console script and return it once it has printed a line that contains `line`.
+
+    It runs in its own session, so that signals reach all its processes as from a terminal.
+    """
     process = subprocess.Popen(
         [BILEVEL, *map(str, args)], stdout=subprocess.PIPE, text=True, start_new_session=True
     )

@@ -1,4 +1,4 @@
-"""What MLflow shows, against what is on disk; and an MLflow server that may be killed."""
+"""Comparison of MLflow with the disk, and an MLflow server that may be killed."""
 
 import os
 import subprocess
@@ -18,8 +18,8 @@ from cluster.tracking import RunView
 
 
 def disagreements(folder: Path, tracking_uri: str) -> list[str]:
-    """Where MLflow shows anything else than what is on disk: a run that is missing, there
-    twice or left running, a point missing, added or doubled, a file missing."""
+    """Differences between MLflow and the disk: a run that is missing, duplicated or left running, a
+    point that is missing, added or duplicated, a missing file."""
     client = mlflow.MlflowClient(tracking_uri, registry_uri=tracking_uri)
     experiment = client.get_experiment_by_name(folder.parent.name)
     if experiment is None:
@@ -62,10 +62,10 @@ def _of_run(client: mlflow.MlflowClient, run: mlflow.entities.Run, view: RunView
 
 
 class Server:
-    """An MLflow server on a home of its own; a context manager that ends it.
+    """An MLflow server on its own home; a context manager that ends it.
 
-    With a `backend` it is set up as docs/cluster.md has it for several nodes: on that
-    database, and with artifacts that go through the server.
+    With a `backend` the server is set up for several nodes, as in docs/cluster.md: on that
+    database, with artifacts passing through the server.
     """
 
     def __init__(self, folder: Path, backend: str | None = None) -> None:
@@ -77,11 +77,11 @@ class Server:
 
     @property
     def uri(self) -> str:
-        """Where it answers."""
+        """The server's URI."""
         return f"http://127.0.0.1:{self._port}"
 
     def start(self) -> None:
-        """Returns once it answers."""
+        """Start the server; return once it answers."""
         command, environment = mlflow_server(self._home, "127.0.0.1", self._port)
         if self._backend is not None:
             command = [*command[: command.index("--backend-store-uri")]]
@@ -102,7 +102,7 @@ class Server:
             time.sleep(0.1)
 
     def kill(self) -> None:
-        """At once (SIGKILL), in the middle of whatever it does."""
+        """Kill the server at once (SIGKILL)."""
         if self._process is not None:
             family = [self._process, *self._process.children(recursive=True)]
             for process in family:

@@ -30,7 +30,7 @@ def results(home: Path, study: str = "smoke") -> dict[object, float | None]:
 
 @pytest.fixture(scope="module")
 def study_home(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
-    """A smoke study, run once, and what it printed."""
+    """The home of a smoke study, run once, and its output."""
     home = tmp_path_factory.mktemp("home")
     result = run_bilevel(*SMOKE, "--home", home)
     assert result.returncode == 0, result.stderr
@@ -51,7 +51,7 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
 
 
 def test_a_terminal_shows_what_has_begun(study_home: tuple[Path, str], tmp_path: Path) -> None:
-    """Before a first generation is over; the study goes on, with brackets more."""
+    """The bar appears before the first generation ends; the rerun adds brackets."""
     home = tmp_path / "home"
     shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
     controller, terminal = pty.openpty()
@@ -124,7 +124,7 @@ def test_the_same_command_adds_brackets(study_home: tuple[Path, str], tmp_path: 
     shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
     result = run_bilevel(*SMOKE, "--brackets", "1", "--home", home)
     assert result.returncode == 0, result.stderr
-    assert "going on: 6 results of this study count already" in result.stdout
+    assert "resuming with the 6 results of this study so far" in result.stdout
     before, after = results(study_home[0]), results(home)
     assert len(after) == 10
     assert before.items() <= after.items()
@@ -157,7 +157,7 @@ def test_ctrl_c_stops_orderly(tmp_path: Path) -> None:
     os.killpg(process.pid, signal.SIGINT)  # to everyone, as a terminal does
     rest, _ = process.communicate(timeout=90)
     assert process.returncode == 130
-    assert "the same command goes on where it was" in rest
+    assert "run the same command again to resume" in rest
     experiment = client(tmp_path).get_experiment_by_name("CartPole-v0")
     assert experiment is not None
     runs = client(tmp_path).search_runs([experiment.experiment_id])
@@ -166,11 +166,11 @@ def test_ctrl_c_stops_orderly(tmp_path: Path) -> None:
 
 
 def test_time_budget_ends_the_search(tmp_path: Path) -> None:
-    """How far it comes is the machine's affair: it may be no result, and then it says so."""
+    """The number of results depends on the machine; without any, a message says so."""
     args = ("--brackets", "99", "--time-budget", "30s")
     result = run_bilevel(*SMOKE, *args, "--home", tmp_path)
     assert "the time budget is spent" in result.stdout
-    # a number of brackets that it will not come to is not shown
+    # a number of brackets that the study will not reach is not shown
     assert "/99" not in result.stdout
     scored = "fresh agents trained on the best SE" in result.stdout
     nothing = "no configuration finished a generation in this time" in result.stdout
@@ -183,7 +183,7 @@ def test_time_budget_ends_the_search(tmp_path: Path) -> None:
 
 
 def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(tmp_path: Path) -> None:
-    """A file lies where one configuration wants its folder: that one cannot save."""
+    """A file blocks the folder of one configuration, which cannot be saved."""
     in_the_way = tmp_path / "CartPole-v0" / "smoke" / "configurations" / "000-0-001"
     in_the_way.parent.mkdir(parents=True)
     in_the_way.touch()

@@ -1,5 +1,4 @@
-"""`bilevel evaluate`, and agents of the user's own, as a user runs them: real Ray, real
-MLflow, killed for real."""
+"""`bilevel evaluate` and user-defined agents, as a user runs them: real Ray, MLflow and kills."""
 
 import json
 import os
@@ -38,7 +37,7 @@ def se_file(tmp_path: Path) -> Path:
 
 
 def results(home: Path) -> dict[tuple[str, str, int], dict[str, Any]]:
-    """What is on disk, less the measured times."""
+    """The results on disk without the measured times."""
     lines = (home / "CartPole-v0" / "few" / "results.jsonl").read_text().splitlines()
     rows = [json.loads(line) for line in lines]
     assert len({tuple(row[:3]) for row in rows}) == len(rows)  # none twice
@@ -47,8 +46,8 @@ def results(home: Path) -> dict[tuple[str, str, int], dict[str, Any]]:
 
 
 def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path) -> None:
-    """Killed in the middle, and continued with more agents by one worker, they are what two
-    workers make at once."""
+    """A call that is killed and resumed with more agents by one worker gives the results of one
+    call with two workers."""
     both = ("evaluate", se_file, "--real", "CartPole-v0", "--agent", "ddqn,td3", *FEW)
     path = tmp_path / "CartPole-v0" / "few" / "results.jsonl"
     with run_until(
@@ -93,7 +92,7 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path) -> 
 
 
 def test_an_agent_of_the_users_own_in_nes(tmp_path: Path) -> None:
-    """The agent of docs/agents.md, in a mixture, on actors that import its file."""
+    """The example agent of docs/agents.md, one of two agents, on actors that import its file."""
     file = tmp_path / "reinforce.py"
     file.write_text(documented_agent())
     chosen: tuple[str | Path, ...] = ("--agent", "ddqn,reinforce", "--agent-file", file)
@@ -120,8 +119,11 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path) -> None:
         (("--real", "Pong-v99"), "unknown task 'Pong-v99'"),
         (("--real", "CartPole-v0", "--agent", "dqn"), "unknown agent 'dqn': allowed are ddqn"),
         (("--real", "CartPole-v0", "--agent", "td3,td3"), "each once"),
-        (("SE", "--real", "Acrobot-v1"), "sources of several tasks: Acrobot-v1 (500 steps"),
-        (("SE", "--step-limit", "100"), "--solved-reward and --step-limit go with --real"),
+        (
+            ("SE", "--real", "Acrobot-v1"),
+            "all sources must have the same task; got Acrobot-v1 (500 steps",
+        ),
+        (("SE", "--step-limit", "100"), "--solved-reward and --step-limit need --real"),
         (
             ("SE", "--real", "CartPole-v0", "--step-limit", "100"),
             "CartPole-v0 (100 steps, solved at 195), CartPole-v0 (200 steps, solved at 195)",

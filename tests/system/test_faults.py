@@ -1,4 +1,4 @@
-"""Whatever dies meanwhile, a study ends with what it would have ended with."""
+"""After any failure, a study ends with the same results as an undisturbed one."""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -22,7 +22,7 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
 
 @pytest.fixture(scope="module")
 def whole(stage: Stage) -> Outcome:
-    """A study that was left in peace."""
+    """The outcome of an undisturbed study."""
     study = stage.study("whole", *ONE_BY_ONE)
     assert study.run() == 0, study.log.read_text()
     assert study.disagreements() == []
@@ -38,7 +38,7 @@ def assert_nothing_can_be_told(row: Row) -> None:
 def test_a_driver_killed_again_and_again(stage: Stage, whole: Outcome) -> None:
     """At random moments of one study; `python -m benchmarks.faults` does it twenty times."""
     row = processes.driver(stage, whole, 4)
-    assert row.injected >= 3  # the others came after its end
+    assert row.injected >= 3  # the others came after the study's end
     assert_nothing_can_be_told(row)
 
 

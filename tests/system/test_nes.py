@@ -1,4 +1,4 @@
-"""`bilevel nes` as a user runs it: real Ray, real MLflow, killed for real."""
+"""`bilevel nes` as a user runs it: real Ray, MLflow and kills."""
 
 import os
 import re
@@ -34,7 +34,7 @@ def state_of(home: Path) -> NESState:
 
 
 def scores(home: Path) -> list[dict[str, float]]:
-    """The run's records, less the measured times."""
+    """The run's records without the measured times."""
     return untimed(state_of(home))
 
 
@@ -47,7 +47,7 @@ def test_a_run_its_tracking_and_its_continuation(
     assert "10 fresh agents trained on the best SE score" in result.stdout
     longer = run_bilevel(*SMALL, "--generations", "3", "--workers", "1", "--home", tmp_path)
     assert longer.returncode == 0, longer.stderr
-    assert "going on after generation 1" in longer.stdout
+    assert "resuming after generation 1" in longer.stdout
     assert "generation   0" not in longer.stdout
 
     refused = run_bilevel(*SMALL, "--set", "nes.update=paper", "--home", tmp_path)
@@ -104,7 +104,7 @@ def test_a_run_its_tracking_and_its_continuation(
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The home of a run that was never disturbed."""
+    """The home of an undisturbed run."""
     home = tmp_path_factory.mktemp("whole")
     assert run_bilevel(*SMALL, "--generations", "12", "--home", home).returncode == 0
     return home
@@ -114,14 +114,14 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_killed_in_the_middle_it_goes_on(
     number: signal.Signals, whole: Path, tmp_path: Path
 ) -> None:
-    """By one worker instead of two."""
+    """The run resumes with one worker instead of two."""
     parts = tmp_path
     process = run_until("generation   1", *SMALL, "--generations", "12", "--home", parts)
     os.killpg(process.pid, number)  # to everyone, as a terminal does
     rest, _ = process.communicate(timeout=60)
     assert process.returncode == (130 if number is signal.SIGINT else -number), rest
     if number is signal.SIGINT:
-        assert "the same command goes on from the last finished generation" in rest
+        assert "run the same command again to resume after the last finished generation" in rest
     again = run_bilevel(*SMALL, "--generations", "12", "--workers", "1", "--home", parts)
     assert again.returncode == 0, again.stderr
     assert scores(parts) == scores(whole)
@@ -147,12 +147,12 @@ def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path) -> None:
     assert result.returncode == 0, result.stderr
     confirmed = "4 fresh agents of all sizes score .* on the current SE: solved"
     assert re.search(confirmed, result.stdout)
-    assert "solved and stayed solved: 2 generations" in result.stdout
-    assert "10 of 10 agents do" in result.stdout
+    assert "solved and confirmed: 2 generations" in result.stdout
+    assert "10 of 10 agents reach 5" in result.stdout
 
 
 def test_it_begins_again_from_other_starts(tmp_path: Path) -> None:
-    """Where nobody solves the task, one generation without a new best SE is enough."""
+    """If no agent solves the task, one generation without a new best SE causes a restart."""
     hard = ("--solved-reward", "999", "--set", "nes.restart_after=1", "--generations", "6")
     result = run_bilevel(*SMALL, *hard, "--home", tmp_path)
     assert result.returncode == 0, result.stderr

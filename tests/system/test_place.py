@@ -1,4 +1,4 @@
-"""Where a command runs: how it is entered, left, and shared with others."""
+"""Connecting to a cluster, leaving it, and sharing it with other runs."""
 
 import os
 import signal

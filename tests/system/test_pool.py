@@ -33,8 +33,8 @@ def nes(cartpole: Task, small_hp: Hyperparameters) -> NES:
 
 
 def worker_pids() -> list[int]:
-    """Processes of this cluster's evaluation actors: by the title Ray gives them, and
-    by their raylet, which is a child of this process."""
+    """Processes of this cluster's evaluation actors, found by their title, which Ray sets, and
+    their raylet, which is a child of this process."""
     pids = []
     for folder in Path("/proc").glob("[0-9]*"):
         with contextlib.suppress(OSError):
@@ -45,12 +45,12 @@ def worker_pids() -> list[int]:
 
 
 def parent(pid: int) -> int:
-    """The parent of a process (fourth field, after a name in parentheses)."""
+    """The parent of a process: the fourth field of its stat file, after a name in parentheses."""
     return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
 
 
 def test_any_number_of_actors_gives_what_a_loop_gives(nes: NES, small_hp: Hyperparameters) -> None:
-    """Agents differ, so that they are handed out in another order than asked for."""
+    """Agents differ in cost, so that requests are handed out in another order."""
     state = nes.init()
     requests = [
         replace(r, agent=replace(ddqn(small_hp), batch_size=8 * (1 + r.index)))
@@ -103,7 +103,7 @@ def test_one_se_is_evaluated_as_a_distribution_at_its_centre(nes: NES) -> None:
 def test_the_choice_of_a_start_is_what_a_loop_makes_of_it(
     cartpole: Task, small_hp: Hyperparameters
 ) -> None:
-    """Killed once they are up, the actors are replaced and make what was lost."""
+    """Actors that are killed after their start are replaced, and lost results computed again."""
     nes = NES(cartpole, replace(small_hp, nes=replace(small_hp.nes, start_candidates=9)), 1)
     pooled = looped = nes.init()
     with EvaluationPool(2) as pool:

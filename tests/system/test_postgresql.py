@@ -1,4 +1,4 @@
-"""MLflow on a real PostgreSQL: the server's database, as docs/cluster.md sets it up."""
+"""An MLflow server on a real PostgreSQL, set up as in docs/cluster.md."""
 
 import os
 import shutil
@@ -16,7 +16,7 @@ from cluster.storage.home import Home
 from tests.studies import make_study
 from tests.system.mlflow_shown import Server, disagreements
 
-#: Where Debian's package puts what only the server's owner calls.
+#: Folder of the server's programs in Debian's package.
 _DEBIAN = sorted(Path("/usr/lib/postgresql").glob("*/bin"))
 _PATH = os.pathsep.join([os.environ["PATH"], *map(str, _DEBIAN)])
 
@@ -30,8 +30,8 @@ pytestmark = [
 
 @pytest.fixture
 def postgresql(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of an empty database in a server of its own. PostgreSQL refuses to be run by
-    root, so root runs it as nobody."""
+    """Address of an empty database in its own server. PostgreSQL refuses to run as root, so root
+    runs it as nobody."""
     folder = tmp_path_factory.mktemp("postgresql")
     data, port = folder / "data", free_port()
     as_user: list[str] = []

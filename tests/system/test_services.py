@@ -82,7 +82,7 @@ def test_up_again_starts_nothing(up: Up) -> None:
 
 
 def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> None:
-    """A study in a home of its own would not join; these do, without being told where."""
+    """Studies in the services' home join them without an address."""
     study = ("bohb", "CartPole-v0", "--profile", "smoke", "--brackets", "1", "--home", str(up.home))
     environment = {k: v for k, v in os.environ.items() if k != "RAY_ADDRESS"}
     running = [

@@ -1,4 +1,4 @@
-"""MLflow is a view of the disk: it may be away, locked, empty, or show what was before."""
+"""MLflow is a view of the disk: it may be unreachable, locked, empty or out of date."""
 
 import json
 import signal
@@ -47,7 +47,7 @@ def folder(home: Home) -> Path:
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
-    """Each test leaves it running; studies have identities of their own."""
+    """A server that each test leaves running; every study has its own identity."""
     with Server(tmp_path_factory.mktemp("server")) as server:
         yield server
 
@@ -75,7 +75,7 @@ def test_sync_rebuilds_a_study_in_an_empty_database(home: Home, folder: Path) ->
 
 
 def test_the_first_runs_of_a_home_may_start_at_once(home: Home) -> None:
-    """MLflow makes the tables of a new database; two that do so end with an error."""
+    """MLflow creates the tables of a new database without a lock; two at once would fail."""
     go = home.folder / "go"
     code = (
         "import pathlib, sys, time, mlflow.store.tracking.sqlalchemy_store;"
@@ -99,8 +99,8 @@ def test_the_first_runs_of_a_home_may_start_at_once(home: Home) -> None:
 
 
 def test_whoever_uses_mlflow_waits_until_it_is_imported(home: Home) -> None:
-    """A command that joins a cluster comes to it while a thread still imports it: two at
-    once see halves of SQLAlchemy's modules."""
+    """A command that joins a cluster may need MLflow while a thread still imports it: two imports
+    at once see incomplete modules of SQLAlchemy."""
     arguments = home.database_uri, "CartPole-v0", home.artifacts
     user = threading.Thread(target=Tracker, args=arguments)
     with _IMPORT:  # as the importing thread holds it
@@ -123,7 +123,7 @@ def test_a_first_run_killed_while_the_database_is_made_leaves_the_next_one_a_who
         "Tracker(home.database_uri, 'CartPole-v0', home.artifacts)"
     )
     command = [sys.executable, "-W", "ignore", "-c", code, str(home.folder)]
-    # The tables stand, their changes of later versions do not.
+    # The tables exist, but later migrations are missing.
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
     Tracker(home.database_uri, "CartPole-v0", home.artifacts)
 
@@ -145,7 +145,7 @@ def test_sync_adds_what_is_missing_and_removes_a_twin(home: Home, folder: Path) 
 def test_a_configuration_that_was_run_again_replaces_what_mlflow_has(
     home: Home, folder: Path
 ) -> None:
-    """After a damaged checkpoint: the same scores, but other times."""
+    """After a damaged checkpoint the scores are the same, but the times differ."""
     sync(folder, home, home.database_uri, Terminal())
     path = min(folder.glob("configurations/*/state.safetensors"))
     journal = Journal(folder)
@@ -202,11 +202,11 @@ def test_a_server_killed_and_started_again_has_everything_once(
     server.kill()
     mirror.mark(keys)
     until(lambda: bool(told))
-    assert f"MLflow at {server.uri} is away" in told[0]
+    assert f"MLflow at {server.uri} is unreachable" in told[0]
     assert "\n" not in told[0]
     server.start()
     until(lambda: len(told) > 1)
-    assert told[1] == "MLflow is back, and catches up"
+    assert told[1] == "MLflow is reachable again and catches up"
     assert mirror.close() == 0
     assert disagreements(folder, server.uri) == []
     assert len(told) == 2

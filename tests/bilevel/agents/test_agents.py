@@ -1,4 +1,4 @@
-"""One suite for every agent: the built-in ones, and the one that docs/agents.md walks through."""
+"""One conformance suite for every agent: the built-in ones, and the example of docs/agents.md."""
 
 import sys
 from collections.abc import Iterator
@@ -152,7 +152,7 @@ def test_hyperparameters_that_nothing_checks_are_refused() -> None:
 def test_entry_points_of_installed_packages_are_loaded(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A real distribution on the path, as pip would leave it."""
+    """A real distribution on the path, as pip installs it."""
     info = tmp_path / "my_agents-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: my-agents\nVersion: 1.0\n")

@@ -1,4 +1,4 @@
-"""Agents are drawn from the paper's ranges, by their seed alone."""
+"""Agents are drawn from the paper's ranges, and depend on the seed alone."""
 
 from dataclasses import fields
 
@@ -19,7 +19,7 @@ def test_small_agents_are_the_cheap_ones_of_the_paper(name: str) -> None:
     agents = load_recipe("default", "CartPole-v0", agents=(name,)).agents
     drawn = [draw_agent(agents, "small", seed) for seed in range(4 * SAMPLES)]
     costs = np.array([hp.step_cost for hp in drawn])
-    # Of deep ones few are small; where none is found, the cheapest is taken.
+    # Few deep agents are small; if no small one is drawn, the cheapest is taken.
     assert np.median(costs) <= SMALL
     assert costs.max() <= 4 * SMALL
     depths = [vars(hp)["hidden_layers"] for hp in drawn]

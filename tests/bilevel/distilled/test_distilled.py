@@ -14,7 +14,7 @@ from bilevel.tasks import Task
 
 @pytest.fixture
 def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A distillation of moments, too short to teach anything."""
+    """Shortens the distillation, so that it is fast but its SE is useless."""
     monkeypatch.setattr(distilled, "RANDOM_STEPS", 300)
     monkeypatch.setattr(distilled, "POLICY_STEPS", 200)
     monkeypatch.setattr(distilled, "FIT_STEPS", 20)

@@ -1,4 +1,4 @@
-"""Every recipe that is shipped is complete, and what its name says."""
+"""Every shipped recipe is complete and matches its name."""
 
 from importlib.resources import files
 from pathlib import Path
@@ -33,7 +33,7 @@ def test_a_run_can_be_built_from_it(name: str, task_id: str) -> None:
 
 @pytest.mark.parametrize("file", FILES)
 def test_a_file_is_complete(file: str, tmp_path: Path) -> None:
-    """Without any one of its lines it is refused, and the message names what is missing."""
+    """Each missing line is refused, and the message names the missing field."""
     lines = files("bilevel.hyperparameters.recipes").joinpath(file).read_text().splitlines()
     section = ""
     for number, line in enumerate(lines):
@@ -49,7 +49,7 @@ def test_a_file_is_complete(file: str, tmp_path: Path) -> None:
             load_recipe(str(path), "CartPole-v0")
 
 
-#: Fields of every agent that have a default of their own (an agent of one's own needs none).
+#: Fields of every agent that have a default, so that user-defined agents need no recipe.
 OPTIONAL = (
     "init_episodes",
     "max_episodes",

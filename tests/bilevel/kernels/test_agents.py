@@ -1,4 +1,4 @@
-"""The compiled agents held to their torch definitions."""
+"""Compiled agents against their torch definitions."""
 
 from dataclasses import replace
 from typing import Any
@@ -63,7 +63,7 @@ def largest_difference(definition: Any, kernel: Any, agent: str) -> float:
 
 
 def difference_after_gradient_steps(agent: str, hp: Any, data_seed: int) -> float:
-    """Between all parameters of the twins, after the same minibatches."""
+    """Differences of all parameters of the twins, after the same minibatches."""
     definition, kernel, rng = twins(hp, 5, 3)
     start = [p.copy() for p in parameters(agent, kernel)]
     data, size = np.random.default_rng(data_seed), hp.batch_size
@@ -86,13 +86,13 @@ def difference_after_gradient_steps(agent: str, hp: Any, data_seed: int) -> floa
         if step < 10:
             assert loss == pytest.approx(expected, rel=2e-5)
     for before, after in zip(start, parameters(agent, kernel), strict=True):
-        assert abs(after - before).max() > 1e-4  # all of it did learn
+        assert abs(after - before).max() > 1e-4  # every part has learned
     return largest_difference(definition, kernel, agent)
 
 
 @pytest.mark.parametrize(
     ("agent", "activation", "hidden_layers"),
-    # Each is compiled anew: all agents with all activations and all depths, but not all three.
+    # Each case compiles again, so not all combinations of agent, activation and depth are tested.
     [
         (agent, activation, 1 + (i + j) % 3)
         for i, agent in enumerate(BUILT_IN)
@@ -102,8 +102,8 @@ def difference_after_gradient_steps(agent: str, hp: Any, data_seed: int) -> floa
 def test_parameters_hold_together_over_hundreds_of_gradient_steps(
     agent: str, activation: str, hidden_layers: int
 ) -> None:
-    """Where a rounding error falls on the other side of a kink, or of a tie between
-    actions, two runs part for good: rarely, so most of three must hold."""
+    """A rounding error at a kink, or at a tie between actions, makes two runs diverge for good.
+    This is rare, so most of three runs must agree."""
     hp = small(
         agent,
         activation=activation,
@@ -127,7 +127,7 @@ def test_a_prelu_slope_is_learned() -> None:
 
 
 def test_the_value_of_a_dueling_network_is_shared_by_all_actions() -> None:
-    """The advantages' mean does not count: adding to their biases changes nothing."""
+    """The mean advantage is subtracted: adding to all advantage biases changes nothing."""
     _, kernel, _ = twins(small("dueling-ddqn"), 4, 3)
     states = np.random.default_rng(0).normal(0, 1, kernel.batch.states.shape).astype(np.float32)
     before, after = np.zeros_like(kernel.q), np.zeros_like(kernel.q)
@@ -193,8 +193,8 @@ def se_environment(task: Task, seed: int, episodes: int, step_limit: int) -> Env
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("agent", BUILT_IN)
 def test_whole_training_runs_are_the_same(seed: int, agent: str, cartpole: Task) -> None:
-    """Exploration, replay, minibatches, updates, episode ends and stopping: with the
-    same random numbers both live through the same run."""
+    """With the same random numbers exploration, replay, minibatches, updates, episode ends and
+    stopping of both twins agree."""
     hp = small(agent, max_episodes=20, replay_capacity=200)
     env = se_environment(cartpole, seed, hp.max_episodes, 25)
     definition, kernel, rng = twins(hp, 4, 2)
@@ -263,7 +263,7 @@ def test_both_twins_of_the_stopping_rules_agree(init_episodes: int, window: int)
 
 
 def test_training_on_the_real_task_stops_when_solved() -> None:
-    """With a solved reward that anyone reaches, the rule holds at once."""
+    """With a solved reward that every agent reaches, training stops at once."""
     task = Task("CartPole-v0", 4, 2, 200, 1.0, 0.0, 1)
     env = se_environment(task, 0, 10, 200)._replace(synthetic=False)
     hp: DDQNHyperparameters = small("ddqn", init_episodes=2)

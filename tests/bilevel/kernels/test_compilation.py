@@ -1,4 +1,4 @@
-"""Compiled here or loaded from disk, first this agent or first that: the same numbers."""
+"""Results do not depend on compiling or loading kernels, nor on the order of agents."""
 
 import os
 import shutil
@@ -37,7 +37,7 @@ for name in sys.argv[1:]:
 
 
 def parameters(root: Path, *agents: str) -> set[str]:
-    """What the agents have learned in a process that has run them in that order."""
+    """Parameters that the agents learn in a process that trains them in that order."""
     run = subprocess.run(
         [sys.executable, "-c", PROGRAM, *agents],
         cwd=root,

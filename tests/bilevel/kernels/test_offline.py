@@ -16,8 +16,8 @@ from bilevel.synthetic_env.torch_module import activation_module
 
 @pytest.mark.parametrize("activation", ["tanh", "relu", "lrelu", "prelu"])
 def test_a_fit_is_torchs(activation: str) -> None:
-    """Adam on the weighted squared error, the learning rate falling linearly; the slope of a
-    PReLU stays."""
+    """Adam on the weighted squared error with a linearly decreasing learning rate; a PReLU slope is
+    not fitted."""
     n, batch, steps, rate = 50, 20, 30, 1e-2
     rng = np.random.default_rng(0)
     inputs = rng.normal(size=(n, 3)).astype(np.float32)
@@ -50,7 +50,7 @@ def test_a_fit_is_torchs(activation: str) -> None:
 
 
 def test_an_agent_learns_from_recorded_transitions(small_agent: DDQNHyperparameters) -> None:
-    """Of two actions the second is always rewarded; every episode is one step long."""
+    """The second of two actions is always rewarded; every episode has one step."""
     rng = np.random.default_rng(0)
     states = rng.normal(size=(200, 3))
     actions = rng.integers(2, size=200)

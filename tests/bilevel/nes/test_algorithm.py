@@ -223,7 +223,7 @@ class TestTell:
     def test_fresh_agents_of_all_sizes_confirm_it(
         self, confirming: float, ends: bool, cartpole: Task, small: Hyperparameters
     ) -> None:
-        """They are patient never, and what they do not confirm goes on."""
+        """Confirming agents are never patient; a run that they do not confirm continues."""
         hp = with_nes(small, solved_for=1, confirming_agents=40, patient_episodes=99)
         nes = NES(cartpole, replace(hp, vary_agent="small"), 0)
         state = nes.init()
@@ -264,7 +264,7 @@ class TestTell:
 def test_a_run_that_is_extended_begins_again_where_an_undisturbed_one_does(
     cartpole: Task, small_hp: Hyperparameters
 ) -> None:
-    """A restart that is due at the last generation happens, whether or not more are added."""
+    """A restart that is due at the last generation happens with and without more generations."""
     ends = []
     for generations in (3, 9):
         hp = with_nes(small_hp, restart_after=2, generations=generations)

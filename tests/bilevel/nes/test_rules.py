@@ -1,4 +1,4 @@
-"""Properties of the update rules, and what each of them computes by hand."""
+"""Properties of the update rules, and values computed by hand."""
 
 import numpy as np
 import pytest
@@ -86,7 +86,7 @@ def test_scores_that_are_not_finite_rank_last(name: str, z: NDArray[np.float32])
 
 
 def test_ties_in_the_order_of_the_members(z: NDArray[np.float32]) -> None:
-    """With the authors' ties equal members get unequal weights; by their mean rank equal ones."""
+    """Equal members get unequal weights with the authors' ties, and equal ones by mean rank."""
     members = scores([4.0, 4.0, 4.0])
     for ties, equal in (("mean", True), ("order", False)):
         hp = hyperparameters(update="authors", score_transform="nes-unnormalized", ties=ties)

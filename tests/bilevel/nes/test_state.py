@@ -65,7 +65,7 @@ def load(path: Path, nes: NES) -> NESState:
 
 @pytest.mark.parametrize("steps", [0, 1, 2, 3, 4])
 def test_a_loaded_run_goes_on_as_the_other_would(steps: int, default: NES, tmp_path: Path) -> None:
-    """While the start is being chosen as well as between generations."""
+    """Also while the start is being chosen, not only between generations."""
     state = default.init()
     for _ in range(steps):
         state = after(default, state)

@@ -66,7 +66,7 @@ def test_monotone_finite_and_at_most_one(name: str, values: np.ndarray, average:
 def test_centred_rank_is_invariant_and_centred(
     values: np.ndarray, shift: float, scale: float
 ) -> None:
-    values = np.round(values)  # keep ties ties, and differences differences
+    values = np.round(values)  # so that float errors neither make nor break ties
     ranks = centred_rank(values)
     if values.size > 1:
         assert ranks.sum() == pytest.approx(0, abs=1e-9)

@@ -1,4 +1,4 @@
-"""Exogenous SEs are plain MLPs with the structure that their docstring promises."""
+"""Exogenous SEs are plain MLPs with the structure that their docstring describes."""
 
 from dataclasses import replace
 
@@ -17,7 +17,7 @@ TASKS = ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"]
 
 
 def distribution(task_id: str, seed: int = 0) -> SEDistribution:
-    """Around a random SE that NES has moved a little."""
+    """A search distribution around a random SE that NES has moved a little."""
     task = get_task(task_id)
     space = coordinates(task, load_recipe("default", task_id).se, task.observation_scale(1))
     rng = np.random.default_rng(seed)

@@ -87,7 +87,7 @@ class TestFile:
             load_se(se_file)
 
     def test_files_of_the_first_format_are_read(self, se_file: Path, cartpole: Task) -> None:
-        """They told the step limit as a share of the task's, and a scale of rewards."""
+        """They store the step limit as a share of the task's, and a scale of rewards."""
         with safetensors.safe_open(se_file, framework="numpy") as file:
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
             header = json.loads(file.metadata()["se"])
@@ -179,12 +179,12 @@ class TestFile:
 
 
 def test_the_same_se_is_the_same_file(se_file: Path) -> None:
-    """safetensors writes several entries of metadata in any order."""
+    """safetensors writes several entries of metadata in random order."""
     assert {se_bytes(load_se(se_file)) for _ in range(20)} == {se_file.read_bytes()}
 
 
 def test_an_se_of_other_sizes_than_its_task_is_refused(tmp_path: Path) -> None:
-    """Compiled code takes the sizes on trust."""
+    """Compiled code does not check the sizes."""
     se = replace(make_se(get_task("CartPole-v0")), task_id="Acrobot-v1")
     with pytest.raises(InvalidInput, match="4 state dimensions and 2 actions: Acrobot-v1 has 6"):
         se.task()

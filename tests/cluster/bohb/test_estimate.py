@@ -1,4 +1,4 @@
-"""What a study would cost."""
+"""The estimated cost of a study."""
 
 from dataclasses import replace
 
@@ -9,7 +9,7 @@ from cluster.bohb.estimate import Estimate
 
 
 def test_what_a_time_budget_is_enough_for() -> None:
-    """The most brackets that end in time; the first one is always begun."""
+    """As many brackets as end in time, at least one."""
     estimate = Estimate(
         Schedule((3, 9), 1),
         brackets=1000,

@@ -1,4 +1,4 @@
-"""What a search's profile makes of a recipe."""
+"""Recipes in the size of a profile."""
 
 from dataclasses import replace
 
@@ -33,7 +33,7 @@ def test_a_profile_leaves_the_recipe_otherwise_alone(profile: str, recipe: str) 
 @pytest.mark.parametrize("recipe", RECIPES)
 @pytest.mark.parametrize("profile", PROFILES)
 def test_runs_of_a_search_are_equally_long(profile: str, recipe: str) -> None:
-    """None of them stops early or begins again."""
+    """None of them stops early or restarts."""
     size = get_profile(profile)
     nes = sized(load_recipe(recipe, "CartPole-v0"), size).nes
     assert (nes.generations, nes.solved_for, nes.restart_after) == (size.largest_budget, 0, 0)

@@ -30,7 +30,7 @@ from cluster.storage.run_folder import locked_settings
 from search_spaces import search_space
 from tests.studies import run_job
 
-#: Hyperband's.
+#: Hyperband's brackets.
 LADDER = Schedule((1, 3, 9), 3)
 
 
@@ -140,7 +140,7 @@ class TestStudy:
         assert any(job.model_based for job in jobs) == (method == "bohb")
 
     def test_starts_are_each_runs_own(self, study: Study) -> None:
-        """By the seed of the study and the configuration's id."""
+        """Starts depend on the study's seed and the configuration's id."""
         runs = [study.run((0, 0, number), {}) for number in range(3)]
         assert len({run.seed for run in runs}) == 3
         assert study.run((0, 0, 1), {"se.hidden_size": 16}).seed == runs[1].seed
@@ -162,7 +162,7 @@ class TestStudy:
         assert objective == pytest.approx(sum(scores) / 3)
 
     def test_steps_on_the_real_task_are_counted_through(self, study: Study) -> None:
-        """Those of the scale of observations and of the choice of a start, too."""
+        """The count includes the scale of observations and the choice of a start."""
         job = Job((0, 0, 0), {"nes.population_size": 2}, 3, False, 0.0)
         run_job(study, job)
         run = study.run(job.id, job.configuration)
@@ -218,8 +218,8 @@ class TestSearch:
 
     @pytest.mark.parametrize("seed", range(8))
     def test_interrupted_anywhere_it_goes_on_the_same(self, seed: int, tmp_path: Path) -> None:
-        """Killed after any number of results, with a job in flight or without, a
-        search goes on from its journal as if nothing had happened."""
+        """A search that is killed after any number of results, with or without a job in flight,
+        resumes from its journal with the same results."""
         whole = run_to_end(new_search(tmp_path / "whole"))
         chance = random.Random(seed)
         search = new_search(tmp_path / "parts")
@@ -287,7 +287,7 @@ class TestJournal:
         path.write_bytes(content[: max(len(content) - cut, last)])
         torn = path.read_bytes()
         assert len(Journal(folder).results) == 12
-        assert path.read_bytes() == torn  # whoever only looks changes nothing
+        assert path.read_bytes() == torn  # reading does not change the file
         run_to_end(new_search(folder, brackets=1))
         assert len(Journal(folder).results) == 13
 

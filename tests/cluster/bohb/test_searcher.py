@@ -1,4 +1,4 @@
-"""The searcher, told what Ray Tune tells it."""
+"""The searcher, called as Ray Tune calls it."""
 
 import math
 from pathlib import Path

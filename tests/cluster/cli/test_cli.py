@@ -1,4 +1,4 @@
-"""The command line in processes of its own: help, bad input, nothing half-written."""
+"""The command line in separate processes: help, invalid input, no files written."""
 
 import re
 import subprocess
@@ -141,7 +141,7 @@ def test_a_file_that_is_no_recipe_is_told_in_one_line(text: str, told: str, tmp_
 
 
 def test_a_recipe_of_the_users_own(tmp_path: Path) -> None:
-    """Its name is in the study's, as those of agents and variation are."""
+    """The study's name contains the names of recipe, agents and variation."""
     text = (files("bilevel.hyperparameters.recipes") / "default-CartPole-v0.toml").read_text()
     (tmp_path / "my.toml").write_text(text.replace('update = "snes"', 'update = "antithetic"'))
     small = ("--profile", "smoke", "--dry-run", "--agent", "ddqn", "--vary-hp", "no")
@@ -167,7 +167,7 @@ def test_a_damaged_database_is_told(tmp_path: Path) -> None:
 
 
 def evaluations(cost: str) -> tuple[int, int]:
-    """Generations and evaluations of a study, as `--dry-run` tells them."""
+    """Generations and evaluations of a study, parsed from the output of `--dry-run`."""
     found = re.search(r"(\d+) generations, (\d+) evaluations of about", cost)
     assert found is not None, cost
     return int(found[1]), int(found[2])
@@ -199,7 +199,7 @@ def test_dry_run_says_what_would_be_run_and_writes_nothing(
 
 
 def test_dry_run_counts_the_choice_of_starts(tmp_path: Path) -> None:
-    """And brackets that all begin at the smallest budget."""
+    """All brackets of the profile begin at the smallest budget."""
     arguments = ("--profile", "local", "--brackets", "3", "--dry-run")
     costs = []
     for candidates in (1, 256):

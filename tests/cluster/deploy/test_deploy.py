@@ -1,4 +1,4 @@
-"""The deployment files say what the code and the documentation say."""
+"""The deployment files agree with the code and the documentation."""
 
 from pathlib import Path
 from typing import Any

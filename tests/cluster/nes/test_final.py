@@ -1,4 +1,4 @@
-"""Which SE is handed over, by scores given by hand."""
+"""The choice of the best SE, with scores set by hand."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -23,7 +23,7 @@ from tests.conftest import ddqn
 
 
 class ByHand:
-    """Stands for a pool: score and train steps of the SE whose parameters are all k."""
+    """A fake pool: returns score and train steps k for the SE whose parameters are all k."""
 
     def __init__(self, *outcomes: tuple[float, int]) -> None:
         self.outcomes, self.asked = outcomes, list[EvaluationRequest]()
@@ -59,7 +59,7 @@ class ByHand:
         return results
 
     def score(self, score: float, request: EvaluationRequest, asked: int) -> float:
-        """Of a request, one of so many that are asked for together."""
+        """Score of a request that is one of `asked` requests."""
         return score
 
 
@@ -74,8 +74,8 @@ def contenders(task: Task, hp: Hyperparameters, count: int) -> list[Contender]:
     [
         (((90.0, 1000), (100.0, 9000)), 1),
         (((200.0, 9000), (195.0, 1000)), 0),  # both solve the task
-        (((100.0, 9000), (100.0, 1000)), 1),  # as good in fewer steps
-        (((100.0, 1000), (100.0, 1000)), 0),  # as good: what came first
+        (((100.0, 9000), (100.0, 1000)), 1),  # equally good in fewer steps
+        (((100.0, 1000), (100.0, 1000)), 0),  # equally good: the first one
         (((0.0, 10), (20.0, 1000)), 1),
     ],
 )
@@ -92,14 +92,14 @@ def test_the_best_is_chosen(
 
 @pytest.mark.parametrize("count", [1, 2, 3, 9])
 def test_each_round_keeps_the_best(count: int, cartpole: Task, small_hp: Hyperparameters) -> None:
-    """Who is left is tried on more agents, all on the same."""
+    """The remaining SEs are tested with more agents, the same for all."""
     by_hand = ByHand(*((100.0 + (3 * k) % 5, 1000) for k in range(count)))
     pool = cast(EvaluationPool, by_hand)
     entered = contenders(cartpole, small_hp, count)
     rounds = (Round(4, 2), Round(2, 5))
     steps: list[int] = []
     best = choose_best(cartpole, entered, (1,), pool, lambda: steps.append(1), rounds)
-    # 100, 103, 101 and 104; those behind the fourth are in no round
+    # scores 100, 103, 101 and 104; no round includes the SEs after the fourth
     assert best is entered[{1: 0, 2: 1, 3: 1, 9: 3}[count]]
     told = {1: 0, 2: 2 * 2 + 2 * 3, 3: 3 * 2 + 2 * 3, 9: 4 * 2 + 2 * 3}[count]
     assert len(by_hand.seeds) == len(steps) == agents_needed(count, rounds) == told
@@ -110,7 +110,7 @@ def test_each_round_keeps_the_best(count: int, cartpole: Task, small_hp: Hyperpa
 def test_a_score_that_was_lucky_is_found_out(
     cartpole: Task, small_hp: Hyperparameters, later: float, expected: int
 ) -> None:
-    """More agents count, and beside them the first ones: two score 120, six `later`."""
+    """All agents so far count: the first two score 120, the next six `later`."""
 
     class Lucky(ByHand):
         def score(self, score: float, request: EvaluationRequest, asked: int) -> float:
@@ -140,7 +140,7 @@ def test_the_final_score_has_seeds_of_its_own(cartpole: Task, small_hp: Hyperpar
 def test_agents_of_the_final_score_are_drawn_from_all_of_the_papers_ranges(
     cartpole: Task, small_hp: Hyperparameters
 ) -> None:
-    """And trained by the stopping rule, although NES has patient and small agents."""
+    """They train by the stopping rule, although NES has patient and small agents."""
     hp = replace(small_hp, vary_agent="small", nes=replace(small_hp.nes, patient_episodes=99))
     (contender,) = contenders(cartpole, hp, 1)
     by_hand = ByHand((60.0, 2000))

@@ -1,4 +1,4 @@
-"""In which batches and in which order a pool's actors get their requests."""
+"""Batches and order in which a pool's actors get their requests."""
 
 import math
 from dataclasses import replace
@@ -19,7 +19,7 @@ MEMBER, MIRRORED, CENTRE = Perturbed(0, 1), Perturbed(0, -1), Centre()
 
 
 def requests(costs: list[int], on: list[TrainedOn] | None = None) -> list[EvaluationRequest]:
-    """One a cost, which is in proportion to the batch size."""
+    """One request per cost, which is proportional to the batch size."""
     pairs = zip(costs, on or [MEMBER] * len(costs), strict=True)
     return [
         EvaluationRequest(i, seed=i, agent=replace(AGENT, batch_size=cost), on=where)
@@ -83,7 +83,7 @@ class TestBatches:
     def test_no_batch_is_much_longer_than_its_share(
         self, asked: list[EvaluationRequest], n: int
     ) -> None:
-        """It is as short as whole requests let it be, and the share one of what is left."""
+        """A batch is as close to its share of the remaining cost as whole requests allow."""
         left = sum(request.agent.step_cost for request in asked)
         for batch in batches(asked, n):
             without_last = batch.cost - batch.requests[-1].agent.step_cost
@@ -134,7 +134,7 @@ def test_what_dead_actors_held_is_answered_once_too(
 
 @given(st.lists(st.integers(1, 500), min_size=1, max_size=60), actors)
 def test_early_only_while_all_stay_busy(costs: list[int], n: int) -> None:
-    """What is left keeps everybody busy for longer than the early batch has to wait."""
+    """The remaining batches keep all actors busy for longer than the early batch waits."""
     queue = RequestQueue(requests(costs), n)
     held = queue.take([])
     assert held is not None
@@ -169,7 +169,7 @@ def test_what_a_dead_actor_held_comes_first_again() -> None:
 
 
 def test_put_back_counts_as_waiting_again() -> None:
-    """Whether an actor gets a batch early is then what it was before."""
+    """Then the decision about an early batch is the same as before."""
     queue, other = (RequestQueue(requests([100] * 64), 2) for _ in range(2))
     first = queue.take([])
     assert first is not None

@@ -1,4 +1,4 @@
-"""Ctrl-C where it may get lost."""
+"""Ctrl-C in places where Python may swallow it."""
 
 import signal
 
@@ -9,7 +9,7 @@ from cluster.session.terminal import Terminal
 
 
 class Swallows:
-    """A finaliser, in which Python ignores what is raised."""
+    """An object with a finaliser, in which Python ignores exceptions."""
 
     def __init__(self, number: signal.Signals) -> None:
         self.number = number

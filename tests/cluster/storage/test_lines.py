@@ -58,8 +58,8 @@ def test_whole_lines_survive_a_cut(
 def test_any_damage_to_a_journal_is_told_or_is_none(
     data: st.DataObject, tmp_path_factory: pytest.TempPathFactory
 ) -> None:
-    """Bytes changed, cut out or put in: a Journal or an InvalidInput in one line, never
-    another exception."""
+    """After bytes are changed, removed or inserted, reading gives a Journal or a one-line
+    InvalidInput, never another exception."""
     folder = tmp_path_factory.mktemp("journal")
     write_journal(folder)
     path = folder / data.draw(st.sampled_from(["configs.json", "results.json"]))
