@@ -1,10 +1,13 @@
 """Hyperparameter variation of the inner loop's agents (paper, Table "HP variation").
 
-NES draws a fresh agent for each evaluation from these ranges, when asked to vary,
-so that the SE does not overfit to one agent.
+NES draws fresh agents from these ranges, so that the SE does not overfit to one agent. Two
+variations avoid the cost of large agents: `small` draws small ones only, and `narrowed` draws from
+the full ranges and replaces a large agent by a narrow one that learns at the same pace.
 """
 
+from bisect import bisect_right
 from dataclasses import fields, replace
+from typing import Any
 
 import numpy as np
 
@@ -28,13 +31,16 @@ SMALL = 250_000.0
 #: agent took part in learning teaches shallow ones alone.
 _DRAWS = 128
 
+#: Hidden units that a narrowed agent keeps at least.
+NARROWEST = 16
+
 
 def draw_agent(
     agents: tuple[AgentHyperparameters, ...], vary: str, seed: int
 ) -> AgentHyperparameters:
     """One of the agents, learning rate, batch size, hidden size and hidden layers (those of them
-    that it has) drawn anew as one of VARIATIONS says; by `seed` alone. Of agents none of which is
-    small, the one that costs least is taken.
+    that it has) drawn anew as one of VARIATIONS says; by `seed` alone. `small` takes the cheapest
+    draw if none is small.
 
     Raises InvalidInput for another variation.
     """
@@ -50,7 +56,40 @@ def draw_agent(
     drawn = [_varied(agent, layers, rng)]
     while vary == "small" and drawn[-1].step_cost > SMALL and len(drawn) < _DRAWS:
         drawn.append(_varied(agent, layers, rng))
-    return drawn[-1] if vary == "all" else min(drawn, key=lambda hp: max(hp.step_cost, SMALL))
+    if vary == "small":
+        return min(drawn, key=lambda hp: max(hp.step_cost, SMALL))
+    return narrowed(drawn[-1]) if vary == "narrowed" else drawn[-1]
+
+
+def narrowed(agent: AgentHyperparameters) -> AgentHyperparameters:
+    """The agent with as many hidden units as a small agent may have, and then with a smaller batch
+    if NARROWEST is still too wide; its learning rate is higher by the ratio of the widths.
+
+    With Adam at a given learning rate, the outputs of a network change by an amount that grows with
+    its width (Yang and Hu, 2021, "Tensor Programs IV"). The higher rate makes the narrow network
+    learn at the pace of the wide one, so that an SE on which wide agents fail is found out cheaply.
+    """
+    narrow = _cut(_cut(agent, "hidden_size", NARROWEST), "batch_size", SIZES[0])
+    before, after = (getattr(hp, "hidden_size", 1) for hp in (agent, narrow))
+    if before == after or not hasattr(agent, "learning_rate"):
+        return narrow
+    values: dict[str, Any] = {"learning_rate": agent.learning_rate * before / after}
+    return replace(narrow, **values)
+
+
+def _cut(agent: AgentHyperparameters, name: str, least: int) -> AgentHyperparameters:
+    """The agent with the largest value of that field, `least` or more, with which it is small."""
+    value = getattr(agent, name, least)
+    if agent.step_cost <= SMALL or value <= least:
+        return agent
+
+    def with_size(size: int) -> AgentHyperparameters:
+        values: dict[str, Any] = {name: size}
+        return replace(agent, **values)
+
+    sizes = range(least, value)
+    small = bisect_right(sizes, SMALL, key=lambda size: with_size(size).step_cost)
+    return with_size(sizes[max(small - 1, 0)])
 
 
 def _varied(

@@ -34,9 +34,9 @@ SCORE_TRANSFORMS: tuple[str, ...] = get_args(ScoreTransform)
 #: authors' code has it).
 Ties = Literal["mean", "order"]
 
-#: Whether learning rate, batch size and network of the agents are drawn anew: from all of the
-#: paper's ranges, or only small networks and batches.
-Variation = Literal["no", "small", "all"]
+#: Whether learning rate, batch size and network of the agents are drawn anew: only small networks
+#: and batches, or from all of the paper's ranges, with large networks narrowed or not.
+Variation = Literal["no", "small", "narrowed", "all"]
 VARIATIONS: tuple[str, ...] = get_args(Variation)
 
 #: What NES starts from: random SEs, as the paper, or one that is distilled from action values
@@ -78,7 +78,8 @@ class NESHyperparameters:
     restart_after: Annotated[int, Field(ge=0, le=1_000_000)]
     # Generations in a row that must solve the task for the run to be finished. 0: it goes on.
     solved_for: Annotated[int, Field(ge=0, le=1_000_000)]
-    # Fresh agents that must surely solve the task then; if they do not, the run goes on.
+    # Fresh agents of all sizes, after four times as many narrowed ones, that must then surely solve
+    # the task (`bilevel.nes.confirmation`); otherwise the run goes on. 0: no confirmation.
     confirming_agents: Annotated[int, Field(ge=0, le=65536)]
 
     @property
@@ -103,7 +104,8 @@ class SEHyperparameters:
 class Hyperparameters:
     """Everything one NES run is given besides task and seed.
 
-    Of several `agents`, every evaluation draws one.
+    Of several `agents`, each draw takes one: every evaluation draws, or, with
+    `nes.shared_agent`, every generation for all of its members.
     """
 
     nes: NESHyperparameters

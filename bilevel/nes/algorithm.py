@@ -114,7 +114,9 @@ class NES:
         candidates = self.hp.nes.start_candidates
         seeds = [derive(self.seed, Purpose.INITIAL, attempt, i) for i in range(candidates)]
         race = StartRace.of(seeds)
-        state = replace(state, attempt=attempt, attempt_began=state.generation, race=race)
+        state = replace(
+            state, attempt=attempt, attempt_began=state.generation, race=race, refuted=0
+        )
         return self._at_winner(state)
 
     def _at_winner(self, state: NESState) -> NESState:
@@ -137,8 +139,9 @@ class NES:
         if state.confirmation is not None:
             return self._ask_confirmation(state, state.confirmation)
         nes, when = self.hp.nes, (state.attempt, state.generation)
+        vary = self._variation(state)
         requests = [
-            self._request(i, Purpose.CENTRE, (*when, i), i, Centre())
+            self._request(i, Purpose.CENTRE, (*when, i), i, Centre(), vary)
             for i in range(nes.centre_agents)
         ]
         for sign in (1, -1) if nes.mirrored_sampling else (1,):
@@ -147,7 +150,7 @@ class NES:
                 own = () if nes.shared_agent else (member, int(sign > 0))
                 requests.append(
                     self._request(
-                        len(requests), Purpose.MEMBER, (*when, *own), state.generation, on
+                        len(requests), Purpose.MEMBER, (*when, *own), state.generation, on, vary
                     )
                 )
         return requests
@@ -163,7 +166,9 @@ class NES:
             [
                 (
                     derive(self.seed, Purpose.START, *path),
-                    as_turn(self._agent(Purpose.START, path), self.hp.nes, path[-1]),
+                    as_turn(
+                        self._agent(Purpose.START, path, self.hp.vary_agent), self.hp.nes, path[-1]
+                    ),
                 )
                 for path in paths
             ]
@@ -173,7 +178,9 @@ class NES:
         self, state: NESState, confirmation: Confirmation
     ) -> list[EvaluationRequest]:
         paths = [(state.generation, number) for number in confirmation.coming]
-        vary = "no" if self.hp.vary_agent == "no" else "all"
+        vary = "narrowed" if confirmation.narrowed else "all"
+        if self.hp.vary_agent == "no":
+            vary = "no"
         return [
             EvaluationRequest(
                 index,
@@ -183,17 +190,27 @@ class NES:
             for index, path in enumerate(paths)
         ]
 
+    def _variation(self, state: NESState) -> str:
+        """How a generation draws its agents. Small ones are the quickest to learn an SE for; once a
+        confirmation has failed, they have little left to tell, and narrowed ones go on."""
+        vary = self.hp.vary_agent
+        return "narrowed" if vary == "small" and state.refuted else vary
+
     def _request(
-        self, index: int, purpose: Purpose, path: tuple[int, ...], turn: int, on: Centre | Perturbed
+        self,
+        index: int,
+        purpose: Purpose,
+        path: tuple[int, ...],
+        turn: int,
+        on: Centre | Perturbed,
+        vary: str,
     ) -> EvaluationRequest:
-        agent = as_turn(self._agent(purpose, path), self.hp.nes, turn)
+        agent = as_turn(self._agent(purpose, path, vary), self.hp.nes, turn)
         return EvaluationRequest(index, derive(self.seed, purpose, *path), agent, on)
 
-    def _agent(
-        self, purpose: Purpose, path: tuple[int, ...], vary: str | None = None
-    ) -> AgentHyperparameters:
+    def _agent(self, purpose: Purpose, path: tuple[int, ...], vary: str) -> AgentHyperparameters:
         seed = derive(self.seed, Purpose.AGENT, int(purpose), *path)
-        return draw_agent(self.hp.agents, vary or self.hp.vary_agent, seed)
+        return draw_agent(self.hp.agents, vary, seed)
 
     # -- tell ----------------------------------------------------------------------
 
@@ -233,7 +250,9 @@ class NES:
         """The state after a round of a confirmation."""
         verdict = confirmation.verdict(self.task.solved_reward)
         left = confirmation if verdict is None else None
-        return self._ended(replace(state, confirmation=left, confirmed=bool(verdict)))
+        refuted = state.refuted + (verdict is False)
+        state = replace(state, confirmation=left, confirmed=bool(verdict), refuted=refuted)
+        return self._ended(state)
 
     def _ended(self, state: NESState) -> NESState:
         """The state, finished if it is confirmed, or if its generations are over and no

@@ -1,8 +1,10 @@
 """Confirmation with fresh agents that the current SE solves the task.
 
 The scores that suggest a solved task are the highest of many samples, so they are often high by
-chance. Therefore fresh agents, drawn from the paper's full ranges, are trained on the current SE by
-the stopping rule. A quarter of them comes first; the others follow only if these solve the task.
+chance. Therefore fresh agents are trained on the current SE by the stopping rule, in three rounds;
+an SE that fails a round is not tried in the next. The first two rounds train agents from the
+paper's full ranges that are narrowed (`bilevel.agents.variation`) and therefore cheap; agents of
+all sizes, most of whose time goes into a few large ones, come last.
 """
 
 import math
@@ -11,32 +13,63 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
+from numpy.typing import NDArray
+
+#: Agents of each round, as multiples of `nes.confirming_agents`.
+ROUNDS = (1, 3, 1)
 
 
 @dataclass(frozen=True)
 class Confirmation:
-    """A confirmation with `agents` agents, and the scores of the first of them."""
+    """A confirmation with `agents` agents of all sizes, and the scores of the rounds so far."""
 
     agents: int
-    scores: tuple[float, ...] = ()
+    scores: tuple[tuple[float, ...], ...] = ()
 
     @property
     def coming(self) -> range:
-        """Numbers (from 0) of the agents that are trained next."""
-        few = max(self.agents // 4, 1)
-        return range(few, self.agents) if self.scores else range(few)
+        """Numbers (from 0, over all rounds) of the agents that are trained next."""
+        past = sum(ROUNDS[: len(self.scores)])
+        return range(past * self.agents, (past + ROUNDS[len(self.scores)]) * self.agents)
+
+    @property
+    def narrowed(self) -> bool:
+        """Whether the agents that are trained next are narrowed."""
+        return len(self.scores) < len(ROUNDS) - 1
+
+    @property
+    def total(self) -> int:
+        """Number of agents of all rounds."""
+        return sum(ROUNDS) * self.agents
 
     def after(self, scores: Sequence[float]) -> Self:
         """The confirmation after the agents `coming` have got these scores."""
-        return replace(self, scores=(*self.scores, *scores))
+        return replace(self, scores=(*self.scores, tuple(scores)))
+
+    @property
+    def of_narrowed(self) -> NDArray[np.float64]:
+        """Scores (n,) of the narrowed agents."""
+        return np.array([score for scores in self.scores[: len(ROUNDS) - 1] for score in scores])
+
+    @property
+    def of_all_sizes(self) -> NDArray[np.float64]:
+        """Scores (n,) of the agents of all sizes; none before the last round."""
+        return np.array([score for scores in self.scores[len(ROUNDS) - 1 :] for score in scores])
 
     def verdict(self, solved_reward: float) -> bool | None:
-        """Whether the SE is confirmed: the mean score exceeds the solved reward by twice its
-        standard error, so that other agents are likely to solve the task too. None: train more."""
-        scores = np.array(self.scores)
-        if scores.mean() < solved_reward:
-            return False
-        if scores.size < self.agents:
-            return None
-        error = scores.std(ddof=min(scores.size - 1, 1)) / math.sqrt(scores.size)
-        return bool(scores.mean() - 2 * error >= solved_reward)
+        """Whether the SE is confirmed. None: train more.
+
+        The mean score of the first round must reach the solved reward; those of all narrowed agents
+        and of all others must exceed it by two standard errors.
+        """
+        if len(self.scores) == 1:
+            return None if self.of_narrowed.mean() >= solved_reward else False
+        if len(self.scores) < len(ROUNDS):
+            return None if _surely(self.of_narrowed) >= solved_reward else False
+        return _surely(self.of_all_sizes) >= solved_reward
+
+
+def _surely(scores: NDArray[np.float64]) -> float:
+    """The mean less two of its standard errors."""
+    error = scores.std(ddof=min(scores.size - 1, 1)) / math.sqrt(scores.size)
+    return float(scores.mean() - 2 * error)

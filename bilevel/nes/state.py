@@ -45,6 +45,7 @@ class NESState:
     real_env_steps: int = 0  # steps on the real task so far
     confirmation: Confirmation | None = None  # while one is under way
     confirmed: bool = False  # solved for long enough, and confirmed
+    refuted: int = 0  # confirmations that failed, in this attempt
     finished: bool = False  # confirmed, or out of generations
     finalists: tuple[Finalist, ...] = ()  # best first
     records: tuple[GenerationRecord, ...] = ()
@@ -121,6 +122,7 @@ class NESState:
             "solved_streak": self.solved_streak,
             "confirmation": None if self.confirmation is None else asdict(self.confirmation),
             "confirmed": self.confirmed,
+            "refuted": self.refuted,
             "real_env_steps": self.real_env_steps,
             "scale_steps": self.scale.real_env_steps,
             "finished": self.finished,
@@ -203,6 +205,7 @@ class _Header:
     solved_streak: int
     confirmation: Confirmation | None
     confirmed: bool
+    refuted: int
     real_env_steps: int
     scale_steps: int  # of the scale of observations
     finished: bool

@@ -4,8 +4,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationResult
 from bilevel.nes import NESState
@@ -136,16 +134,24 @@ class _UnderWay:
 
     def _confirmed(self, state: NESState, confirmation: Confirmation) -> NESState:
         """The state after a round of a confirmation."""
-        self.terminal.bar("confirming", len(confirmation.scores), confirmation.agents, "agents")
-        scores = list(confirmation.scores)
+        begun = confirmation.coming.start
+        self.terminal.bar("confirming", begun, confirmation.total, "agents")
+        scores: list[float] = []
         state = self._advanced(state, lambda result: scores.append(result.score))
         if state.confirmation is None:
-            verdict = "solved" if state.confirmed else "not confirmed"
-            kind = "fresh agents" if self.run.hp.vary_agent == "no" else "fresh agents of all sizes"
-            self.terminal.line(
-                f"{len(scores)} {kind} score {np.mean(scores):.1f} ± {np.std(scores):.1f} on the "
-                f"current SE: {verdict}"
-            )
+            verdict = "solved and confirmed" if state.confirmed else "not confirmed, going on"
+            confirmation = confirmation.after(scores)
+            fixed = self.run.hp.vary_agent == "no"
+            told = [
+                f"{found.size} fresh agents{'' if fixed else kind} score {found.mean():.1f} "
+                f"± {found.std():.1f}"
+                for kind, found in (
+                    (", narrowed,", confirmation.of_narrowed),
+                    (" of all sizes", confirmation.of_all_sizes),
+                )
+                if found.size
+            ]
+            self.terminal.line(f"{' and '.join(told)} on the current SE: {verdict}")
         return state
 
     def _best(self, state: NESState) -> Contender:

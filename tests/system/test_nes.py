@@ -145,7 +145,7 @@ EASY = (
 def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path) -> None:
     result = run_bilevel(*SMALL, *EASY, "--home", tmp_path)
     assert result.returncode == 0, result.stderr
-    confirmed = "4 fresh agents of all sizes score .* on the current SE: solved"
+    confirmed = "narrowed, score .* of all sizes score .* on the current SE: solved and confirmed"
     assert re.search(confirmed, result.stdout)
     assert "solved and confirmed: 2 generations" in result.stdout
     assert "10 of 10 agents reach 5" in result.stdout

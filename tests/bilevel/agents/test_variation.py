@@ -1,13 +1,14 @@
 """Agents are drawn from the paper's ranges, and depend on the seed alone."""
 
-from dataclasses import fields
+from dataclasses import fields, replace
+from typing import Any, cast
 
 import numpy as np
 import pytest
 from scipy.stats import chisquare, kstest
 
 from bilevel import InvalidInput
-from bilevel.agents.variation import SMALL, draw_agent
+from bilevel.agents.variation import NARROWEST, SMALL, draw_agent
 from bilevel.hyperparameters import AgentHyperparameters, DDQNHyperparameters, load_recipe
 from tests.conftest import ddqn
 
@@ -29,13 +30,38 @@ def test_small_agents_are_the_cheap_ones_of_the_paper(name: str) -> None:
     assert drawn[7] == draw_agent(agents, "small", 7)
 
 
-def test_an_agent_of_unknown_cost_is_drawn_all_the_same() -> None:
-    assert draw_agent((AgentHyperparameters(),), "small", 0) == AgentHyperparameters()
+@pytest.mark.parametrize("name", ["ddqn", "dueling-ddqn", "td3"])
+def test_narrowed_agents_stand_for_those_of_all_sizes(name: str) -> None:
+    """Same draw, so few units that it is small, and a learning rate higher by as much."""
+    agents = load_recipe("default", "CartPole-v0", agents=(name,)).agents
+    widths = []
+    for seed in range(SAMPLES):
+        whole, narrow = (vars(draw_agent(agents, vary, seed)) for vary in ("all", "narrowed"))
+        cost = draw_agent(agents, "narrowed", seed).step_cost
+        if draw_agent(agents, "all", seed).step_cost <= SMALL:
+            assert narrow == whole
+            continue
+        assert cost <= SMALL or (narrow["hidden_size"], narrow["batch_size"]) == (NARROWEST, 42)
+        assert NARROWEST <= narrow["hidden_size"] < whole["hidden_size"]
+        if narrow["hidden_size"] > NARROWEST:  # one unit more would be too many
+            assert narrow["batch_size"] == whole["batch_size"]
+            agent = cast(Any, draw_agent(agents, "narrowed", seed))
+            assert replace(agent, hidden_size=agent.hidden_size + 1).step_cost > SMALL
+        speed = narrow["learning_rate"] / whole["learning_rate"]
+        assert speed == pytest.approx(whole["hidden_size"] / narrow["hidden_size"])
+        assert narrow["hidden_layers"] == whole["hidden_layers"]
+        widths.append(narrow["hidden_size"])
+    assert len(widths) > SAMPLES / 2
+
+
+@pytest.mark.parametrize("vary", ["small", "narrowed"])
+def test_an_agent_of_unknown_cost_is_drawn_all_the_same(vary: str) -> None:
+    assert draw_agent((AgentHyperparameters(),), vary, 0) == AgentHyperparameters()
 
 
 def test_another_variation_is_refused() -> None:
     agents = load_recipe("default", "CartPole-v0").agents
-    with pytest.raises(InvalidInput, match="allowed are no, small, all"):
+    with pytest.raises(InvalidInput, match="allowed are no, small, narrowed, all"):
         draw_agent(agents, "some", 0)
 
 

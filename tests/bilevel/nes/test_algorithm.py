@@ -223,26 +223,30 @@ class TestTell:
     def test_fresh_agents_of_all_sizes_confirm_it(
         self, confirming: float, ends: bool, cartpole: Task, small: Hyperparameters
     ) -> None:
-        """Confirming agents are never patient; a run that they do not confirm continues."""
-        hp = with_nes(small, solved_for=1, confirming_agents=40, patient_episodes=99)
+        """They are never patient; a run they do not confirm continues, with narrowed agents."""
+        hp = with_nes(small, solved_for=1, confirming_agents=30, patient_episodes=99)
         nes = NES(cartpole, replace(hp, vary_agent="small"), 0)
         state = nes.init()
         while not state.records:
             state = nes.tell(state, answers(nes, state, 200.0))
-        rounds, sizes = [], []
+        rounds, rates = [], []
         while state.confirmation is not None:
             assert not state.finished
             requests, before = nes.ask(state), state
             assert {request.on for request in requests} == {Centre()}
             assert {vars(request.agent)["early_out_difference"] for request in requests} == {0.01}
             rounds.append(len(requests))
-            sizes += [vars(request.agent)["hidden_size"] for request in requests]
+            rates.append(max(vars(request.agent)["learning_rate"] for request in requests))
             state = nes.tell(state, answers(nes, state, confirming))
             assert state.real_env_steps > before.real_env_steps
             assert state.generation == 1
-        assert rounds == ([10, 30] if ends else [10])
-        assert max(sizes) > 300
-        assert (state.confirmed, state.finished) == (ends, ends)
+        assert rounds == ([30, 90, 30] if ends else [30])
+        assert min(rates[:2]) > 3e-3  # of narrowed agents: beyond the range
+        assert (state.confirmed, state.finished, state.refuted) == (ends, ends, int(not ends))
+        if ends:
+            assert rates[2] < 3e-3
+        else:
+            assert max(vars(r.agent)["learning_rate"] for r in nes.ask(state)) > 3e-3
 
     def test_out_of_generations_it_is_still_confirmed(
         self, cartpole: Task, small: Hyperparameters

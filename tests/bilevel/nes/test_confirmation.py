@@ -4,27 +4,46 @@ import pytest
 
 from bilevel.nes.confirmation import Confirmation
 
+SOLVED = 195.0
+
 
 @pytest.mark.parametrize(
-    ("scores", "verdict"),
+    ("rounds", "verdict"),
     [
-        ([195.0] * 9, True),
-        ([194.9] * 9, False),
-        ([200.0] * 8 + [170.0], False),  # 196.7 on average, twice whose standard error is 6.7
-        ([200.0] * 8 + [190.0], True),
-        ([200.0] * 2, None),
-        ([100.0, 200.0], False),
+        ([[194.9] * 4], False),
+        ([[195.0] * 4], None),
+        ([[195.0] * 4, [195.0] * 12], None),
+        # 198.1 on average, whose standard error is 1.9
+        ([[200.0] * 4, [200.0] * 11 + [170.0]], False),
+        ([[200.0] * 4, [200.0] * 11 + [190.0]], None),
+        ([[200.0] * 4, [200.0] * 12, [195.0] * 4], True),
+        ([[200.0] * 4, [200.0] * 12, [194.0] * 4], False),
+        # 199 and 197.5 on average, whose standard errors are 1 and 2.5
+        ([[200.0] * 4, [200.0] * 12, [200.0] * 3 + [196.0]], True),
+        ([[200.0] * 4, [200.0] * 12, [200.0] * 3 + [190.0]], False),
     ],
 )
-def test_most_agents_are_trained_only_if_the_first_solve_the_task(
-    scores: list[float], verdict: bool | None
-) -> None:
-    assert Confirmation(9).after(scores).verdict(195.0) is verdict
+def test_every_round_must_solve_the_task(rounds: list[list[float]], verdict: bool | None) -> None:
+    confirmation = Confirmation(4)
+    for scores in rounds:
+        assert confirmation.verdict(SOLVED) is None if confirmation.scores else True
+        confirmation = confirmation.after(scores)
+    assert confirmation.verdict(SOLVED) is verdict
 
 
-def test_a_quarter_comes_first() -> None:
-    begun = Confirmation(9)
-    assert list(begun.coming) == [0, 1]
-    assert list(begun.after([200.0, 200.0]).coming) == [2, 3, 4, 5, 6, 7, 8]
-    assert list(Confirmation(1).coming) == [0]
-    assert Confirmation(1).after([195.0]).verdict(195.0) is True
+def test_narrowed_agents_come_first_and_large_ones_last() -> None:
+    confirmation, seen = Confirmation(4), list[int]()
+    for narrowed, size in ((True, 4), (True, 12), (False, 4)):
+        assert confirmation.narrowed is narrowed
+        assert len(confirmation.coming) == size
+        seen += confirmation.coming
+        confirmation = confirmation.after([200.0] * size)
+    assert seen == list(range(confirmation.total))
+    assert (confirmation.of_narrowed.size, confirmation.of_all_sizes.size) == (16, 4)
+
+
+def test_one_agent_has_no_spread() -> None:
+    confirmation = Confirmation(1)
+    for size in (1, 3, 1):
+        confirmation = confirmation.after([SOLVED] * size)
+    assert confirmation.verdict(SOLVED) is True

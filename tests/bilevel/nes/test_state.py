@@ -94,6 +94,7 @@ def test_a_confirmation_under_way_is_kept_and_more_generations_go_on(
     assert nes.ask(loaded) == nes.ask(state)
     assert loaded.confirmation == state.confirmation
     over = nes.tell(loaded, [answer(r, 1.0) for r in nes.ask(loaded)])
+    assert over.refuted == 1
     over.save(tmp_path / "state")
     more = NES(cartpole, replace(small_hp, nes=replace(few, generations=2)), seed=4)
     assert nes.load(tmp_path / "state").finished
