@@ -29,8 +29,13 @@ from cluster.nes.final import BEST_FILE
 from cluster.nes.run import NESRun
 from cluster.storage.run_folder import finals
 
-#: Kinds of agents that are trained on an SE.
-AGENTS = ("ddqn", "dueling-ddqn", "td3")
+#: Kinds of agents that are trained on an SE, and how each is drawn from the paper's ranges.
+AGENTS = {
+    "ddqn": ("ddqn", "all"),
+    "ddqn, narrowed": ("ddqn", "narrowed"),
+    "dueling-ddqn": ("dueling-ddqn", "all"),
+    "td3": ("td3", "all"),
+}
 
 #: Environment steps of a Stable-Baselines3 agent on the SE.
 SB3_STEPS = 10_000
@@ -65,9 +70,9 @@ def run_seed(task: str, seed: int, recipe: str, home: Path) -> dict[str, Any]:
 
 def teach(path: Path, kind: str, number: int) -> tuple[float, int]:
     """Score and train steps of a fresh agent, drawn from the paper's full ranges."""
-    se = load_se(path)
-    base = load_recipe("paper", "", [kind]).agents
-    agent = draw_agent(base, "all", derive(number, Purpose.AGENT))
+    se, (name, vary) = load_se(path), AGENTS[kind]
+    base = load_recipe("paper", "", [name]).agents
+    agent = draw_agent(base, vary, derive(number, Purpose.AGENT))
     outcome = train_and_test(se.task(), se.se, agent, derive(number, Purpose.FINAL))
     return outcome.score, outcome.train_steps
 

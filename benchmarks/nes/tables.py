@@ -98,7 +98,7 @@ def _taught_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
     for kind in dict.fromkeys(kind for lesson in lessons for kind in lesson):
         on_ses = [lesson[kind] for lesson in lessons if kind in lesson]
         means = [statistics.mean(on_se["scores"]) for on_se in on_ses]
-        target = TARGETS[task][kind.split()[0]]
+        target = TARGETS[task][kind.split()[0].rstrip(",")]
         steps = [step for on_se in on_ses for step in on_se.get("train_steps", ())]
         numbers = sorted({len(on_se["scores"]) for on_se in on_ses})
         rows.append(

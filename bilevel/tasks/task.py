@@ -157,6 +157,8 @@ def get_task(
     if built_in is not None and solved_reward is None and step_limit is None:
         return built_in
     env, spec = _inspect(task_id)
+    if spec.id != task_id.rpartition(":")[2]:  # gymnasium completes an id without a version
+        raise InvalidInput(f"task {task_id!r} has no version: allowed is {spec.id!r}")
     solved = solved_reward if solved_reward is not None else spec.reward_threshold
     limit = step_limit if step_limit is not None else spec.max_episode_steps
     if solved is None:

@@ -46,6 +46,10 @@ PROFILES = {
 }
 
 
+#: Hyperparameters that a search sets itself, because it compares runs of equal length.
+SET_BY_SEARCH = ("nes.generations", "nes.solved_for", "nes.restart_after")
+
+
 def get_method(name: str) -> str:
     """The method of that name. Raises InvalidInput for another name."""
     if name not in METHODS:
@@ -61,10 +65,8 @@ def get_profile(name: str) -> Profile:
 
 
 def sized(hp: Hyperparameters, profile: Profile) -> Hyperparameters:
-    """The recipe `hp` in the profile's size: the values that a configuration does not set.
-
-    A search compares runs of equal length, so none of them stops early or restarts.
-    """
+    """The recipe `hp` in the profile's size, with SET_BY_SEARCH set: runs of the largest budget
+    that neither stop early nor restart."""
     nes = replace(hp.nes, generations=profile.largest_budget, solved_for=0, restart_after=0)
     if profile.population is not None:
         nes = replace(nes, population_size=profile.population)

@@ -62,9 +62,20 @@ class Setting(click.ParamType[tuple[str, Any]]):
             return name, text
 
 
+class Folder(click.ParamType[Path]):
+    """Parses the path of a folder, which need not exist."""
+
+    name = "folder"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        if not str(value):
+            self.fail("'' is not a folder: give its path")
+        return Path(value)
+
+
 home_option = click.option(
     "--home",
-    type=click.Path(path_type=Path),
+    type=Folder(),
     default="runs",
     show_default=True,
     help="Folder of checkpoints, journals and MLflow's database.",
@@ -81,9 +92,10 @@ agent_file_option = click.option(
 vary_option = click.option(
     "--vary-hp",
     "vary",
-    metavar="no|small|all",
+    metavar="no|small|narrowed|all",
     help="Draw the agents' learning rate, batch size and network from the paper's ranges: no, "
-    "small (cheap networks and batches only) or all (default: the recipe's; in evaluate: no).",
+    "small (cheap networks and batches only), all, or narrowed (all, but narrow networks learning "
+    "at the same pace replace the large ones) (default: the recipe's; in evaluate: no).",
 )
 
 tracking_option = click.option(
@@ -218,12 +230,18 @@ class RunOptions:
             get_agent(name)
         return names
 
-    def the_hyperparameters(self, task: Task, usual_recipe: str = "default") -> "Hyperparameters":
-        """The recipe's hyperparameters with the options' replacements. Raises InvalidInput."""
+    def the_hyperparameters(
+        self,
+        task: Task,
+        usual_recipe: str = "default",
+        sized: Callable[["Hyperparameters"], "Hyperparameters"] = lambda hp: hp,
+    ) -> "Hyperparameters":
+        """The recipe's hyperparameters, as `sized` changes them, with the options' replacements.
+        Raises InvalidInput."""
         from bilevel.hyperparameters import load_recipe
         from search_spaces import to_hyperparameters
 
-        hp = load_recipe(self.recipe or usual_recipe, task.id, self.the_agents())
+        hp = sized(load_recipe(self.recipe or usual_recipe, task.id, self.the_agents()))
         vary: Any = self.vary or hp.vary_agent  # checked where it is set
         hp = replace(hp, vary_agent=vary)
         if self.population is not None:

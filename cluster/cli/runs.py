@@ -72,7 +72,9 @@ def nes(
     "(default: the profile's).",
 )
 @click.option(
-    "--brackets", type=WholeNumber(min=1), help="Number of brackets (default: the profile's)."
+    "--brackets",
+    type=WholeNumber(min=1, max=1000),
+    help="Number of brackets, at most 1000 (default: the profile's).",
 )
 @click.option(
     "--time-budget",
@@ -115,7 +117,7 @@ def bohb(
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
     from bilevel.errors import InvalidInput, one_of
-    from cluster.bohb.profiles import get_method, get_profile, sized
+    from cluster.bohb.profiles import SET_BY_SEARCH, get_method, get_profile, sized
     from search_spaces import SPACES
 
     common = RunOptions(**options)
@@ -130,7 +132,13 @@ def bohb(
         "time_budget": time_budget,
     }
     size = replace(size, **{key: value for key, value in changes.items() if value is not None})
-    hp = sized(common.the_hyperparameters(task, size.recipe), size)
+    for name, value in common.settings:
+        if name in SET_BY_SEARCH:
+            raise InvalidInput(
+                f"{name} cannot be set to {value} in a search: its runs have as many generations "
+                "as the budgets say, and none of them stops early or restarts"
+            )
+    hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
     if size.space == "full" and hp.se.structure != "plain":
         raise InvalidInput(
             "the space 'full' needs plain SEs (--recipe paper, authors or distilled); "

@@ -51,7 +51,7 @@ class Lines:
         return InvalidInput(f"{self._damaged(index)}: {text}")
 
     def _damaged(self, index: int) -> str:
-        return f"damaged journal {str(self.path)!r}, line {index + 1}"
+        return f"damaged file {str(self.path)!r}, line {index + 1}"
 
     def append(self, value: Any) -> None:
         """Append a value durably. Raises StorageFailure, with nothing appended."""

@@ -104,13 +104,23 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[Begun]:
             identified = {"identity": uuid.uuid4().hex, "begun": time.time(), **settings}
             write_aside(path, json.dumps(identified, indent=2).encode())
         before = read_settings(folder)
-        for name, value in json.loads(json.dumps(settings)).items():
-            if before.get(name) != value:
-                raise InvalidInput(
-                    f"{folder.name!r} was begun with {name} = {before.get(name)}, not {value}: "
-                    "give it that, or another name"
-                )
+        now = json.loads(json.dumps(settings))
+        for name, then, value in _differences({name: before.get(name) for name in now}, now):
+            raise InvalidInput(
+                f"{folder.name!r} was begun with {name} = {then}, not {value}: give it that, or "
+                "another name"
+            )
         yield Begun(before["identity"], before["begun"])
+
+
+def _differences(then: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Dotted name and both values, wherever nested settings differ."""
+    if isinstance(then, dict) and isinstance(now, dict):
+        for key in dict.fromkeys([*then, *now]):
+            place = f"{name}.{key}" if name else key
+            yield from _differences(then.get(key), now.get(key), place)
+    elif then != now:
+        yield name, then, now
 
 
 @contextlib.contextmanager

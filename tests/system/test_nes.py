@@ -52,7 +52,7 @@ def test_a_run_its_tracking_and_its_continuation(
 
     refused = run_bilevel(*SMALL, "--set", "nes.update=paper", "--home", tmp_path)
     assert refused.returncode == 2
-    assert "'run' was begun with nes = " in refused.stderr
+    assert "'run' was begun with nes." in refused.stderr
     assert refused.stderr.count("\n") == 1
 
     mlflow_client = client(tmp_path)

@@ -1,11 +1,13 @@
 """Recipes in the size of a profile."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
 from bilevel.hyperparameters import RECIPES, load_recipe
 from cluster.bohb.profiles import PROFILES, get_profile, sized
+from cluster.cli.options import RunOptions
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
@@ -50,3 +52,15 @@ def test_population_and_start_candidates_are_the_profiles_if_it_has_any() -> Non
 def test_a_distilled_start_has_no_candidates_to_choose_among() -> None:
     hp = load_recipe("distilled", "CartPole-v0")
     assert sized(hp, get_profile("smoke")).nes.start_candidates == hp.nes.start_candidates
+
+
+def test_what_a_user_asks_for_goes_before_the_profile(tmp_path: Path) -> None:
+    chosen = ("nes.start_candidates", 3)
+    options = RunOptions(
+        "CartPole-v0", 0, None, (), None, None, tmp_path, None, None, 5, settings=(chosen,)
+    )
+    smoke = get_profile("smoke")
+    nes = options.the_hyperparameters(
+        options.the_task(), "default", lambda hp: sized(hp, smoke)
+    ).nes
+    assert (nes.population_size, nes.start_candidates, nes.centre_agents) == (5, 3, 2)

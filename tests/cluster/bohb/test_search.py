@@ -297,7 +297,7 @@ class TestJournal:
         path = tmp_path / "configs.json"
         lines = path.read_text().splitlines()
         path.write_text("\n".join([lines[0], line, *lines[1:]]) + "\n")
-        with pytest.raises(InvalidInput, match="damaged journal"):
+        with pytest.raises(InvalidInput, match="damaged file"):
             Journal(tmp_path)
 
     @given(data=st.data())

@@ -31,6 +31,9 @@ def test_help(command: list[str], tmp_path: Path) -> None:
     ("args", "told"),
     [
         (["nes", "CartPole-v9"], "unknown task 'CartPole-v9': allowed are CartPole-v0, Acrobot-v1"),
+        (["nes", "CartPole"], "task 'CartPole' has no version: allowed is 'CartPole-v1'"),
+        (["nes", "CartPole-v0", "--home", ""], "'--home': '' is not a folder: give its path"),
+        (["bohb", "CartPole-v0", "--brackets", "99999999"], "not in the range 1<=x<=1000"),
         (["nes", "Taxi-v4"], "allowed is a Box of one dimension"),
         (["nes", "MountainCarContinuous-v0"], "allowed is Discrete"),
         (["nes", "CartPole-v0", "--agent", "dqn"], "unknown agent 'dqn': allowed are ddqn"),
@@ -49,6 +52,10 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         ),
         (["nes", "CartPole-v0", "--set", "nes.std_dev=-1"], "std_dev must be float, 1e-06 to"),
         (["bohb", "CartPole-v0", "--set", "nes.std_dev=x"], "float, 1e-06 to 10.0; got 'x'"),
+        (
+            ["bohb", "CartPole-v0", "--set", "nes.generations=9"],
+            "nes.generations cannot be set to 9 in a search: its runs have as many generations as",
+        ),
         (
             ["nes", "CartPole-v0", "--set", "nes.price=1"],
             "unknown hyperparameter 'nes.price': allowed are nes.update",

@@ -19,6 +19,22 @@ from cluster.storage.run_folder import (
 )
 
 
+def test_the_very_setting_that_differs_is_named(tmp_path: Path) -> None:
+    begun = {"nes": {"population_size": 32, "step_size": 1.0}, "agents": {"ddqn": {"discount": 1}}}
+    with locked_settings(tmp_path / "run", begun):
+        pass
+    for now, told in (
+        (
+            {**begun, "nes": {"population_size": 16, "step_size": 1.0}},
+            "nes.population_size = 32, not 16:",
+        ),
+        ({**begun, "agents": {"td3": {}}}, "agents.ddqn = {'discount': 1}, not None:"),
+        ({**begun, "seed": 1}, "seed = None, not 1:"),
+    ):
+        with pytest.raises(InvalidInput, match=told), locked_settings(tmp_path / "run", now):
+            pass
+
+
 def test_other_settings_are_refused(tmp_path: Path) -> None:
     with locked_settings(tmp_path / "run", {"seed": 1, "budgets": (1, 3)}) as identity:
         pass
