@@ -54,8 +54,11 @@ def run_job(study: Study, job: Job) -> float:
     return state.objective
 
 
-def make_study(folder: Path, brackets: int = 2, fail: tuple[int, ...] = ()) -> Study:
-    """A finished study in which the jobs with the numbers in `fail` failed."""
+def make_study(
+    folder: Path, brackets: int = 2, fail: tuple[int, ...] = (), score: float = 100.0
+) -> Study:
+    """A finished study in which the jobs with the numbers in `fail` failed; fresh agents have that
+    score on its best SE."""
     study = new_study(folder)
     with locked_settings(folder, study.settings()):
         search = BracketSearch.of(study, Journal(folder), brackets)
@@ -71,7 +74,7 @@ def make_study(folder: Path, brackets: int = 2, fail: tuple[int, ...] = ()) -> S
         run = study.run(line.id, proposed.configuration)
         state = run.load()
         assert state is not None
-        score = FinalScore(np.array([90.0, 110.0]), np.array([400, 600]), 195.0)
-        hand_over(state.candidates[0], score, folder, len(Journal(folder).results))
+        final = FinalScore(np.array([score - 10, score + 10]), np.array([400, 600]), 195.0)
+        hand_over(state.candidates[0], final, folder, len(Journal(folder).results))
         Standing("FINISHED", time.time(), brackets).save(folder)
     return study

@@ -184,7 +184,8 @@ class _UnderWay:
         path = hand_over(best.se, score, study.folder, len(self.journal.results))
         self._say_incumbent()
         line(str(score))
-        line(f"best SE: {path}  ({model_address(study.task.id)} in MLflow's model registry)")
+        model = model_address(study.task.id, "newest")
+        line(f"best SE: {path}  ({model} in MLflow's model registry)")
         line("view the results with `make ui`; run the same command again to add brackets")
         return 0 if any(result.loss is not None for result in self.journal.results) else 1
 

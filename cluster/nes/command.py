@@ -181,7 +181,8 @@ class _UnderWay:
         write_aside(run.folder / "learning_curve.png", png(figure))
         path = hand_over(se, score, run.folder, state.generation)
         line(str(score))
-        line(f"best SE: {path}  ({model_address(run.task.id)} in MLflow's model registry)")
+        model = model_address(run.task.id, "newest")
+        line(f"best SE: {path}  ({model} in MLflow's model registry)")
         line("view the learning curve with `make ui`; load the SE with")
         line(
             f'  import bilevel, gymnasium; gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")'

@@ -1,8 +1,14 @@
-"""MLflow's model registry: the newest SE of each task, under the alias `best`."""
+"""MLflow's model registry: the best SE of each task, under the alias `best`, and the newest, under
+`newest`.
+
+The best SE is the one with the highest mean score of the fresh agents at the end of its run; of
+equal ones, the one whose agents needed fewer train steps; then the newest.
+"""
 
 import re
 import tempfile
 import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -12,21 +18,38 @@ from cluster.tracking.view import RegisteredSE
 _VERSION, _TIME = "bilevel.sha256", "bilevel.time"
 
 
-def model_address(task_id: str) -> str:
-    """URI of a task's best SE; `mlflow.pyfunc.load_model` of it returns an object whose `predict`
-    runs the SE."""
-    return f"models:/{_model_name(task_id)}@best"
+def model_address(task_id: str, alias: str) -> str:
+    """URI of a task's SE with that alias; `mlflow.pyfunc.load_model` of it returns an object whose
+    `predict` runs the SE."""
+    return f"models:/{_model_name(task_id)}@{alias}"
+
+
+def _age(tags: Mapping[str, str]) -> tuple[float, ...]:
+    return (float(tags.get(_TIME, "-inf")),)
+
+
+def _quality(tags: Mapping[str, str]) -> tuple[float, ...]:
+    score = float(tags.get("final_score_mean", "-inf"))
+    return score, -float(tags.get("final_train_steps_mean", "inf")), *_age(tags)
+
+
+#: By alias, the tags of the version that has it are the highest in this order.
+_ALIASES: dict[str, Callable[[Mapping[str, str]], tuple[float, ...]]] = {
+    "best": _quality,
+    "newest": _age,
+}
 
 
 def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
     """Register an SE file once as a version of the task's model.
 
-    The newest SE has the alias `best`, in whatever order SEs are registered.
+    The aliases are set in whatever order SEs are registered.
     """
     import mlflow.pyfunc
     from mlflow.exceptions import MlflowException
 
     name, folder_name = _model_name(se.task_id), f"model-{se.version[:12]}"
+    tags = {**se.tags, _VERSION: se.version, _TIME: repr(se.time)}
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model = Path(folder) / "model"
@@ -51,14 +74,14 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
     ]
     if not versions:
         source = f"{client.get_run(run_id).info.artifact_uri}/{folder_name}"
-        tags = {**se.tags, _VERSION: se.version, _TIME: repr(se.time)}
         versions = [client.create_model_version(name, source, run_id, tags=tags)]
-    try:
-        best = client.get_model_version_by_alias(name, "best")
-    except MlflowException:  # there is none yet
-        best = None
-    if best is None or float(best.tags.get(_TIME, "-inf")) < se.time:
-        client.set_registered_model_alias(name, "best", versions[0].version)
+    for alias, order in _ALIASES.items():
+        try:
+            holder = client.get_model_version_by_alias(name, alias)
+        except MlflowException:  # there is none yet
+            holder = None
+        if holder is None or order(holder.tags) < order(tags):
+            client.set_registered_model_alias(name, alias, versions[0].version)
 
 
 def _model_name(task_id: str) -> str:

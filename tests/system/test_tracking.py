@@ -159,15 +159,20 @@ def test_a_configuration_that_was_run_again_replaces_what_mlflow_has(
     assert disagreements(folder, home.database_uri) == []
 
 
-def test_the_alias_stays_with_the_newest_se(home: Home, folder: Path) -> None:
+@pytest.mark.parametrize(("score", "best"), [(100.0, "newer"), (101.0, "newer"), (99.0, "made")])
+def test_aliases_of_the_best_and_the_newest_se(
+    home: Home, folder: Path, score: float, best: str
+) -> None:
+    """Whatever the order in which they are registered."""
     newer = home.run_folder("CartPole-v0", "newer")
-    make_study(newer)
+    make_study(newer, score=score)
     for study in (newer, folder):
         sync(study, home, home.database_uri, Terminal())
     client = mlflow.MlflowClient(home.database_uri, registry_uri=home.database_uri)
     assert len(client.search_model_versions("name = 'SE-CartPole-v0'")) == 2
-    best = client.get_model_version_by_alias("SE-CartPole-v0", "best")
-    assert client.get_run(best.run_id or "").info.run_name == "newer"
+    for alias, name in (("best", best), ("newest", "newer")):
+        version = client.get_model_version_by_alias("SE-CartPole-v0", alias)
+        assert client.get_run(version.run_id or "").info.run_name == name
 
 
 def test_a_study_with_damaged_settings_is_refused_in_one_line(home: Home, folder: Path) -> None:
