@@ -26,7 +26,7 @@ from bilevel.hyperparameters import load_recipe
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import load_se
 from cluster.nes.final import BEST_FILE
-from cluster.nes.run import NESRun
+from cluster.nes.run import STATE_FILE, NESRun
 from cluster.storage.run_folder import finals
 
 #: Kinds of agents that are trained on an SE, and how each is drawn from the paper's ranges.
@@ -49,6 +49,8 @@ def run_seed(task: str, seed: int, recipe: str, home: Path) -> dict[str, Any]:
     began = time.time()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     seconds = time.time() - began
+    # The state is last written when the SE is confirmed, or the generations are over.
+    to_se = (folder / STATE_FILE).stat().st_mtime - began
     run = NESRun.read(folder)
     state, final = run.load(), finals(folder)[-1].metrics
     assert state is not None
@@ -56,6 +58,7 @@ def run_seed(task: str, seed: int, recipe: str, home: Path) -> dict[str, Any]:
     solved = [r.generation for r in records if r.score_mean >= run.task.solved_reward]
     return {
         "seed": seed,
+        "seconds_to_se": round(to_se, 1),
         "seconds": round(seconds, 1),
         "generations": len(records),
         "attempts": state.attempt + 1,

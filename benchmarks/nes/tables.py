@@ -18,7 +18,8 @@ TARGETS: dict[str, dict[str, float]] = {
 _SEEDS = (
     "task",
     "solved",
-    "seconds from command to end",
+    "seconds from command to SE",
+    "to end",
     "generations",
     "train steps of an agent",
     "million real steps",
@@ -84,6 +85,7 @@ def _seeds_row(task: str, runs: Sequence[dict[str, Any]]) -> list[str]:
     return [
         task,
         f"{sum(run['solved'] for run in runs)} of {len(runs)}",
+        _spread([run["seconds_to_se"] for run in runs], ".0f"),
         _spread([run["seconds"] for run in runs], ".0f"),
         _spread([run["generations"] for run in runs], ".0f"),
         _spread([run["final_train_steps"] for run in runs], ".0f"),
