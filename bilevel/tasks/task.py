@@ -206,6 +206,7 @@ def _make(task_id: str, step_limit: int | None) -> gymnasium.Env[NDArray[np.floa
         # CartPole-v0 is the paper's task: ignore the warning that a newer version exists.
         warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)
         warnings.filterwarnings("ignore", ".*out of date", UserWarning)
+        warnings.filterwarnings("ignore", ".*latest versioned environment", UserWarning)
         env: gymnasium.Env[NDArray[np.float32], np.int64] = gymnasium.make(
             task_id, max_episode_steps=step_limit
         )

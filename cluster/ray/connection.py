@@ -45,7 +45,8 @@ def ray_cluster(address: str | None) -> Iterator[None]:
                 logging_level=logging.ERROR,
                 runtime_env=runtime_env(),
             )
-        except (ConnectionError, ValueError, RuntimeError) as error:
+        except Exception as error:  # bare where a node does not start in time
+            ray.shutdown()
             reason = str(error).strip().splitlines()[0]
             place = "cannot start Ray here" if own else f"no Ray cluster at {address!r}"
             raise InvalidInput(f"{place}: {reason}") from None
