@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 #: Agents of each round, as multiples of `nes.confirming_agents`.
-ROUNDS = (1, 3, 1)
+ROUNDS = (2, 6, 1)
 
 
 @dataclass(frozen=True)

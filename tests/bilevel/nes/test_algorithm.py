@@ -224,7 +224,7 @@ class TestTell:
         self, confirming: float, ends: bool, cartpole: Task, small: Hyperparameters
     ) -> None:
         """They are never patient; a run they do not confirm continues, with narrowed agents."""
-        hp = with_nes(small, solved_for=1, confirming_agents=30, patient_episodes=99)
+        hp = with_nes(small, solved_for=1, confirming_agents=15, patient_episodes=99)
         nes = NES(cartpole, replace(hp, vary_agent="small"), 0)
         state = nes.init()
         while not state.records:
@@ -240,7 +240,7 @@ class TestTell:
             state = nes.tell(state, answers(nes, state, confirming))
             assert state.real_env_steps > before.real_env_steps
             assert state.generation == 1
-        assert rounds == ([30, 90, 30] if ends else [30])
+        assert rounds == ([30, 90, 15] if ends else [30])
         assert min(rates[:2]) > 3e-3  # of narrowed agents: beyond the range
         assert (state.confirmed, state.finished, state.refuted) == (ends, ends, int(not ends))
         if ends:
