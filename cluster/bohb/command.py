@@ -13,7 +13,15 @@ from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.tuning import run_trials
 from cluster.bohb.view import StudyViews
-from cluster.nes.final import RACE, Contender, agents_needed, choose_best, hand_over, score_anew
+from cluster.nes.final import (
+    RACERS,
+    Contender,
+    agents_needed,
+    choose_best,
+    hand_over,
+    race,
+    score_anew,
+)
 from cluster.nes.run import start_of
 from cluster.ray.connection import fair_share, require_capacity, require_server_for_nodes
 from cluster.ray.pool import EvaluationPool
@@ -177,9 +185,10 @@ class _UnderWay:
                 )
                 return 1
             line(f"retesting the {len(contenders)} best SEs with fresh agents")
-            self.terminal.bar("retesting", 0, agents_needed(len(contenders), RACE), "tests")
+            rounds = race(self.command.final_agents)
+            self.terminal.bar("retesting", 0, agents_needed(len(contenders), rounds), "tests")
             step = self.terminal.step
-            best = choose_best(study.task, contenders, (study.seed,), pool, step, RACE)
+            best = choose_best(study.task, contenders, (study.seed,), pool, step, rounds)
             score = score_anew(study.task, best, self.command.final_agents, (study.seed,), pool)
         path = hand_over(best.se, score, study.folder, len(self.journal.results))
         self._say_incumbent()
@@ -211,7 +220,7 @@ class _UnderWay:
                     for f, se in zip(state.finalists, state.candidates, strict=True)
                 ]
         found.sort(key=lambda pair: pair[0], reverse=True)
-        return [contender for _, contender in found[: RACE[0].contenders]]
+        return [contender for _, contender in found[:RACERS]]
 
     def _say_incumbent(self) -> None:
         line = self.terminal.line

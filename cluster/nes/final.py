@@ -1,5 +1,6 @@
 """The end of a run: retest its best SEs, score the winner with fresh agents, and save it."""
 
+import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -85,8 +86,15 @@ class Round:
 
 #: Choice between a few SEs: one round.
 RETEST = (Round(100, 32),)
-#: Choice between many SEs, most of which scored high by chance.
-RACE = (Round(16, 8), Round(6, 32), Round(2, 96))
+#: Most contenders of a `race`.
+RACERS = 16
+
+
+def race(final_agents: int) -> tuple[Round, ...]:
+    """The choice between many SEs, most of which scored high by chance. Its effort grows with the
+    number of agents that score the winner: of 10, it trains 8, 32 and 96 on those that remain."""
+    fewest = math.ceil(0.8 * final_agents)
+    return Round(RACERS, fewest), Round(6, 4 * fewest), Round(2, 12 * fewest)
 
 
 def agents_needed(contenders: int, rounds: Sequence[Round]) -> int:

@@ -16,6 +16,7 @@ from cluster.nes.final import (
     Round,
     agents_needed,
     choose_best,
+    race,
     score_anew,
 )
 from cluster.ray.pool import EvaluationPool
@@ -121,6 +122,15 @@ def test_a_score_that_was_lucky_is_found_out(
     rounds = (Round(2, 2), Round(2, 8))
     assert choose_best(cartpole, entered, (1,), pool, rounds=rounds[:1]) is entered[0]
     assert choose_best(cartpole, entered, (1,), pool, rounds=rounds) is entered[expected]
+
+
+@pytest.mark.parametrize("final_agents", [1, 4, 10])
+def test_a_race_tries_few_ses_with_more_agents_than_score_the_winner(final_agents: int) -> None:
+    rounds = race(final_agents)
+    assert [one.contenders for one in rounds] == [16, 6, 2]
+    agents = [one.agents for one in rounds]
+    assert agents == sorted(set(agents))
+    assert agents[0] <= final_agents < agents[-1]
 
 
 def test_the_final_score_has_seeds_of_its_own(cartpole: Task, small_hp: Hyperparameters) -> None:
