@@ -78,8 +78,8 @@ class NESHyperparameters:
     restart_after: Annotated[int, Field(ge=0, le=1_000_000)]
     # Generations in a row that must solve the task for the run to be finished. 0: it goes on.
     solved_for: Annotated[int, Field(ge=0, le=1_000_000)]
-    # Fresh agents of all sizes, after eight times as many narrowed ones, that must then surely
-    # solve the task (`bilevel.nes.confirmation`); otherwise the run goes on. 0: no confirmation.
+    # Fresh agents of all sizes, after 16 times as many narrowed ones, that must then surely solve
+    # the task (`bilevel.nes.confirmation`); otherwise the run goes on. 0: no confirmation.
     confirming_agents: Annotated[int, Field(ge=0, le=65536)]
 
     @property

@@ -1,10 +1,14 @@
 """Confirmation with fresh agents that the current SE solves the task.
 
 The scores that suggest a solved task are the highest of many samples, so they are often high by
-chance. Therefore fresh agents are trained on the current SE by the stopping rule, in three rounds;
-an SE that fails a round is not tried in the next. The first two rounds train agents from the
-paper's full ranges that are narrowed (`bilevel.agents.variation`) and therefore cheap; agents of
-all sizes, most of whose time goes into a few large ones, come last.
+chance. Therefore fresh agents are trained on the current SE by the stopping rule, in several rounds;
+an SE that fails a round is not tried in the next. Most rounds train agents from the paper's full
+ranges that are narrowed (`bilevel.agents.variation`) and therefore cheap; agents of all sizes, most
+of whose time goes into a few large ones, come last.
+
+An SE must serve whoever tries it next. That is a few agents, of which a single bad one can spoil the
+mean. So what is confirmed is not the mean score of all agents, which can be known ever better, but
+that JUDGES more of them will surely solve the task.
 """
 
 import math
@@ -16,7 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 #: Agents of each round, as multiples of `nes.confirming_agents`.
-ROUNDS = (2, 6, 1)
+ROUNDS = (2, 6, 8, 1)
+#: Number of agents whose mean score must solve the task: as many as score an SE at a run's end, and
+#: as the paper trains on each of its SEs.
+JUDGES = 10
 
 
 @dataclass(frozen=True)
@@ -59,8 +66,9 @@ class Confirmation:
     def verdict(self, solved_reward: float) -> bool | None:
         """Whether the SE is confirmed. None: train more.
 
-        The mean score of the first round must reach the solved reward; those of all narrowed agents
-        and of all others must exceed it by two standard errors.
+        The mean score of the first round must reach the solved reward; then the mean of JUDGES more
+        agents must reach it surely, as the narrowed agents so far predict and, at last, as those of
+        all sizes do.
         """
         if len(self.scores) == 1:
             return None if self.of_narrowed.mean() >= solved_reward else False
@@ -70,6 +78,7 @@ class Confirmation:
 
 
 def _surely(scores: NDArray[np.float64]) -> float:
-    """The mean less two of its standard errors."""
-    error = scores.std(ddof=min(scores.size - 1, 1)) / math.sqrt(scores.size)
+    """Lower bound of the mean score of JUDGES more agents (97.5 %, for normal scores)."""
+    deviation = scores.std(ddof=min(scores.size - 1, 1))
+    error = deviation * math.sqrt(1 / JUDGES + 1 / scores.size)
     return float(scores.mean() - 2 * error)

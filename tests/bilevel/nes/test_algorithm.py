@@ -240,11 +240,11 @@ class TestTell:
             state = nes.tell(state, answers(nes, state, confirming))
             assert state.real_env_steps > before.real_env_steps
             assert state.generation == 1
-        assert rounds == ([30, 90, 15] if ends else [30])
-        assert min(rates[:2]) > 3e-3  # of narrowed agents: beyond the range
+        assert rounds == ([30, 90, 120, 15] if ends else [30])
+        assert min(rates[:3]) > 3e-3  # of narrowed agents: beyond the range
         assert (state.confirmed, state.finished, state.refuted) == (ends, ends, int(not ends))
         if ends:
-            assert rates[2] < 3e-3
+            assert rates[3] < 3e-3
         else:
             assert max(vars(r.agent)["learning_rate"] for r in nes.ask(state)) > 3e-3
 
