@@ -25,6 +25,12 @@ class StorageFailure(InvalidInput):
         return cls(f"cannot write {str(path)!r}: {error.strerror or error}")
 
 
+def first_line(error: BaseException) -> str:
+    """The first line of an error's message, or its type."""
+    lines = str(error).strip().splitlines()
+    return lines[0] if lines else type(error).__name__
+
+
 def one_of(what: str, value: object, allowed: Iterable[object]) -> InvalidInput:
     """The error for a `value` of the kind `what` that is not among the allowed ones."""
     names = ", ".join(str(name) for name in allowed)

@@ -7,6 +7,7 @@ repeat them.
 
 import time
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from bilevel.agents import Agent, get_agent
 from bilevel.agents.agent import agent_seeds
+from bilevel.agents.checked import CheckedAgent
 from bilevel.agents.environments import GymnasiumEnvironment, KernelEnvironment
 from bilevel.agents.training import TrainingEnvironment, returns_converged, task_solved
 from bilevel.agents.training import train as train_in_python
@@ -125,7 +127,8 @@ def train_and_test(
     """Train a fresh agent on `se` (None: on the real task) and test it on the real task.
 
     Unless `compiled` is False, the agent's compiled twin runs, if both the agent and the
-    environment it trains on are compiled.
+    environment it trains on are compiled. Raises AgentMistake for an agent in Python that returns
+    what it must not, raises or exits.
     """
     agent_seed, physics_seed, test_seed = split(seed, 3)
     run = _Run(task, se, hp, agent_seed, physics_seed, test_seed)
@@ -221,7 +224,10 @@ class _Run:
 
     def _interpreted(self) -> Outcome:
         task, hp = self.task, self.hp
-        agent = get_agent(hp.agent).build(hp, task.state_size, task.n_actions, self.agent_seed)
+        build = partial(
+            get_agent(hp.agent).build, hp, task.state_size, task.n_actions, self.agent_seed
+        )
+        agent = CheckedAgent(hp.agent, task.n_actions, build)
         env: TrainingEnvironment
         if self.se is not None or task.compiled:
             env = KernelEnvironment(self._training_environment())

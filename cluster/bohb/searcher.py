@@ -11,10 +11,18 @@ from typing import Any
 
 from ray.tune.search import Searcher
 
+from bilevel.agents.checked import AgentMistake
 from bilevel.errors import InvalidInput, StorageFailure
 from cluster.bohb.journal import ConfigId
 from cluster.bohb.search import BracketSearch, Job
-from cluster.bohb.trial import BUDGET_REACHED, FAILURE, KERNEL_SECONDS, NO_STORAGE, OBJECTIVE
+from cluster.bohb.trial import (
+    BUDGET_REACHED,
+    FAILURE,
+    KERNEL_SECONDS,
+    MISTAKE,
+    NO_STORAGE,
+    OBJECTIVE,
+)
 
 #: Deaths of trial processes on one job after which the configuration counts as failed.
 DEATHS = 20
@@ -130,6 +138,8 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
                 self._search.register(job, None, exception=text)
         elif NO_STORAGE in result:
             raise StorageFailure(str(result[NO_STORAGE]))
+        elif MISTAKE in result:
+            raise AgentMistake(str(result[MISTAKE]))
         elif FAILURE in result:
             self._search.register(job, None, exception=str(result[FAILURE]))
         elif not result.get(BUDGET_REACHED):

@@ -14,18 +14,16 @@ from typing import Any
 
 from ray import tune
 
+from bilevel.agents.checked import AgentMistake
 from bilevel.errors import StorageFailure
 from bilevel.nes import NESState
 from cluster.bohb.study import Study
 from cluster.ray.pool import EvaluationPool
 
 #: Keys of a trial's reports.
-OBJECTIVE, BUDGET_REACHED, FAILURE, NO_STORAGE = (
-    "objective",
-    "budget_reached",
-    "failure",
-    "no_storage",
-)
+OBJECTIVE, BUDGET_REACHED, FAILURE = "objective", "budget_reached", "failure"
+#: Keys of reports that end the study: no other configuration would do better.
+NO_STORAGE, MISTAKE = "no_storage", "mistake"
 #: Key of the seconds that the job has spent in evaluations so far.
 KERNEL_SECONDS = "kernel_seconds"
 
@@ -55,6 +53,8 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
                 return self._generation()
             except StorageFailure as error:
                 return {NO_STORAGE: str(error), "done": True}
+            except AgentMistake as error:
+                return {MISTAKE: str(error), "done": True}
             except Exception:
                 failure = traceback.format_exc()
                 self._state = None

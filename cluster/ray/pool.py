@@ -11,6 +11,7 @@ from typing import Any, Self
 import ray
 from ray.exceptions import RayError, RayTaskError
 
+from bilevel.errors import InvalidInput, first_line
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.synthetic_env import SE, SEDistribution
 from bilevel.tasks import Task
@@ -20,6 +21,10 @@ from cluster.ray.queue import Batch, RequestQueue
 #: Actor deaths on one batch after which the pool gives up: the cause is then a request (out of
 #: memory, say) and not the machine. The same number, per actor, limits deaths in a row at start.
 MAX_DEATHS = 5
+
+
+class ActorsDied(InvalidInput):
+    """Actors keep dying, so that the evaluations cannot be made here."""
 
 
 class _Worker:
@@ -87,7 +92,8 @@ class EvaluationPool:
         """Evaluate all requests; return the results in no particular order.
 
         The SE, or the distribution that requests draw from, is sent once. `on_result` is called
-        with each result. Raises RuntimeError if actors keep dying on one batch or at start.
+        with each result. Raises ActorsDied if actors keep dying on one batch or at start, and
+        AgentMistake for a wrong agent of a user's.
         """
         sent = [ray.put(task), ray.put(se)]
         waiting = RequestQueue(requests, self.size)
@@ -107,7 +113,9 @@ class EvaluationPool:
             slot = running.pop(done)
             try:
                 answers = ray.get(done)
-            except RayTaskError:
+            except RayTaskError as error:
+                if isinstance(error.cause, InvalidInput):  # a user's agent is wrong
+                    raise error.cause from None
                 raise
             except (
                 RayError
@@ -115,8 +123,11 @@ class EvaluationPool:
                 fatal = held[slot][0].index
                 deaths[fatal] = deaths.get(fatal, 0) + 1
                 if deaths[fatal] >= MAX_DEATHS:
-                    raise RuntimeError(
-                        f"{MAX_DEATHS} actors died on batch {fatal}: {error}"
+                    agents = {request.agent.agent for request in held[slot][0].requests}
+                    raise ActorsDied(
+                        f"{MAX_DEATHS} actors died in the same evaluations, of the agent "
+                        f"{' or '.join(sorted(agents))}: it ends its process, or needs more memory "
+                        f"than there is ({first_line(error)})"
                     ) from error
                 self._replace(slot)
                 running = {other: k for other, k in running.items() if k != slot}
@@ -139,7 +150,7 @@ class EvaluationPool:
         except RayError as error:
             self._deaths_on_arrival += 1
             if self._deaths_on_arrival >= MAX_DEATHS * self.size:
-                raise RuntimeError(f"no actor arrives: {error}") from error
+                raise ActorsDied(f"no actor arrives: {first_line(error)}") from error
             self._replace(slot)
         else:
             self._deaths_on_arrival = 0

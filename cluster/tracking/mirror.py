@@ -8,7 +8,8 @@ import threading
 import time
 from collections.abc import Callable, Iterable
 
-from cluster.tracking.tracker import Tracker, first_line
+from bilevel.errors import first_line
+from cluster.tracking.tracker import Tracker
 from cluster.tracking.view import RunView
 
 #: First and longest delay in seconds before MLflow is tried again; the delay doubles each time.

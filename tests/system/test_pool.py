@@ -17,10 +17,10 @@ from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
 from bilevel.synthetic_env import SE
 from bilevel.tasks import Task
-from cluster.ray.pool import EvaluationPool
+from cluster.ray.pool import ActorsDied, EvaluationPool
 from tests.conftest import ddqn
 
-pytestmark = [pytest.mark.timeout(120), pytest.mark.usefixtures("local_ray")]
+pytestmark = [pytest.mark.timeout(120), pytest.mark.usefixtures("joined_ray")]
 
 
 def without_times(results: list[EvaluationResult]) -> list[EvaluationResult]:
@@ -132,7 +132,10 @@ def test_a_request_that_kills_every_actor_is_given_up(nes: NES) -> None:
 
     state = nes.init()
     se = SE(state.se.centre.architecture, state.se.centre.psi.view(Poison))
-    with EvaluationPool(1) as pool, pytest.raises(RuntimeError, match="5 actors died on"):
+    with (
+        EvaluationPool(1) as pool,
+        pytest.raises(ActorsDied, match=r"^5 actors died .* agent ddqn: [^\n]*$"),
+    ):
         pool.run(nes.task, se, nes.ask(state)[:1])
 
 
