@@ -10,6 +10,7 @@ from typing import Any
 import mlflow
 import pytest
 import ray
+from ray.cluster_utils import Cluster
 
 from bilevel.nes import NESState
 from cluster.ray.connection import ray_cluster
@@ -17,11 +18,22 @@ from tests.commands import BILEVEL
 from tests.faults.outcome import TIMES
 
 
+@pytest.fixture(scope="session")
+def address() -> Iterator[str]:
+    """Address of a Ray cluster of two cores, which commands join where it does not matter whether
+    they start one of their own: each start takes ten seconds of both cores."""
+    cluster = Cluster(
+        initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False}
+    )
+    yield cluster.address
+    cluster.shutdown()
+
+
 @pytest.fixture(scope="module")
-def local_ray() -> Iterator[None]:
-    """A cluster for a module's tests."""
+def joined_ray(address: str) -> Iterator[None]:
+    """This process as a driver of that cluster."""
     before = _of_ray()
-    with ray_cluster("local"):
+    with ray_cluster(address):
         yield
     assert not ray.is_initialized()
     assert _of_ray() == before  # processes started later must not inherit Ray's variables

@@ -40,7 +40,8 @@ def study_home(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     home, output = study_home
     assert len(results(home)) == 6
-    assert "bracket 1/2 rung 2/2    3 generations  objective" in output
+    assert re.search(r"000-0-00\d    3 generations  objective", output)
+    assert "drawn at random: ddqn.epsilon_decay 0." in output
     assert "4 fresh agents trained on the best SE score" in output
     assert "of the cores' time while trials ran" in output
     journal = Journal(home / "CartPole-v0" / "smoke")
@@ -50,13 +51,15 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     assert sorted(state.generation for state in states if state) == [1, 1, 3, 3, 3]
 
 
-def test_a_terminal_shows_what_has_begun(study_home: tuple[Path, str], tmp_path: Path) -> None:
+def test_a_terminal_shows_what_has_begun(
+    study_home: tuple[Path, str], tmp_path: Path, address: str
+) -> None:
     """The bar appears before the first generation ends; the rerun adds brackets."""
     home = tmp_path / "home"
     shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
     controller, terminal = pty.openpty()
     process = subprocess.Popen(
-        [BILEVEL, *SMOKE, "--home", str(home)],
+        [BILEVEL, *SMOKE, "--home", str(home), "--address", address],
         stdout=terminal,
         stderr=terminal,
         start_new_session=True,
@@ -69,7 +72,7 @@ def test_a_terminal_shows_what_has_begun(study_home: tuple[Path, str], tmp_path:
     process.wait()
     os.close(controller)
     text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown.decode(errors="ignore"))
-    assert re.search(r"bracket [34]/4 .* 6/12 results .* 00[23]-0-000 begins", text)
+    assert re.search(r"searching .* 6/12 results .* 00[23]-0-000 begins", text)
 
 
 def test_mlflow_shows_parent_children_curves_and_artifacts(
@@ -119,10 +122,12 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
     assert best.run_id == parent.info.run_id
 
 
-def test_the_same_command_adds_brackets(study_home: tuple[Path, str], tmp_path: Path) -> None:
+def test_the_same_command_adds_brackets(
+    study_home: tuple[Path, str], tmp_path: Path, address: str
+) -> None:
     home = tmp_path / "copy"
     shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
-    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", home)
+    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", home, "--address", address)
     assert result.returncode == 0, result.stderr
     assert "resuming with the 6 results of this study so far" in result.stdout
     before, after = results(study_home[0]), results(home)
@@ -130,14 +135,16 @@ def test_the_same_command_adds_brackets(study_home: tuple[Path, str], tmp_path: 
     assert before.items() <= after.items()
 
 
-def test_killed_in_the_middle_it_goes_on(study_home: tuple[Path, str], tmp_path: Path) -> None:
+def test_killed_in_the_middle_it_goes_on(
+    study_home: tuple[Path, str], tmp_path: Path, address: str
+) -> None:
     """SIGKILL takes driver, raylet and actors alike; the same command ends the study
     with the scores of one that was never killed, and had one worker in each of two trials."""
     process = run_until("objective", *SMOKE, "--home", tmp_path)
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate(timeout=60)
     assert 1 <= len(results(tmp_path)) < 6
-    args = ("--workers-per-trial", "2", "--concurrent-trials", "1")
+    args = ("--workers-per-trial", "2", "--concurrent-trials", "1", "--address", address)
     result = run_bilevel(*SMOKE, *args, "--home", tmp_path)
     assert result.returncode == 0, result.stderr
     assert results(tmp_path) == results(study_home[0])
@@ -165,9 +172,9 @@ def test_ctrl_c_stops_orderly(tmp_path: Path) -> None:
     assert "KILLED" in {r.info.status for r in runs}
 
 
-def test_time_budget_ends_the_search(tmp_path: Path) -> None:
+def test_time_budget_ends_the_search(tmp_path: Path, address: str) -> None:
     """The number of results depends on the machine; without any, a message says so."""
-    args = ("--brackets", "99", "--time-budget", "30s")
+    args = ("--brackets", "99", "--time-budget", "30s", "--address", address)
     result = run_bilevel(*SMOKE, *args, "--home", tmp_path)
     assert "the time budget is spent" in result.stdout
     # a number of brackets that the study will not reach is not shown
@@ -177,17 +184,19 @@ def test_time_budget_ends_the_search(tmp_path: Path) -> None:
     assert scored != nothing
     if results(tmp_path):
         assert result.returncode == 0, result.stderr
-        assert "bracket 1 rung 1/" in result.stdout
+        assert " of its time left" in result.stdout
     assert result.returncode in (0, 1), result.stderr
     assert "Traceback" not in result.stderr
 
 
-def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(tmp_path: Path) -> None:
+def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(
+    tmp_path: Path, address: str
+) -> None:
     """A file blocks the folder of one configuration, which cannot be saved."""
     in_the_way = tmp_path / "CartPole-v0" / "smoke" / "configurations" / "000-0-001"
     in_the_way.parent.mkdir(parents=True)
     in_the_way.touch()
-    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", tmp_path)
+    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", tmp_path, "--address", address)
     assert result.returncode == 0, result.stderr
     assert "000-0-001 failed: " in result.stdout
     losses = results(tmp_path)
@@ -204,11 +213,11 @@ def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(tmp_path: Path) -
     assert "FileExistsError" in failed.data.tags["bilevel.error"]
 
 
-def test_a_study_whose_trials_all_fail_ends_with_1(tmp_path: Path) -> None:
+def test_a_study_whose_trials_all_fail_ends_with_1(tmp_path: Path, address: str) -> None:
     in_the_way = tmp_path / "CartPole-v0" / "smoke" / "configurations"
     in_the_way.parent.mkdir(parents=True)
     in_the_way.touch()
-    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", tmp_path)
+    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", tmp_path, "--address", address)
     assert result.returncode == 1
     assert result.stdout.count(" failed: ") == 4
     assert "no configuration finished a generation" in result.stdout

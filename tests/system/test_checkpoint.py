@@ -15,7 +15,7 @@ pytestmark = pytest.mark.timeout(280)
 
 
 def test_a_damaged_checkpoint_is_set_aside_and_made_again(
-    local_ray: None, cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
+    joined_ray: None, cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
 ) -> None:
     run = NESRun(cartpole, small_hp, 5, tmp_path / "run")
     told: list[str] = []

@@ -45,7 +45,7 @@ def results(home: Path) -> dict[tuple[str, str, int], dict[str, Any]]:
     return {(label, agent, i): {**fields, **timeless} for label, agent, i, fields in rows}
 
 
-def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path) -> None:
+def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path, address: str) -> None:
     """A call that is killed and resumed with more agents by one worker gives the results of one
     call with two workers."""
     both = ("evaluate", se_file, "--real", "CartPole-v0", "--agent", "ddqn,td3", *FEW)
@@ -58,14 +58,15 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path) -> 
         os.killpg(process.pid, signal.SIGKILL)
     with path.open("ab") as file:
         file.write(b'["my_se", "ddqn", 7, {"test_ret')  # a line cut short
-    more = run_bilevel(*both, "--agents", "3", "--home", tmp_path, "--workers", "1")
+    three = (*both, "--agents", "3", "--address", address)
+    more = run_bilevel(*three, "--home", tmp_path, "--workers", "1")
     assert more.returncode == 0, more.stderr
     rows = [line.split() for line in more.stdout.splitlines() if line.startswith(("my_se", "real"))]
     assert [row[:3] for row in rows] == [
         [source, agent, "3"] for source in ("my_se", "real") for agent in ("ddqn", "td3")
     ]
 
-    at_once = run_bilevel(*both, "--agents", "3", "--home", tmp_path / "other")
+    at_once = run_bilevel(*three, "--home", tmp_path / "other")
     assert at_once.returncode == 0, at_once.stderr
     assert results(tmp_path) == results(tmp_path / "other")
 
@@ -79,7 +80,7 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path) -> 
     (group,) = [g for g in report if (g["source"], g["agent"]) == ("my_se", "td3")]
     assert group["test_returns_mean"] == pytest.approx(np.mean(scores))
     assert group["agents"] == 3
-    assert (folder / "violins.png").read_bytes().startswith(b"\x89PNG")
+    assert (folder / "returns.png").read_bytes().startswith(b"\x89PNG")
 
     mlflow_client = client(tmp_path)
     experiment = mlflow_client.get_experiment_by_name("CartPole-v0")
@@ -88,10 +89,10 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path) -> 
     assert tracked.info.status == "FINISHED"
     assert tracked.data.metrics["td3/my_se/test_returns_mean"] == group["test_returns_mean"]
     names = {item.path for item in mlflow_client.list_artifacts(tracked.info.run_id)}
-    assert {"report.json", "violins.png", "results.jsonl"} <= names
+    assert {"report.json", "returns.png", "results.jsonl"} <= names
 
 
-def test_an_agent_of_the_users_own_in_nes(tmp_path: Path) -> None:
+def test_an_agent_of_the_users_own_in_nes(tmp_path: Path, address: str) -> None:
     """The example agent of docs/agents.md, one of two agents, on actors that import its file."""
     file = tmp_path / "reinforce.py"
     file.write_text(documented_agent())
@@ -101,14 +102,43 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path) -> None:
         *("--set", "ddqn.max_episodes=13", "--vary-hp", "no"),
     )
     common = ("nes", "CartPole-v0", *chosen, *small, "--generations", "1", "--name", "mixed")
+    joined = (*common, "--address", address)
     thetas = []
     for workers in ("1", "2"):
-        result = run_bilevel(*common, "--workers", workers, "--home", tmp_path / workers)
+        result = run_bilevel(*joined, "--workers", workers, "--home", tmp_path / workers)
         assert result.returncode == 0, result.stderr
-        assert "generation   0   score" in result.stdout
+        assert "generation   0  score" in result.stdout
         state = tmp_path / workers / "CartPole-v0" / "mixed" / STATE_FILE
         thetas.append(safetensors.numpy.load_file(state)["theta"])
     np.testing.assert_array_equal(thetas[0], thetas[1])
+
+
+def test_a_mistake_in_the_users_own_agent_is_one_line(tmp_path: Path, address: str) -> None:
+    """It is found in an actor, and told by the command."""
+    file = tmp_path / "reinforce.py"
+    file.write_text(
+        documented_agent().replace(
+            "return int(torch.multinomial", "return 7 + int(torch.multinomial"
+        )
+    )
+    chosen = (
+        "--agent",
+        "reinforce",
+        "--agent-file",
+        file,
+        "--home",
+        tmp_path,
+        "--address",
+        address,
+    )
+    for command in (("evaluate", "--real"), ("nes",), ("bohb", "--profile", "smoke")):
+        name, *options = command
+        result = run_bilevel(name, *options, "CartPole-v0", *chosen)
+        assert result.returncode == 2, result.stdout
+        assert result.stderr.count("\n") == 1
+        assert f"agent 'reinforce' at {file}:" in result.stderr
+        assert "act returned the action" in result.stderr
+        assert "Traceback" not in result.stdout
 
 
 @pytest.mark.parametrize(

@@ -39,18 +39,19 @@ def scores(home: Path) -> list[dict[str, float]]:
 
 
 def test_a_run_its_tracking_and_its_continuation(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     result = run_bilevel(*SMALL, "--generations", "2", "--home", tmp_path)
     assert result.returncode == 0, result.stderr
-    assert "generation   1   score" in result.stdout
+    assert "generation   1  score" in result.stdout
     assert "10 fresh agents trained on the best SE score" in result.stdout
-    longer = run_bilevel(*SMALL, "--generations", "3", "--workers", "1", "--home", tmp_path)
+    joined = (*SMALL, "--home", tmp_path, "--address", address)
+    longer = run_bilevel(*joined, "--generations", "3", "--workers", "1")
     assert longer.returncode == 0, longer.stderr
     assert "resuming after generation 1" in longer.stdout
     assert "generation   0" not in longer.stdout
 
-    refused = run_bilevel(*SMALL, "--set", "nes.update=paper", "--home", tmp_path)
+    refused = run_bilevel(*joined, "--set", "nes.update=paper")
     assert refused.returncode == 2
     assert "'run' was begun with nes." in refused.stderr
     assert refused.stderr.count("\n") == 1
@@ -103,16 +104,17 @@ def test_a_run_its_tracking_and_its_continuation(
 
 
 @pytest.fixture(scope="module")
-def whole(tmp_path_factory: pytest.TempPathFactory) -> Path:
+def whole(tmp_path_factory: pytest.TempPathFactory, address: str) -> Path:
     """The home of an undisturbed run."""
     home = tmp_path_factory.mktemp("whole")
-    assert run_bilevel(*SMALL, "--generations", "12", "--home", home).returncode == 0
+    result = run_bilevel(*SMALL, "--generations", "12", "--home", home, "--address", address)
+    assert result.returncode == 0, result.stderr
     return home
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_killed_in_the_middle_it_goes_on(
-    number: signal.Signals, whole: Path, tmp_path: Path
+    number: signal.Signals, whole: Path, tmp_path: Path, address: str
 ) -> None:
     """The run resumes with one worker instead of two."""
     parts = tmp_path
@@ -122,7 +124,8 @@ def test_killed_in_the_middle_it_goes_on(
     assert process.returncode == (130 if number is signal.SIGINT else -number), rest
     if number is signal.SIGINT:
         assert "run the same command again to resume after the last finished generation" in rest
-    again = run_bilevel(*SMALL, "--generations", "12", "--workers", "1", "--home", parts)
+    resumed = (*SMALL, "--generations", "12", "--home", parts, "--address", address)
+    again = run_bilevel(*resumed, "--workers", "1")
     assert again.returncode == 0, again.stderr
     assert scores(parts) == scores(whole)
     np.testing.assert_array_equal(state_of(whole).se.mean, state_of(parts).se.mean)
@@ -142,8 +145,8 @@ EASY = (
 )
 
 
-def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path) -> None:
-    result = run_bilevel(*SMALL, *EASY, "--home", tmp_path)
+def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path, address: str) -> None:
+    result = run_bilevel(*SMALL, *EASY, "--home", tmp_path, "--address", address)
     assert result.returncode == 0, result.stderr
     confirmed = "narrowed, score .* of all sizes score .* on the current SE: solved and confirmed"
     assert re.search(confirmed, result.stdout)
@@ -151,10 +154,10 @@ def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path) -> None:
     assert "10 of 10 agents reach 5" in result.stdout
 
 
-def test_it_begins_again_from_other_starts(tmp_path: Path) -> None:
+def test_it_begins_again_from_other_starts(tmp_path: Path, address: str) -> None:
     """If no agent solves the task, one generation without a new best SE causes a restart."""
     hard = ("--solved-reward", "999", "--set", "nes.restart_after=1", "--generations", "6")
-    result = run_bilevel(*SMALL, *hard, "--home", tmp_path)
+    result = run_bilevel(*SMALL, *hard, "--home", tmp_path, "--address", address)
     assert result.returncode == 0, result.stderr
     attempts = [int(record["attempt"]) for record in scores(tmp_path)]
     assert attempts == sorted(attempts)
@@ -164,12 +167,12 @@ def test_it_begins_again_from_other_starts(tmp_path: Path) -> None:
     assert result.stdout.count("choosing a start among 2 random SEs") == told + 1
 
 
-def test_the_default_name_tells_recipe_agents_and_variation(tmp_path: Path) -> None:
+def test_the_default_name_tells_recipe_agents_and_variation(tmp_path: Path, address: str) -> None:
     small = [word for word in SMALL if word not in ("--name", "run")]
     chosen = ("--recipe", "paper", "--agent", "td3", "--vary-hp", "small")
     few = ("--generations", "1", "--set", "td3.max_episodes=12", "--seed", "3")
     words = [word.replace("ddqn", "td3") for word in small]
-    result = run_bilevel(*words, *chosen, *few, "--home", tmp_path)
+    result = run_bilevel(*words, *chosen, *few, "--home", tmp_path, "--address", address)
     assert result.returncode == 0, result.stderr
     run = NESRun.read(tmp_path / "CartPole-v0" / "nes-paper-td3-small-seed3")
     assert (run.hp.nes.update, run.hp.se.structure) == ("paper", "plain")

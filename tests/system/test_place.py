@@ -32,7 +32,7 @@ def test_termination_stops_it_as_ctrl_c_does(tmp_path: Path) -> None:
     assert not home.folder.exists()  # nothing was run
 
 
-def test_runs_share_the_cores_equally(local_ray: None) -> None:
+def test_runs_share_the_cores_equally(joined_ray: None) -> None:
     cores = cluster_cores()
     with sharing():
         assert fair_share(1) == cores
