@@ -115,6 +115,8 @@ def load_se(path: Path | str) -> StoredSE:
         raise InvalidInput(f"no SE file at {str(path)!r}") from None
     except (SafetensorError, OSError, ValueError, TypeError) as error:
         raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {error}") from None
+    if "se" not in metadata:
+        raise InvalidInput(f"{str(path)!r} holds tensors of something else than an SE")
     try:
         header = json.loads(metadata["se"])
         given = header.pop("sha256", None)  # files of other tools have none

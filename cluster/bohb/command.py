@@ -3,8 +3,9 @@
 import math
 from dataclasses import dataclass
 
+from bilevel.synthetic_env import save_se
 from cluster.bohb.brackets import Schedule
-from cluster.bohb.journal import Journal
+from cluster.bohb.journal import Journal, ResultLine
 from cluster.bohb.report import StudyReport
 from cluster.bohb.search import BracketSearch
 from cluster.bohb.searcher import BohbSearcher
@@ -34,6 +35,9 @@ from cluster.tracking.registry import model_address
 
 #: Seconds of a time budget reserved for the end: stopping the trials and scoring the best SE.
 _RESERVE = 60.0
+
+#: File with the incumbent's best SE, of a search that was interrupted.
+INCUMBENT_FILE = "incumbent_se.safetensors"
 
 
 @dataclass(frozen=True)
@@ -106,6 +110,9 @@ class _UnderWay:
         with self.session.live(views, self.brackets, goes_on) as mirror:
             try:
                 code = self._to_the_end(views, mirror)
+            except KeyboardInterrupt:
+                self._hand_over_unfinished()
+                raise
             finally:
                 self.live.clear()
             self.session.status = "FINISHED" if code == 0 else "FAILED"
@@ -143,7 +150,7 @@ class _UnderWay:
         report = StudyReport(
             command.study,
             self.brackets,
-            budget,
+            deadline,
             self.journal,
             searcher,
             views,
@@ -195,7 +202,8 @@ class _UnderWay:
         line(str(score))
         model = model_address(study.task.id, "newest")
         line(f"best SE: {path}  ({model} in MLflow's model registry)")
-        line("view the results with `make ui`; run the same command again to add brackets")
+        line(f"results: {self.session.shown_at(self.session.begun.identity)}")
+        line("run the same command again to add brackets")
         return 0 if any(result.loss is not None for result in self.journal.results) else 1
 
     def _contenders(self, pool: EvaluationPool) -> list[Contender]:
@@ -222,20 +230,37 @@ class _UnderWay:
         found.sort(key=lambda pair: pair[0], reverse=True)
         return [contender for _, contender in found[:RACERS]]
 
-    def _say_incumbent(self) -> None:
+    def _hand_over_unfinished(self) -> None:
+        """Say what the interrupted search has found, and save its best SE."""
+        incumbent = self._say_incumbent()
+        if incumbent is None:
+            return
+        study = self.command.study
+        configuration = self._summary.configuration(incumbent.id)
+        state = study.run(incumbent.id, configuration).load_if_sound()
+        if state is not None and state.finalists:
+            path = study.folder / INCUMBENT_FILE
+            save_se(state.candidates[0], path)
+            self.terminal.line(f"its best SE, not retested: {path}")
+
+    @property
+    def _summary(self) -> StudySummary:
+        return StudySummary(self.journal, self.command.study.schedule.brackets(self.brackets))
+
+    def _say_incumbent(self) -> ResultLine | None:
         line = self.terminal.line
-        rungs = self.command.study.schedule.brackets(self.brackets)
-        summary = StudySummary(self.journal, rungs)
+        summary = self._summary
         line(
             f"{len(self.journal.results)} results of {len(self.journal.configs)} configurations "
             f"({summary.model_based} proposed by the model)"
         )
         incumbent = summary.incumbent
         if incumbent is None:
-            return
+            return None
         line(
             f"incumbent {configuration_name(incumbent.id)}: objective "
             f"{incumbent.objective:.1f} over {count(incumbent.budget, 'generation')}"
         )
         for name, value in summary.configuration(incumbent.id).items():
             line(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")
+        return incumbent

@@ -3,43 +3,87 @@
 from collections.abc import Sequence
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from bilevel.tasks import Task
 from cluster.bohb.summary import ResultPoint
 from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
+#: The plot shows the results of the upper half, and of the lower half only that they are there.
+_SHOWN = 0.5
+
 
 def objective_against_cost(points: Sequence[ResultPoint], task: Task, title: str) -> Figure:
-    """Plot every result over the generations spent by then, and the incumbent at the largest
-    budget so far."""
+    """Plot every result over the generations, and the minutes, spent by then, and the incumbent at
+    the largest budget so far.
+
+    The axis begins at the median of the objectives, since the worst draws would otherwise leave no
+    room for the differences between good ones; results below are marked at its lower end.
+    """
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
-    for model_based, marker, colour in ((False, "o", GREY), (True, "D", BLUE)):
-        chosen = [point for point in points if point.model_based is model_based]
-        if not chosen:
-            continue
-        axes.scatter(
-            [point.generations_spent for point in chosen],
-            [point.objective for point in chosen],
-            s=[14 + 6 * point.budget for point in chosen],
-            marker=marker,
-            color=colour,
-            alpha=0.6,
-            lw=0,
-            label="model-based pick" if model_based else "random pick",
-        )
-    largest = max((point.budget for point in points), default=0)
-    top = [point for point in points if point.budget == largest]
-    if top:
-        best = np.maximum.accumulate([point.objective for point in top])
-        spent = [point.generations_spent for point in top]
-        axes.step(
-            spent, best, where="post", color=ORANGE, label=f"incumbent, {largest} generations"
-        )
     axes.set_xlabel("generations spent by the search (marker size: budget of the result)")
     axes.set_ylabel("objective (mean score over the generations)")
     axes.set_title(f"{title}, {task.id}")
-    axes.legend(frameon=False, fontsize="small")
-    axes.spines[["top", "right"]].set_visible(False)
+    axes.spines["right"].set_visible(False)
+    if not points:
+        return figure
+    objectives = np.array([point.objective for point in points])
+    top, bottom = float(objectives.max()), float(np.quantile(objectives, _SHOWN))
+    margin = 0.06 * max(top - bottom, 1e-9 + 1e-3 * abs(top))
+    axes.set_ylim(bottom - 2 * margin, top + margin)
+    for model_based, marker, colour in ((False, "o", GREY), (True, "D", BLUE)):
+        chosen = [point for point in points if point.model_based is model_based]
+        shown = [point for point in chosen if point.objective >= bottom]
+        below = [point for point in chosen if point.objective < bottom]
+        name = "proposed by the model" if model_based else "drawn at random"
+        if shown:
+            axes.scatter(
+                [point.generations_spent for point in shown],
+                [point.objective for point in shown],
+                s=[14 + 6 * point.budget for point in shown],
+                marker=marker,
+                color=colour,
+                alpha=0.6,
+                lw=0,
+                label=name,
+            )
+        if below:
+            axes.scatter(
+                [point.generations_spent for point in below],
+                [bottom - 1.5 * margin] * len(below),
+                s=16,
+                marker="v",
+                color=colour,
+                alpha=0.6,
+                lw=0,
+                label=f"{name}, below the axis",
+            )
+    _mark_incumbent(axes, points)
+    _add_minutes(axes, points)
+    axes.legend(frameon=False, fontsize="small", loc="lower right")
     return figure
+
+
+def _mark_incumbent(axes: Axes, points: Sequence[ResultPoint]) -> None:
+    """The best result at the largest budget so far, and a star at the last one."""
+    largest = max(point.budget for point in points)
+    ranked = [point for point in points if point.budget == largest]
+    spent = [point.generations_spent for point in ranked]
+    best = np.maximum.accumulate([point.objective for point in ranked])
+    label = f"incumbent after {largest} generations: {best[-1]:.1f}"
+    axes.step(spent, best, where="post", color=ORANGE, label=label)
+    first = int(np.argmax(best))
+    axes.scatter([spent[first]], [best[first]], marker="*", s=160, color=ORANGE, zorder=3)
+
+
+def _add_minutes(axes: Axes, points: Sequence[ResultPoint]) -> None:
+    """A second axis above: minutes since the search began."""
+    spent = [0.0, *(float(point.generations_spent) for point in points)]
+    minutes = [0.0, *(point.seconds / 60 for point in points)]
+    axes.set_xlim(0, 1.03 * spent[-1])
+    ticks = np.linspace(0, spent[-1], 6)
+    above = axes.secondary_xaxis("top")
+    above.set_xticks(ticks, [f"{minute:.3g}" for minute in np.interp(ticks, spent, minutes)])
+    above.set_xlabel("minutes since the search began")

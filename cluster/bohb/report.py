@@ -16,7 +16,7 @@ from cluster.bohb.search import Job
 from cluster.bohb.searcher import BohbSearcher, DriverOnly
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
-from cluster.bohb.trial import BUDGET_REACHED, FAILURE, NO_STORAGE, OBJECTIVE
+from cluster.bohb.trial import BUDGET_REACHED, FAILURE, MISTAKE, NO_STORAGE, OBJECTIVE
 from cluster.bohb.view import StudyViews
 from cluster.session.terminal import Terminal, count, duration, last_line
 from cluster.tracking import Mirror
@@ -32,7 +32,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self,
         study: Study,
         brackets: int,
-        time_budget: float,
+        deadline: float,
         journal: Journal,
         searcher: BohbSearcher,
         views: StudyViews,
@@ -41,8 +41,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         terminal: Terminal,
     ) -> None:
         self._study = study
-        self._brackets = brackets
-        self._time_budget = time_budget  # seconds since `terminal.started`
+        self._deadline = deadline  # of the search, seconds of time.monotonic
         self._journal = journal
         self._searcher = searcher
         self._views = views
@@ -85,7 +84,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         """Show a job that is done, stopped or failed; the journal already holds its result."""
         result = trial.last_result or {}
         job = self._close(trial.trial_id)
-        if job is None or NO_STORAGE in result:
+        if job is None or NO_STORAGE in result or MISTAKE in result:
             return
         if FAILURE in result:
             self._failed(job, str(result[FAILURE]))
@@ -127,30 +126,33 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         # Kept short, so that the bar fits into 80 columns.
         results, seconds = len(self._journal.results), self._seconds_left()
         if self._time_decides():
-            total = self._time_budget / 60
+            total = (self._deadline - self._terminal.started) / 60
             done = total - seconds / 60
-            self._terminal.bar(self._bracket(job), done, total, "min", f"{results} results, {now}")
+            note = f"{count(results, 'result')}, {now}"
+            self._terminal.bar("searching", done, total, "min", note)
             return
         total = sum(rung.configurations for rung in self._rungs)
         note = f"ETA {duration(seconds)}, {now}" if self._generations else now
-        self._terminal.bar(self._bracket(job), results, total, "results", note)
+        self._terminal.bar("searching", results, total, "results", note)
 
     def _result_line(self, job: Job, result: dict[str, Any]) -> None:
-        rungs = [rung.budget for rung in self._rungs if rung.bracket == job.id[0]]
+        """Two lines, the first one of 80 columns: what came out, and what was tried."""
         incumbent = self._summary.incumbent
-        so_far = "" if incumbent is None else f"incumbent {incumbent.objective:.1f}"
-        speed = result["record"]["env_steps_per_second"] / 1000
+        so_far = "" if incumbent is None else f"  (incumbent {incumbent.objective:.1f})"
         self._terminal.line(
-            f"{configuration_name(job.id)}  {self._bracket(job)} rung "
-            f"{rungs.index(job.budget) + 1}/{len(rungs)}  {count(job.budget, 'generation'):>15}  "
-            f"objective {result[OBJECTIVE]:7.1f}  best score {result['best_score']:7.1f}  "
-            f"{speed:3.0f}k steps/s  {'model ' if job.model_based else 'random'}  {so_far}  "
-            f"ETA {duration(self._seconds_left())}"
+            f"{configuration_name(job.id)}  {count(job.budget, 'generation'):>15}  "
+            f"objective {result[OBJECTIVE]:6.1f}{so_far}  {self._time_to_go()}"
         )
+        proposer = "the model proposed:" if job.model_based else "drawn at random:"
+        tried = (
+            f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
+            for name, value in job.configuration.items()
+        )
+        self._terminal.line(f"    {proposer} {', '.join(tried)}")
 
-    def _bracket(self, job: Job) -> str:
-        """The bracket's number, and their total if the brackets end the study."""
-        return f"bracket {job.id[0] + 1}" + ("" if self._time_decides() else f"/{self._brackets}")
+    def _time_to_go(self) -> str:
+        left = duration(self._seconds_left())
+        return f"{left} of its time left" if self._time_decides() else f"ETA {left}"
 
     def _elapsed(self) -> float:
         return time.monotonic() - self._started
@@ -170,4 +172,4 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         return self._elapsed() / max(self._generations, 1) * left
 
     def _time_left(self) -> float:
-        return self._terminal.started + self._time_budget - time.monotonic()
+        return self._deadline - time.monotonic()

@@ -12,6 +12,7 @@ class ResultPoint:
 
     generations_spent: int  # by the whole search when the result came
     budget: int
+    seconds: float  # since the first job began, pauses included
     objective: float
     model_based: bool
 
@@ -53,12 +54,15 @@ class StudySummary:
         picks = {line.id: bool(line.info.get("model_based_pick")) for line in self.journal.configs}
         reached: dict[ConfigId, int] = {}
         spent = 0
+        began = min((line.timestamps["submitted"] for line in self.journal.results), default=0.0)
         points = []
         for line in self.journal.results:
             spent += line.budget - reached.get(line.id, 0)
             reached[line.id] = line.budget
             if line.objective is not None:
-                points.append(ResultPoint(spent, line.budget, line.objective, picks[line.id]))
+                seconds = line.finished - began
+                point = ResultPoint(spent, line.budget, seconds, line.objective, picks[line.id])
+                points.append(point)
         return points
 
     def generations_left(self) -> int:

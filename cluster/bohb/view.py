@@ -79,7 +79,7 @@ class StudyViews:
         standing = Standing.load(study.folder) or Standing("KILLED", self.begun.time, 0)
         over = self.live is None or standing.status != "RUNNING"
         summary = StudySummary(journal, study.schedule.brackets(standing.target))
-        tags = {"bilevel.kind": KIND, "mlflow.note.content": self._description()}
+        tags = {"bilevel.kind": KIND}
         incumbent = summary.incumbent
         if incumbent is not None:
             tags["bilevel.incumbent"] = configuration_name(incumbent.id)
@@ -115,6 +115,8 @@ class StudyViews:
             (*points, *(Point.of_final(end) for end in ends)),
             tuple(self._documents(journal, summary, bool(ends))),
             model=registered(study.folder, study.task.id, ends[-1]) if ends else None,
+            author=self.begun.by,
+            description=self._description(),
         )
 
     def _documents(self, journal: Journal, summary: StudySummary, ended: bool) -> list[Document]:
@@ -184,16 +186,18 @@ class StudyViews:
             started = state.records[0].finished - state.records[0].generation_seconds
         return RunView(
             self.key(name),
-            f"{study.name}/{name}",
+            name,
             "RUNNING" if live else _status(results, 0 if state is None else state.generation),
             started,
             None if live else max(times, default=started),
-            {**run.hp.to_dict(), "seed": run.seed, "task": run.task.id},
+            line.configuration,  # and all the rest in configuration.json
             tags,
             tuple(points),
             tuple(documents),
             parent=self.parent,
             edition=edition(state),
+            author=self.begun.by,
+            description=f"Configuration {name} of the study `{study.name}`.",
         )
 
 

@@ -25,6 +25,10 @@ from cluster.storage.run_folder import Standing, finals, is_held, read_settings
 _STATES = {"FINISHED": "finished", "KILLED": "stopped", "FAILED": "failed", "RUNNING": "killed"}
 
 
+#: Columns of output that is not a terminal: more than any line needs.
+_PIPED = 1000
+
+
 @dataclass(frozen=True)
 class Line:
     """A study or NES run in one line."""
@@ -44,15 +48,17 @@ def overview(home: Home) -> list[Line]:
 
 
 def print_overview(lines: list[Line], console: Console) -> None:
-    """As a table."""
+    """As a table; where it is too wide for a terminal, names are folded."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for column in ("task", "name", "kind", "state", "progress"):
-        table.add_column(column, no_wrap=True)
-    table.add_column("best", justify="right")
-    table.add_column("fresh agents", justify="right")
+        table.add_column(column, no_wrap=column != "name", overflow="fold")
+    table.add_column("best", justify="right", no_wrap=True)
+    table.add_column("final", justify="right", no_wrap=True)
     for line in lines:
         cells = (line.task, line.name, line.kind, line.state, line.progress, line.best, line.final)
         table.add_row(*cells)
+    if not console.is_terminal:
+        console.width = _PIPED
     console.print(table)
 
 

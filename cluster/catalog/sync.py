@@ -2,13 +2,14 @@
 
 from pathlib import Path
 
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, first_line
 from cluster.catalog.kinds import views_of
+from cluster.session.session import shown_at
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
 from cluster.storage.run_folder import held
 from cluster.tracking import Tracker
-from cluster.tracking.tracker import check_tracking_uri, first_line
+from cluster.tracking.tracker import check_tracking_uri
 
 
 def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> None:
@@ -34,4 +35,4 @@ def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> Non
                         f"{first_line(error)}; run the same command again to resume"
                     ) from None
         terminal.line(f"{folder.name}: {len(keys)} run(s) in MLflow now match the disk")
-        terminal.line(f"view them: {tracker.address}")
+        terminal.line(f"MLflow {shown_at(home, tracker, keys[0])}")

@@ -41,7 +41,11 @@ from cluster.storage.home import LONGEST_NAME
 @click.option(
     "--workers", type=WholeNumber(min=1), help="Actors (default: one per core of the run's share)."
 )
-@click.option("--name", help="Name of the evaluation; an existing name resumes.")
+@click.option(
+    "--name",
+    help="Name of the evaluation and its folder; an existing name resumes (default: made of "
+    "sources, agents and seed).",
+)
 @common_options
 def evaluate(
     files: tuple[Path, ...],

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from bilevel.tasks import Task
-from cluster.storage.home import Home
+from cluster.storage.home import DEFAULT_HOME, Home
 
 if TYPE_CHECKING:
     from bilevel.hyperparameters import Hyperparameters
@@ -76,7 +76,7 @@ class Folder(click.ParamType[Path]):
 home_option = click.option(
     "--home",
     type=Folder(),
-    default="runs",
+    default=DEFAULT_HOME,
     show_default=True,
     help="Folder of checkpoints, journals and MLflow's database.",
 )

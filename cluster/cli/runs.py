@@ -30,7 +30,11 @@ from cluster.cli.options import (
     help="Stop once the task is solved in this many generations in a row and fresh agents confirm "
     "it (default: the recipe's; paper and authors never stop early).",
 )
-@click.option("--name", help="Name of the run; an existing name resumes.")
+@click.option(
+    "--name",
+    help="Name of the run and its folder; an existing name resumes (default: made of recipe, "
+    "agents and seed, as nes-default-seed0).",
+)
 def nes(
     generations: int | None,
     workers: int | None,
@@ -59,7 +63,11 @@ def nes(
 
 @click.command()
 @run_options
-@click.option("--study", default=None, help="Study name; an existing name resumes.")
+@click.option(
+    "--study",
+    help="Name of the study and its folder; an existing name resumes (default: made of method, "
+    "profile, space, recipe, agents and seed, as bohb-local-core-default-seed0).",
+)
 @click.option(
     "--profile",
     default="local",

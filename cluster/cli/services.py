@@ -48,7 +48,7 @@ def status(home: Path) -> None:
     for service in found:
         click.echo(f"{service.name:8}{service.state:15}{service.page:30}log {service.log}")
     if not found:
-        click.echo(f"nothing is up in {str(home)!r}: start with `make up`")
+        click.echo(f"nothing is up in {str(home)!r}: start with {Home(home).hint('up', 'up')}")
     sys.exit(0 if found and all(service.state == "up" for service in found) else 1)
 
 

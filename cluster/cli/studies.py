@@ -20,11 +20,13 @@ def studies(home: Path) -> None:
     from cluster.session.terminal import Terminal
     from cluster.storage.home import Home
 
-    lines = overview(Home(home))
+    place = Home(home)
+    lines = overview(place)
     if lines:
         print_overview(lines, Terminal().console)
     else:
-        click.echo(f"no runs in {str(home)!r} yet: start with `make nes-cartpole`")
+        start = place.hint("nes CartPole-v0", "nes-cartpole")
+        click.echo(f"no runs in {str(home)!r} yet: start with {start}")
 
 
 @click.command()

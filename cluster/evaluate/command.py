@@ -23,7 +23,7 @@ from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
-from cluster.evaluate.report import Group, as_json, as_table, violins
+from cluster.evaluate.report import Group, as_json, as_table, picture
 from cluster.evaluate.view import (
     KIND,
     PICTURE_FILE,
@@ -161,11 +161,14 @@ class _UnderWay:
             line(row)
         report = as_json(groups)
         write_aside(self.folder / REPORT_FILE, json.dumps(report, indent=2).encode())
-        write_aside(self.folder / PICTURE_FILE, png(violins(groups, self.command.task)))
-        metrics: dict[str, float] = {}
-        for group in groups:
-            prefix = "" if len(groups) == 1 else f"{group.agent}/{group.source}/"
-            metrics |= {prefix + name: value for name, value in group.summary().items()}
+        write_aside(
+            self.folder / PICTURE_FILE, png(picture(groups, self.command.task, self.folder.name))
+        )
+        # One metric a group: MLflow offers every metric of any run as a column of all runs.
+        metrics = {
+            f"test_return/{group.agent}/{group.source}": group.summary()["test_returns_mean"]
+            for group in groups
+        }
         add_final(self.folder, Final(self.command.agents, time.time(), metrics))
         line(f"report: {self.folder / REPORT_FILE}; picture: {self.folder / PICTURE_FILE}")
 

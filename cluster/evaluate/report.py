@@ -1,5 +1,6 @@
-"""Report of an evaluation of many agents: statistics, a table, a violin plot."""
+"""Report of an evaluation of many agents: statistics, a table, a picture."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -8,11 +9,15 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
+from scipy.stats import t as student_t
 
 from bilevel.evaluation import EvaluationResult
 from bilevel.tasks import Task
 
 _COLOURS = ("#2a6fbb", "#d9822b", "#3d9970", "#8a8f98", "#b04a8b")
+
+#: Number of agents from which a violin shows their distribution; of fewer it would invent one.
+VIOLIN_FROM = 20
 
 
 @dataclass(frozen=True)
@@ -28,6 +33,11 @@ class Group:
     def test_returns(self) -> NDArray[np.float64]:
         """Returns of all test episodes of all agents."""
         return np.concatenate([result.test_returns for result in self.results])
+
+    @property
+    def scores(self) -> NDArray[np.float64]:
+        """Scores (n,) of the agents: the mean return of each."""
+        return np.array([result.score for result in self.results])
 
     @property
     def train_steps(self) -> NDArray[np.float64]:
@@ -53,8 +63,7 @@ class Group:
                 f"{name}_median": float(middle),
                 f"{name}_q3": float(high),
             }
-        scores = np.array([result.score for result in self.results])
-        values["solved_fraction"] = float((scores >= self.solved_reward).mean())
+        values["solved_fraction"] = float((self.scores >= self.solved_reward).mean())
         values["non_finite"] = float(sum(not result.finite for result in self.results))
         return values
 
@@ -65,59 +74,65 @@ def as_json(groups: Sequence[Group]) -> list[dict[str, Any]]:
 
 
 def as_table(groups: Sequence[Group]) -> list[str]:
-    """The summaries as lines of text."""
-    width = max(len(group.source) for group in groups)
+    """The summaries as lines of text, of 80 columns if the labels are short."""
+    source = max(len("trained on"), *(len(group.source) for group in groups))
+    agent = max(len("agent"), *(len(group.agent) for group in groups))
     rows = [
-        f"{'trained on':{width}}  {'agent':12}  agents   test return          quartiles"
-        "             solved   train steps         episodes"
+        f"{'trained on':{source}}  {'agent':{agent}}  {'n':>3}  {'test return':>15}  "
+        f"{'solved':>6}  {'train steps':>13}  {'episodes':>9}"
     ]
     for group in groups:
         s = group.summary()
         rows.append(
-            f"{group.source:{width}}  {group.agent:12}  {s['agents']:6.0f}  "
-            f"{s['test_returns_mean']:7.1f} ± {s['test_returns_std']:6.1f}  "
-            f"{s['test_returns_q1']:6.1f} {s['test_returns_median']:6.1f} "
-            f"{s['test_returns_q3']:6.1f}   {s['solved_fraction']:6.0%}  "
-            f"{s['train_steps_mean']:7.0f} ± {s['train_steps_std']:6.0f}  "
-            f"{s['train_episodes_mean']:5.0f} ± {s['train_episodes_std']:4.0f}"
+            f"{group.source:{source}}  {group.agent:{agent}}  {s['agents']:3.0f}  "
+            f"{s['test_returns_mean']:7.1f} ± {s['test_returns_std']:5.1f}  "
+            f"{s['solved_fraction']:6.0%}  "
+            f"{s['train_steps_mean']:6.0f} ± {s['train_steps_std']:4.0f}  "
+            f"{s['train_episodes_mean']:3.0f} ± {s['train_episodes_std']:3.0f}"
         )
     return rows
 
 
-def violins(groups: Sequence[Group], task: Task) -> Figure:
-    """Violin plots of every group's test returns and, below, train steps (as in the paper's
-    figures on robustness and transfer)."""
+def picture(groups: Sequence[Group], task: Task, title: str) -> Figure:
+    """Plot every agent's score and, below, its train steps, by group: a point an agent, the mean
+    with its 95 % interval and, where there are VIOLIN_FROM agents or more, a violin (as in the
+    paper's figures on robustness and transfer)."""
     figure = Figure(figsize=(max(5.0, 1.9 * len(groups) + 1.5), 6), layout="constrained")
-    returns, steps = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1.4])
+    scores, steps = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1.4])
     kinds = sorted({group.agent for group in groups})
     for place, group in enumerate(groups):
         colour = _COLOURS[kinds.index(group.agent) % len(_COLOURS)]
-        for axes, values in ((returns, group.test_returns), (steps, group.train_steps)):
-            # A violin of equal values has no width to draw.
-            if np.ptp(values) > 0:
-                body = axes.violinplot(values, [place], widths=0.85, showextrema=False)["bodies"][0]
-                body.set(facecolor=colour, alpha=0.45)
-            axes.boxplot(
-                values,
-                positions=[place],
-                widths=0.12,
-                showfliers=False,
-                medianprops={"color": "black"},
+        for axes, values in ((scores, group.scores), (steps, group.train_steps)):
+            _column(axes, place, values, colour)
+            _above(
+                axes, place, f"{values.mean():.1f}" if axes is scores else f"{values.mean():.0f}"
             )
-            axes.scatter([place], [values.mean()], marker="D", s=22, color=colour, zorder=3)
-        s = group.summary()
-        _above(returns, place, f"{s['test_returns_mean']:.1f}")
-        _above(steps, place, f"{s['train_steps_mean']:.0f} ± {s['train_steps_std']:.0f}")
-    returns.axhline(task.solved_reward, color="#d9822b", ls="--", lw=1, label="solved")
-    returns.set_ylabel(f"test return on {task.id}")
-    returns.legend(frameon=False, fontsize="small", loc="lower left")
+    scores.axhline(task.solved_reward, color="#d9822b", ls="--", lw=1, label="solved")
+    scores.set_ylabel(f"score on {task.id}")
+    scores.legend(frameon=False, fontsize="small", loc="lower left")
+    scores.set_title(f"{title}\nmean test return of each agent; mean of all with its 95 % interval")
     steps.set_ylabel("train steps")
     steps.set_ylim(bottom=0)
-    labels = [f"{group.agent}\non {group.source}" for group in groups]
+    labels = [f"{g.agent}\non {g.source}\nn = {len(g.results)}" for g in groups]
     steps.set_xticks(range(len(groups)), labels, fontsize="small")
-    for axes in (returns, steps):
+    for axes in (scores, steps):
         axes.spines[["top", "right"]].set_visible(False)
     return figure
+
+
+def _column(axes: Axes, place: int, values: NDArray[np.float64], colour: str) -> None:
+    """The values of one group at that place on the x-axis."""
+    if len(values) >= VIOLIN_FROM and np.ptp(values) > 0:
+        parts: Any = axes.violinplot(values, [place], widths=0.85, showextrema=False)
+        parts["bodies"][0].set(facecolor=colour, alpha=0.3)
+    # Spread evenly in the order of the agents, so that the picture is always the same.
+    beside = np.linspace(-0.18, 0.18, len(values)) if len(values) > 1 else np.zeros(1)
+    axes.scatter(place + beside, values, s=14, color=colour, alpha=0.6, lw=0)
+    error = 0.0
+    if len(values) > 1:
+        quantile = float(student_t.ppf(0.975, len(values) - 1))
+        error = quantile * float(values.std(ddof=1)) / math.sqrt(len(values))
+    axes.errorbar([place], [values.mean()], yerr=error, fmt="D", ms=5, color="black", capsize=4)
 
 
 def _above(axes: Axes, place: int, text: str) -> None:

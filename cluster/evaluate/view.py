@@ -11,7 +11,7 @@ from cluster.tracking import Document, Point, RunView
 #: The kind of run that `settings.json` tells.
 KIND = "evaluate"
 
-RESULTS_FILE, REPORT_FILE, PICTURE_FILE = "results.jsonl", "report.json", "violins.png"
+RESULTS_FILE, REPORT_FILE, PICTURE_FILE = "results.jsonl", "report.json", "returns.png"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +66,9 @@ class EvaluationViews:
             self.begun.time,
             standing.since if over else None,
             {"agents": settings.kinds, "vary": settings.vary, "seed": settings.seed, "task": task},
-            {"bilevel.kind": KIND, "mlflow.note.content": note},
+            {"bilevel.kind": KIND},
             tuple(Point.of_final(end) for end in ends),
             tuple(Document.of_file(path) for path in files if over and path.exists()),
+            author=self.begun.by,
+            description=note,
         )

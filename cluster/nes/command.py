@@ -183,7 +183,8 @@ class _UnderWay:
         line(str(score))
         model = model_address(run.task.id, "newest")
         line(f"best SE: {path}  ({model} in MLflow's model registry)")
-        line("view the learning curve with `make ui`; load the SE with")
+        line(f"learning curve: {self.session.shown_at(self.session.begun.identity)}")
+        line("load the SE with")
         line(
             f'  import bilevel, gymnasium; gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")'
         )

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from bilevel.nes import GenerationRecord
 from bilevel.tasks import Task
@@ -11,23 +12,43 @@ from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
 
 def learning_curve(records: Sequence[GenerationRecord], task: Task, title: str) -> Figure:
-    """Plot scores and train steps by generation."""
+    """Plot scores and train steps by generation, and mark the generation whose agents did best."""
     generations = [record.generation for record in records]
     mean = np.array([record.score_mean for record in records])
     std = np.array([record.score_std for record in records])
     figure = Figure(figsize=(8, 5.5), layout="constrained")
     scores, steps = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
     scores.fill_between(generations, mean - std, mean + std, color=BLUE, alpha=0.15, lw=0)
-    scores.plot(generations, mean, color=BLUE, marker="o", ms=3, label="agents on psi (mean, std)")
+    scores.plot(
+        generations,
+        mean,
+        color=BLUE,
+        marker="o",
+        ms=3,
+        label="agents trained on the current SE (mean, std)",
+    )
     perturbed = [record.perturbed_score_mean for record in records]
-    scores.plot(generations, perturbed, color=GREY, lw=1, label="agents on psi ± eps (mean)")
+    scores.plot(
+        generations, perturbed, color=GREY, lw=1, label="agents trained on perturbed SEs (mean)"
+    )
     scores.axhline(task.solved_reward, color=ORANGE, ls="--", lw=1, label="solved")
+    best = int(np.argmax(mean))
+    scores.scatter(
+        [generations[best]],
+        [mean[best]],
+        marker="*",
+        s=120,
+        color=ORANGE,
+        zorder=3,
+        label=f"best: {mean[best]:.1f} in generation {generations[best]}",
+    )
     scores.set_ylabel(f"test return on {task.id}")
     scores.set_title(title)
     scores.legend(frameon=False, fontsize="small")
     steps.plot(generations, [record.train_steps_mean for record in records], color=BLUE)
     steps.set_ylabel("train steps")
     steps.set_xlabel("generation")
+    steps.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     steps.set_ylim(bottom=0)
     for axes in (scores, steps):
         axes.spines[["top", "right"]].set_visible(False)

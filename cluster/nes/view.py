@@ -43,9 +43,11 @@ def run_documents(run: NESRun, state: NESState, title: str, best: Document) -> l
 
 
 def registered(folder: Path, task_id: str, last: Final) -> RegisteredSE:
-    """The best SE of a finished run, for the model registry."""
+    """The best SE of a finished run, for the model registry. Raises InvalidInput if its file cannot
+    be read."""
+    content = Document.of_file(folder / BEST_FILE).content()
     tags = {name: f"{value:.6g}" for name, value in last.metrics.items()}
-    return RegisteredSE(folder / BEST_FILE, task_id, last.time, tags)
+    return RegisteredSE(content, task_id, last.time, tags)
 
 
 @dataclass(frozen=True)
@@ -102,11 +104,13 @@ class NESViews:
             self.begun.time,
             standing.since if over else None,
             {**run.hp.to_dict(), "seed": run.seed, "task": run.task.id},
-            {"bilevel.kind": "nes", "mlflow.note.content": self._description()},
+            {"bilevel.kind": "nes"},
             tuple(points),
             tuple(documents),
             edition=edition(state),
             model=registered(run.folder, run.task.id, ends[-1]) if ends else None,
+            author=self.begun.by,
+            description=self._description(),
         )
 
     @property

@@ -21,17 +21,18 @@ import psutil
 from bilevel.decode import decode_file
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
+from cluster.services.family import end_family
 from cluster.services.mlflow_server import mlflow_server
 from cluster.services.ports import free_port, require_free
 from cluster.storage.home import Home
-from cluster.tracking.database import database_ready
+from cluster.tracking.database import database_ready, experiments
+from cluster.tracking.tracker import HOME_PAGE
 
 #: What whoever joins a service takes over of its environment.
 _JOINING = {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN_PATH"}
 
-#: Seconds until a service that starts must answer, one that answers counts as slow, and
-#: one that was asked to end is killed.
-_START, _ANSWER, _END = 120.0, 3.0, 15.0
+#: Seconds until a service that starts must answer, and until one that answers counts as slow.
+_START, _ANSWER = 120.0, 3.0
 
 
 @dataclass(frozen=True)
@@ -117,6 +118,11 @@ def up(
             _save(home, [*known, *started])
             _wait_until_well(started[-1])
             tell(f"{name} is up: {started[-1].page}")
+            if name == "ray":
+                tell(
+                    "     dashboard and jobs answer on that address alone; Ray's own ports are "
+                    "open on all addresses of this machine, to whoever has this home's token"
+                )
     except BaseException:
         for service in reversed(started):
             _end(service)
@@ -162,10 +168,11 @@ def _ray_token(home: Home) -> dict[str, str]:
 
 def _start_mlflow(home: Home, host: str, port: int) -> Service:
     with database_ready(home.database_uri):
-        pass  # a server that is ended while it makes one would leave it unusable
+        # A server that is ended while it makes one would leave it unusable.
+        experiments(home.folder / "mlflow.db")
     command, environment = mlflow_server(home, host, port)
     page = f"http://{_reachable(host)}:{port}"
-    return _start(home, "mlflow", command, page, page, f"{page}/health", environment)
+    return _start(home, "mlflow", command, page, page + HOME_PAGE, f"{page}/health", environment)
 
 
 def _start(
@@ -203,14 +210,8 @@ def _wait_until_well(service: Service) -> None:
 
 def _end(service: Service) -> None:
     process = service.process
-    if process is None:
-        return
-    family = [process, *process.children(recursive=True)]
-    process.terminate()
-    _, alive = psutil.wait_procs(family, _END)
-    for left in alive:
-        left.kill()
-    psutil.wait_procs(alive, _END)
+    if process is not None:
+        end_family(process)
 
 
 def _answers(url: str) -> bool:

@@ -5,9 +5,16 @@ import subprocess
 import sys
 from pathlib import Path
 
+import psutil
+
 from bilevel.errors import InvalidInput
+from cluster.services.family import end_family
 from cluster.services.ports import require_free
+from cluster.session.interrupts import InterruptGuard
+from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
+from cluster.tracking.database import experiments
+from cluster.tracking.tracker import runs_page
 
 
 def mlflow_server(home: Home, host: str, port: int) -> tuple[list[str], dict[str, str]]:
@@ -32,16 +39,25 @@ def mlflow_server(home: Home, host: str, port: int) -> tuple[list[str], dict[str
 def serve_ui(home: Home, host: str, port: int) -> int:
     """Serve until interrupted; return the server's exit code.
 
-    Raises InvalidInput if there are no runs yet, or the port is taken.
+    Raises InvalidInput if there are no runs yet, the database is damaged, or the port is taken.
     """
-    if not (home.folder / "mlflow.db").exists():
-        raise InvalidInput(f"no runs in {str(home.folder)!r} yet: start with `make nes-cartpole`")
+    database = home.folder / "mlflow.db"
+    if not database.exists():
+        start = home.hint("nes CartPole-v0", "nes-cartpole")
+        raise InvalidInput(f"no runs in {str(home.folder)!r} yet: start with {start}")
+    found = experiments(database)
     require_free(host, port)
-    address = f"http://{host}:{port}/#/experiments?workflowType=machine_learning"
-    print(f"MLflow UI on {address}  (Ctrl-C ends it)", flush=True)
+    for number, name in found.items():
+        print(f"{name}: http://{host}:{port}{runs_page(number)}", flush=True)
+    print("Ctrl-C ends the MLflow UI", flush=True)
     command, environment = mlflow_server(home, host, port)
     command[0] = str(Path(sys.executable).with_name(command[0]))
+    # In a session of its own, so that Ctrl-C ends it by this process, without its tracebacks.
+    server = subprocess.Popen(command, env={**os.environ, **environment}, start_new_session=True)
     try:
-        return subprocess.run(command, env={**os.environ, **environment}, check=False).returncode
+        with InterruptGuard(Terminal()):
+            return server.wait()
     except KeyboardInterrupt:
         return 0
+    finally:
+        end_family(psutil.Process(server.pid))

@@ -66,4 +66,4 @@ class Driver:
         home.prepare()
         tracker = Tracker(self.place.tracking_uri, task_id, home.artifacts)
         with locked_settings(folder, settings) as begun:
-            yield Session(folder, begun, tracker, self.terminal, self.guard)
+            yield Session(home, folder, begun, tracker, self.terminal, self.guard)

@@ -9,14 +9,19 @@ from pathlib import Path
 from bilevel.errors import StorageFailure
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal
+from cluster.storage.home import Home
 from cluster.storage.run_folder import Begun, Standing, Status
 from cluster.tracking import Mirror, Tracker, Views
+
+#: Where the UI answers if no other port is asked for.
+UI_ADDRESS = "http://127.0.0.1:5000"
 
 
 @dataclass
 class Session:
     """Folder, tracker, terminal and signals of a run while a process works on it."""
 
+    home: Home
     folder: Path
     begun: Begun
     tracker: Tracker
@@ -28,7 +33,12 @@ class Session:
     def introduce(self, what: str) -> None:
         """Print a description of the run, its folder, and its MLflow address."""
         self.terminal.line(what)
-        self.terminal.line(f"folder {self.folder}; MLflow: {self.tracker.address}")
+        self.terminal.line(f"folder {self.folder}")
+        self.terminal.line(f"MLflow {self.shown_at()}")
+
+    def shown_at(self, key: str | None = None) -> str:
+        """Where MLflow shows the run with that key, or all runs of the task."""
+        return shown_at(self.home, self.tracker, key)
 
     @contextlib.contextmanager
     def live(self, views: Views, target: int, goes_on: str) -> Iterator[Mirror]:
@@ -60,8 +70,17 @@ class Session:
             if missing:
                 self.terminal.line(
                     f"MLflow lacks the current state of {missing} run(s): write them with "
-                    f"`bilevel sync {self.folder.name}` once MLflow is reachable"
+                    f"{self.home.hint(f'sync {self.folder.name}')} once MLflow is reachable"
                 )
 
     def _stand(self, status: Status, target: int) -> None:
         Standing(status, time.time(), target).save(self.folder)
+
+
+def shown_at(home: Home, tracker: Tracker, key: str | None = None) -> str:
+    """Where MLflow shows the run with that key, or all runs of the task; for a database, also how
+    to serve it."""
+    page = tracker.page(key)
+    if tracker.server is not None:
+        return tracker.server + page
+    return f"{UI_ADDRESS}{page} (after {home.hint('ui', 'ui')})"

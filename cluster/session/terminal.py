@@ -1,5 +1,7 @@
 """Progress output: one line per event and, on a terminal, a live bar."""
 
+import textwrap
+import threading
 import time
 from types import TracebackType
 from typing import Self
@@ -30,10 +32,18 @@ def last_line(text: str) -> str:
     return next(reversed(text.strip().splitlines()), "")
 
 
-class Terminal:
-    """Prints lines above a progress bar; the bar is left out if the output is no terminal."""
+#: Seconds of silence after which progress is told where no bar shows it.
+SILENCE = 25.0
 
-    def __init__(self, console: Console | None = None) -> None:
+
+class Terminal:
+    """Prints lines above a progress bar. If the output is no terminal, a line tells the progress
+    instead whenever nothing else has been printed for `silence` seconds.
+
+    On a terminal lines are wrapped between words; elsewhere a line is never broken.
+    """
+
+    def __init__(self, console: Console | None = None, silence: float = SILENCE) -> None:
         self.console = console or Console(highlight=False, soft_wrap=True)
         self._bar = Progress(
             TextColumn("{task.description}"),
@@ -48,9 +58,14 @@ class Terminal:
         self._task = self._bar.add_task("starting", total=1, unit="", note="")
         #: Start of the command (time.monotonic).
         self.started = time.monotonic()
+        self._silence = silence
+        self._spoke = self.started
+        self._over = threading.Event()
 
     def __enter__(self) -> Self:
         self._bar.start()
+        if not self.console.is_terminal:
+            threading.Thread(target=self._break_silence, name="progress", daemon=True).start()
         return self
 
     def __exit__(
@@ -59,11 +74,39 @@ class Terminal:
         error: BaseException | None,
         trace: TracebackType | None,
     ) -> None:
+        self._over.set()
         self._bar.stop()
 
     def line(self, text: str) -> None:
-        """Print one line."""
-        self.console.print(text, markup=False)
+        """Print one line; if it is wrapped, all parts are indented like the first."""
+        self._spoke = time.monotonic()
+        for part in self._wrapped(text):
+            self.console.print(part, markup=False)
+
+    def _wrapped(self, text: str) -> list[str]:
+        if not self.console.is_terminal or len(text) <= self.console.width:
+            return [text]
+        indent = text[: len(text) - len(text.lstrip())]
+        return textwrap.wrap(
+            text,
+            self.console.width,
+            subsequent_indent=indent,
+            break_long_words=False,  # paths and addresses can then be copied
+            break_on_hyphens=False,
+            replace_whitespace=False,
+            drop_whitespace=True,
+        )
+
+    def _break_silence(self) -> None:
+        while not self._over.wait(min(self._silence, 1.0)):
+            if time.monotonic() - self._spoke >= self._silence:
+                task = self._bar.tasks[0]
+                progress = (
+                    f"{task.completed:.0f} of {task.total:.0f} {task.fields['unit']}".rstrip()
+                )
+                elapsed = duration(time.monotonic() - self.started)
+                note = f", {task.fields['note']}" if task.fields["note"] else ""
+                self.line(f"... {task.description}: {progress}{note}, {elapsed} so far")
 
     def bar(self, what: str, done: float, total: float, unit: str, note: str = "") -> None:
         """Set the bar's title, progress and note."""
@@ -77,10 +120,9 @@ class Terminal:
 
 
 def generation_line(record: GenerationRecord, best: float) -> str:
-    """Summary of a generation in one line."""
+    """Summary of a generation in one line of 80 columns."""
     return (
-        f"generation {record.generation:3d}   score {record.score_mean:7.1f} "
-        f"± {record.score_std:5.1f}   best {best:7.1f}   train steps {record.train_steps_mean:6.0f}"
-        f"   {record.env_steps_per_second / 1000:5.1f}k steps/s"
-        f"   {record.generation_seconds:5.1f}s"
+        f"generation {record.generation:3d}  score {record.score_mean:7.1f} "
+        f"± {record.score_std:5.1f}  best {best:7.1f}  train steps {record.train_steps_mean:5.0f}"
+        f"  {record.generation_seconds:5.1f}s"
     )

@@ -1,9 +1,16 @@
 """The home folder: one folder for all runs, with one folder per run."""
 
 import re
+import shlex
+import shutil
+import sys
 from pathlib import Path
 
+import bilevel
 from bilevel.errors import InvalidInput
+
+#: The home of commands that name none.
+DEFAULT_HOME = Path("runs")
 
 #: Maximum number of characters in a name.
 LONGEST_NAME = 80
@@ -16,6 +23,15 @@ class Home:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
+
+    def hint(self, command: str, target: str | None = None) -> str:
+        """`bilevel COMMAND` on this home as its user types it: the Makefile's `target` in the
+        project's own folder, unless there is none or the home is another one."""
+        usual = self.folder == DEFAULT_HOME.resolve()
+        if target is not None and usual and Path.cwd() == Path(bilevel.__file__).parents[1]:
+            return f"`make {target}`"
+        program = "bilevel" if shutil.which("bilevel") else shlex.quote(sys.argv[0])
+        return f"`{program} {command}{'' if usual else f' --home {shlex.quote(str(self.folder))}'}`"
 
     @property
     def database_uri(self) -> str:

@@ -22,6 +22,7 @@ from bilevel.decode import decode, decode_file
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.tasks import Task
+from cluster.storage.author import Author
 from cluster.storage.lines import Lines
 
 #: What a run may stand at; the names are MLflow's.
@@ -63,12 +64,22 @@ class Begun:
     # 32 hexadecimal digits, made up when it was begun.
     identity: Annotated[str, Field(pattern="^[0-9a-f]{32}$")]
     time: FiniteFloat  # unix time, seconds
+    by: Author | None = None  # unknown of runs that an early version began
 
     @classmethod
     def read(cls, folder: Path) -> "Begun":
         """What the folder says. Raises InvalidInput."""
-        settings = read_settings(folder)
-        return cls(settings["identity"], settings["begun"])
+        return cls.of(read_settings(folder), f"damaged settings in {str(folder)!r}")
+
+    @classmethod
+    def of(cls, settings: dict[str, Any], what: str) -> "Begun":
+        """What settings say. Raises InvalidInput, in a line that begins with `what`."""
+        told = {name: settings.get(key) for name, key in _BEGUN.items()}
+        return decode(cls, told, what)
+
+
+#: Where `settings.json` holds what is known of a run's beginning.
+_BEGUN = {"identity": "identity", "time": "begun", "by": "by"}
 
 
 @dataclass(frozen=True)
@@ -101,7 +112,8 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[Begun]:
     path = folder / "settings.json"
     with held(folder):
         if not path.exists():
-            identified = {"identity": uuid.uuid4().hex, "begun": time.time(), **settings}
+            by = asdict(Author.of_this_process())
+            identified = {"identity": uuid.uuid4().hex, "begun": time.time(), "by": by, **settings}
             write_aside(path, json.dumps(identified, indent=2).encode())
         before = read_settings(folder)
         now = json.loads(json.dumps(settings))
@@ -110,7 +122,7 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[Begun]:
                 f"{folder.name!r} was begun with {name} = {then}, not {value}: give it that, or "
                 "another name"
             )
-        yield Begun(before["identity"], before["begun"])
+        yield Begun.of(before, "damaged settings")
 
 
 def _differences(then: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
@@ -165,8 +177,7 @@ def read_settings(folder: Path) -> dict[str, Any]:
     if not path.exists():
         raise InvalidInput(f"no run in {str(folder)!r}")
     settings = decode_file(dict[str, Any], path, damaged)
-    begun = {"identity": settings.get("identity"), "time": settings.get("begun")}
-    decode(Begun, begun, f"{damaged} {str(path)!r}")
+    Begun.of(settings, f"{damaged} {str(path)!r}")
     return settings
 
 
@@ -187,6 +198,7 @@ class Settings:
 
     identity: str
     begun: float  # unix time, seconds
+    by: Author | None = None
     kind: str
     task: Annotated[Task, PlainValidator(stored_task)]
     seed: NonNegativeInt

@@ -1,12 +1,16 @@
 """MLflow's SQLite database."""
 
 import logging
+import sqlite3
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
+from urllib.parse import quote
 
 from filelock import FileLock
+
+from bilevel.errors import InvalidInput
 
 
 @contextmanager
@@ -35,19 +39,33 @@ def silence_mlflow() -> None:
 
 
 def _create(path: Path) -> None:
+    """A database with MLflow's tables, and without its empty experiment `Default`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        from mlflow.store.db.utils import _initialize_tables
-        from sqlalchemy import create_engine
+        from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
     silence_mlflow()
     aside = path.with_name(f".{path.name}.new")
     aside.unlink(missing_ok=True)
-    engine = create_engine(f"sqlite:///{aside}")
+    store = SqlAlchemyStore(f"sqlite:///{aside}", path.with_name("artifacts").as_uri())
     try:
-        _initialize_tables(engine)
+        store.delete_experiment(store.DEFAULT_EXPERIMENT_ID)
     finally:
-        engine.dispose()
+        store.engine.dispose()
     aside.replace(path)
+
+
+def experiments(path: Path) -> dict[str, str]:
+    """Names of the experiments in a SQLite database of MLflow's, by their ids. Raises InvalidInput
+    if it is damaged."""
+    query = "SELECT experiment_id, name FROM experiments WHERE lifecycle_stage = 'active'"
+    try:
+        with closing(sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)) as database:
+            return {str(number): str(name) for number, name in database.execute(query)}
+    except sqlite3.Error as error:
+        raise InvalidInput(
+            f"MLflow's database {str(path)!r} is damaged: {error}; move it away, and "
+            "`bilevel sync` writes each run to a new one"
+        ) from None
 
 
 def _file(uri: str) -> Path | None:

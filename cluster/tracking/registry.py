@@ -12,6 +12,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+from bilevel.synthetic_env import StoredSE, load_se
 from cluster.tracking.view import RegisteredSE
 
 #: Tags of a model version: checksum of its SE file, and the time when the SE was saved.
@@ -52,11 +53,13 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
     tags = {**se.tags, _VERSION: se.version, _TIME: repr(se.time)}
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        model = Path(folder) / "model"
+        model, file = Path(folder) / "model", Path(folder) / "best_se.safetensors"
+        file.write_bytes(se.content)
         mlflow.pyfunc.save_model(
             model,
             loader_module="cluster.tracking.se_model",
-            data_path=str(se.path),
+            data_path=str(file),
+            signature=_signature(load_se(file)),
             pip_requirements=[],  # loading needs this package anyway
         )
         client.log_artifacts(run_id, str(model), folder_name)
@@ -82,6 +85,18 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
             holder = None
         if holder is None or order(holder.tags) < order(tags):
             client.set_registered_model_alias(name, alias, versions[0].version)
+
+
+def _signature(se: StoredSE) -> Any:
+    """The columns of a model's input and output, which MLflow shows and checks."""
+    from mlflow.models import ModelSignature
+    from mlflow.types import ColSpec, DataType, Schema
+
+    states = [f"state_{i}" for i in range(se.se.architecture.state_size)]
+    inputs = [ColSpec(DataType.double, name) for name in states]
+    outputs = [ColSpec(DataType.float, f"next_{name}") for name in states]
+    outputs += [ColSpec(DataType.float, name) for name in ("reward", "done")]
+    return ModelSignature(Schema([*inputs, ColSpec(DataType.long, "action")]), Schema(outputs))
 
 
 def _model_name(task_id: str) -> str:

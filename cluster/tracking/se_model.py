@@ -6,6 +6,7 @@ import numpy as np
 import pandas as pd
 import torch
 
+from bilevel.errors import InvalidInput
 from bilevel.synthetic_env import load_se
 from bilevel.synthetic_env.torch_module import SEModule
 
@@ -20,8 +21,20 @@ class SEModel:
     def predict(self, table: pd.DataFrame) -> pd.DataFrame:
         """`next_state_0`, ..., `reward` and raw `done`, one row per input row."""
         names = [f"state_{i}" for i in range(self.se.architecture.state_size)]
+        missing = [name for name in [*names, "action"] if name not in table]
+        if missing:
+            raise InvalidInput(
+                f"an SE for {self.se.task_id} predicts from the columns {', '.join(names)} and "
+                f"action; {', '.join(missing)} is missing"
+            )
         states = torch.tensor(table[names].to_numpy(np.float32))
         actions = torch.tensor(table["action"].to_numpy(np.int64))
+        wrong = actions[(actions < 0) | (actions >= self.se.architecture.n_actions)]
+        if len(wrong):
+            raise InvalidInput(
+                f"action {int(wrong[0])} is not allowed: {self.se.task_id} has the actions 0 to "
+                f"{self.se.architecture.n_actions - 1}"
+            )
         next_states, rewards, dones = self.module(states, actions)
         result = pd.DataFrame(next_states.numpy(), columns=[f"next_{name}" for name in names])
         result["reward"], result["done"] = rewards.numpy(), dones.numpy()

@@ -19,24 +19,38 @@ import tempfile
 import threading
 import warnings
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 from urllib.parse import urlparse
 
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, first_line
+from cluster.storage.author import Author
 from cluster.tracking.database import database_ready, silence_mlflow
 from cluster.tracking.registry import register_se
 from cluster.tracking.view import Document, Point, RunView
 
 _KEY = "bilevel.key"
-#: Tag with the versions of the run's documents, as JSON.
-_DOCUMENTS = "bilevel.documents"
+#: Tags with the versions of the run's documents, as JSON, and with its edition. The UI shows no
+#: tags that begin like this.
+_DOCUMENTS, _EDITION = "mlflow.bilevel.documents", "mlflow.bilevel.edition"
 _PARENT = "mlflow.parentRunId"
-_EDITION = "bilevel.edition"
+_NOTE = "mlflow.note.content"
 #: Makes the UI open the experiment on its runs instead of on a page for chat traces.
 _KIND = "mlflow.experimentKind"
+#: The UI's page of all experiments. Without the workflow type it would open its pages for language
+#: models.
+HOME_PAGE = "/#/experiments?workflowType=machine_learning"
+#: What the UI says of an experiment above its runs.
+_DESCRIPTION = (
+    "Synthetic environments (SEs) for {task}, learned by natural evolution strategies. "
+    "`bilevel nes` makes one run; `bilevel bohb` makes one run for the study, which holds the "
+    "results of the search, and below it one for each configuration; `bilevel evaluate` makes one "
+    "run for all its agents. `score_mean` is the mean return on {task} of agents trained on the "
+    "current SE, `objective` its mean over the generations, and `final_score_mean` that of fresh "
+    "agents on the SE handed over."
+)
 _CONNECT_TIMEOUT = 5.0  # seconds until a server counts as unreachable
 
 #: Metrics and parameters that one request may carry.
@@ -144,7 +158,7 @@ class Tracker:
 
         found = self._client.get_experiment_by_name(name)
         if found is None:
-            tags = {_KIND: "custom_model_development"}
+            tags = {_KIND: "custom_model_development", _NOTE: _DESCRIPTION.format(task=name)}
             try:
                 return str(self._client.create_experiment(name, location, tags))
             except MlflowException:  # another process may have created it
@@ -154,11 +168,18 @@ class Tracker:
         return str(found.experiment_id)
 
     @property
-    def address(self) -> str:
-        """Where a user views the runs: a URL, or the command to serve them."""
-        if self.uri.startswith("http"):
-            return f"{self.uri.rstrip('/')}/#/experiments/{self.experiment_id}/runs"
-        return f"`make ui`, experiment {self.experiment_id}"
+    def server(self) -> str | None:
+        """Address of the MLflow server; None for a database."""
+        return self.uri.rstrip("/") if self.uri.startswith("http") else None
+
+    def page(self, key: str | None = None) -> str:
+        """Path of the UI's page of the run with that key, or of all runs of the task; the rest of
+        the address depends on who serves the UI."""
+        run_id = None
+        if key is not None:
+            with suppress(Exception):  # MLflow is away, or lacks the run: then its list of runs
+                run_id = self._run_id(key)
+        return runs_page(self.experiment_id, run_id)
 
     def show(self, view: RunView) -> None:
         """Write to MLflow what it lacks of the view.
@@ -179,7 +200,7 @@ class Tracker:
         if view.model is not None and shown.documents.get("model") != view.model.version:
             register_se(self._client, shown.run_id, view.model)
             self._note_document(shown, "model", view.model.version)
-        self._show_tags(shown, view.tags)
+        self._show_tags(shown, {**view.tags, _NOTE: view.note})
         self._show_status(shown, view)
         self._shown[view.key] = shown  # after a failed write, the run is read again
 
@@ -196,7 +217,7 @@ class Tracker:
         for twin in runs[1:]:  # two requests created the run: the first timed out
             self._client.delete_run(twin.info.run_id)
         if not runs:
-            tags = {_KEY: view.key, **view.tags}
+            tags = {_KEY: view.key, **_authorship(view.author), **view.tags, _NOTE: view.note}
             if view.parent is not None:
                 tags[_PARENT] = self._run_id(view.parent)
             runs = [
@@ -275,10 +296,23 @@ class Tracker:
         shown.status = view.status
 
 
-def first_line(error: BaseException) -> str:
-    """The first line of an error's message, or its type."""
-    lines = str(error).strip().splitlines()
-    return lines[0] if lines else type(error).__name__
+def runs_page(experiment_id: str, run_id: str | None = None) -> str:
+    """Path of the UI's page of a run, or of all runs of an experiment."""
+    run = "" if run_id is None else f"/{run_id}"
+    return f"/#/experiments/{experiment_id}/runs{run}?workflowType=machine_learning"
+
+
+def _authorship(author: Author | None) -> dict[str, str]:
+    """Tags that MLflow shows as the run's user and source."""
+    if author is None:
+        return {}
+    tags = {
+        "mlflow.user": author.user,
+        "mlflow.source.name": author.command,
+        "mlflow.source.type": "LOCAL",
+        "mlflow.source.git.commit": author.commit,
+    }
+    return {name: value for name, value in tags.items() if value}
 
 
 def _milliseconds(seconds: float) -> int:

@@ -12,6 +12,7 @@ from typing import Any, Protocol
 
 from bilevel.errors import InvalidInput
 from bilevel.nes import GenerationRecord
+from cluster.storage.author import Author
 from cluster.storage.run_folder import Final
 
 
@@ -67,9 +68,9 @@ class Document:
 
 @dataclass(frozen=True)
 class RegisteredSE:
-    """An SE for the model registry: its file, task, time and tags."""
+    """An SE for the model registry: its file's content, task, time and tags."""
 
-    path: Path
+    content: bytes
     task_id: str
     time: float  # unix time, seconds; when the SE was saved
     tags: Mapping[str, str]
@@ -77,7 +78,7 @@ class RegisteredSE:
     @property
     def version(self) -> str:
         """Checksum of the file (SHA-256)."""
-        return hashlib.sha256(self.path.read_bytes()).hexdigest()
+        return hashlib.sha256(self.content).hexdigest()
 
 
 @dataclass(frozen=True)
@@ -96,6 +97,16 @@ class RunView:
     parent: str | None = None  # key of the parent run
     edition: str | None = None  # a run of another edition is replaced: its times differ
     model: RegisteredSE | None = field(default=None)
+    author: Author | None = None
+    description: str = ""  # Markdown
+
+    @property
+    def note(self) -> str:
+        """The description; that of a stopped run says first that it can go on, and how."""
+        if self.status != "KILLED":
+            return self.description
+        command = f"`{self.author.command}`" if self.author else "the command that began it"
+        return f"**Stopped, and nothing is lost:** {command} resumes it.\n\n{self.description}"
 
 
 class Views(Protocol):

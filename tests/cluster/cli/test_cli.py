@@ -5,7 +5,9 @@ import subprocess
 from importlib.resources import files
 from pathlib import Path
 
+import numpy as np
 import pytest
+import safetensors.numpy
 
 from tests.commands import BILEVEL, run_bilevel
 
@@ -164,13 +166,30 @@ def test_a_recipe_of_the_users_own(tmp_path: Path) -> None:
     assert "NES update 'antithetic' needs mirrored_sampling true" in wrong.stderr
 
 
-def test_a_damaged_database_is_told(tmp_path: Path) -> None:
-    (tmp_path / "mlflow.db").write_text("garbage")
-    result = run_bilevel("nes", "CartPole-v0", "--home", str(tmp_path), cwd=tmp_path)
+@pytest.mark.parametrize(
+    ("command", "told"),
+    [
+        (["nes", "CartPole-v0"], "cannot be used: "),
+        (["ui"], "mlflow.db' is damaged: file is not a database; move it away"),
+        (["up"], "mlflow.db' is damaged: file is not a database; move it away"),
+    ],
+)
+def test_a_damaged_database_is_told(command: list[str], told: str, tmp_path: Path) -> None:
+    (tmp_path / "mlflow.db").write_text("garbage, and more of it than a header of SQLite has" * 9)
+    result = run_bilevel(*command, "--home", str(tmp_path), cwd=tmp_path)
     assert result.returncode == 2
-    assert "cannot be used" in result.stderr
+    assert told in result.stderr
     assert result.stderr.count("\n") == 1
     assert not (tmp_path / "CartPole-v0").exists()
+
+
+def test_tensors_of_something_else_are_no_se(tmp_path: Path) -> None:
+    file = tmp_path / "weights.safetensors"
+    safetensors.numpy.save_file({"weight": np.zeros(3, np.float32)}, file)
+    result = run_bilevel("evaluate", file, cwd=tmp_path)
+    assert result.returncode == 2
+    assert "weights.safetensors' holds tensors of something else than an SE" in result.stderr
+    assert result.stderr.count("\n") == 1
 
 
 def evaluations(cost: str) -> tuple[int, int]:

@@ -1,0 +1,19 @@
+"""The end of a process with all its children."""
+
+import contextlib
+
+import psutil
+
+#: Seconds until a process that was asked to end is killed.
+_PATIENCE = 15.0
+
+
+def end_family(process: psutil.Process) -> None:
+    """Ask a process to end, and kill what is left of it and its children after some seconds."""
+    with contextlib.suppress(psutil.NoSuchProcess):
+        family = [process, *process.children(recursive=True)]
+        process.terminate()
+        _, alive = psutil.wait_procs(family, _PATIENCE)
+        for left in alive:
+            left.kill()
+        psutil.wait_procs(alive, _PATIENCE)

@@ -1,0 +1,45 @@
+"""Who began a run, by which command, from which state of the source."""
+
+import getpass
+import shlex
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+import bilevel
+
+
+@dataclass(frozen=True)
+class Author:
+    """User, command line and commit, as MLflow shows them in fields of its own."""
+
+    user: str
+    command: str
+    commit: str  # empty unless the package runs from a git checkout
+
+    @classmethod
+    def of_this_process(cls) -> Self:
+        """The author of runs that this process begins."""
+        program, *arguments = sys.argv
+        return cls(_user(), shlex.join([Path(program).name, *arguments]), _commit())
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a container's user without an entry in the password file
+        return ""
+
+
+def _commit() -> str:
+    source = Path(bilevel.__file__).parents[1]
+    if not (source / ".git").exists():
+        return ""
+    command = ["git", "-C", str(source), "rev-parse", "HEAD"]
+    try:
+        found = subprocess.run(command, capture_output=True, text=True, timeout=5, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return ""
+    return found.stdout.strip()
