@@ -10,8 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from bilevel.synthetic_env import load_se
 from cluster.bohb.journal import Journal
 from cluster.bohb.study import Study
+from search_spaces import search_space
 from tests.commands import BILEVEL, run_bilevel
 from tests.system.conftest import client, run_until
 
@@ -116,8 +118,12 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
             "last_se.safetensors",
             "learning_curve.png",
         }
-        assert child.data.params["nes.start_candidates"] == "2"
-        assert child.data.params["nes.centre_agents"] == "2"
+        assert child.data.tags["mlflow.source.name"] == parent.data.tags["mlflow.source.name"]
+        tuned = set(search_space("core", ("ddqn",)))
+        assert set(child.data.params) == tuned
+    assert {child.info.run_name for child in children} >= {"000-0-000", "000-0-001"}
+    assert parent.data.params["base.nes.start_candidates"] == "2"
+    assert parent.data.params["base.nes.centre_agents"] == "2"
     best = mlflow_client.get_model_version_by_alias("SE-CartPole-v0", "best")
     assert best.run_id == parent.info.run_id
 
@@ -165,11 +171,16 @@ def test_ctrl_c_stops_orderly(tmp_path: Path) -> None:
     rest, _ = process.communicate(timeout=90)
     assert process.returncode == 130
     assert "run the same command again to resume" in rest
+    assert "incumbent 00" in rest
+    (told,) = re.findall(r"its best SE, not retested: (\S+)", rest)
+    assert load_se(told).task_id == "CartPole-v0"
     experiment = client(tmp_path).get_experiment_by_name("CartPole-v0")
     assert experiment is not None
     runs = client(tmp_path).search_runs([experiment.experiment_id])
     assert "RUNNING" not in {r.info.status for r in runs}
     assert "KILLED" in {r.info.status for r in runs}
+    (parent,) = [r for r in runs if "mlflow.parentRunId" not in r.data.tags]
+    assert parent.data.tags["mlflow.note.content"].startswith("**Stopped, and nothing is lost:**")
 
 
 def test_time_budget_ends_the_search(tmp_path: Path, address: str) -> None:
@@ -209,7 +220,7 @@ def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(
         for r in client(tmp_path).search_runs([experiment.experiment_id])
         if r.info.status == "FAILED"
     ]
-    assert failed.info.run_name == "smoke/000-0-001"
+    assert failed.info.run_name == "000-0-001"
     assert "FileExistsError" in failed.data.tags["bilevel.error"]
 
 

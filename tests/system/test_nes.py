@@ -10,8 +10,9 @@ import mlflow.pyfunc
 import numpy as np
 import pandas as pd
 import pytest
+from mlflow.exceptions import MlflowException
 
-import bilevel  # noqa: F401  (registers the environment)
+from bilevel import InvalidInput  # (registers the environment)
 from bilevel.nes import NESState
 from cluster.nes.run import NESRun
 from tests.commands import run_bilevel
@@ -59,8 +60,17 @@ def test_a_run_its_tracking_and_its_continuation(
     mlflow_client = client(tmp_path)
     experiment = mlflow_client.get_experiment_by_name("CartPole-v0")
     assert experiment is not None
+    assert "natural evolution" in experiment.tags["mlflow.note.content"]
+    assert [one.name for one in mlflow_client.search_experiments()] == ["CartPole-v0"]
     (tracked,) = mlflow_client.search_runs([experiment.experiment_id])
+    page = f"experiments/{experiment.experiment_id}/runs/{tracked.info.run_id}?workflowType="
+    assert page in result.stdout
+    assert f"ui --home {tmp_path}`" in result.stdout
     assert tracked.info.status == "FINISHED"
+    assert tracked.data.tags["mlflow.source.name"].startswith("bilevel nes CartPole-v0 ")
+    assert tracked.data.tags["mlflow.user"]
+    ours = {tag for tag in tracked.data.tags if not tag.startswith("mlflow.")}
+    assert ours == {"bilevel.key", "bilevel.kind"}
     assert tracked.data.params["nes.population_size"] == "2"
     assert tracked.data.params["nes.patient_episodes"] == "15"
     assert tracked.data.params["se.structure"] == "exogenous"
@@ -94,6 +104,13 @@ def test_a_run_its_tracking_and_its_continuation(
     table["action"] = [0, 1]
     predicted = loaded.predict(table)
     assert list(predicted.columns) == [*(f"next_state_{i}" for i in range(4)), "reward", "done"]
+    wanted = loaded.metadata.get_input_schema()
+    assert wanted is not None
+    assert wanted.input_names() == list(table.columns)
+    with pytest.raises(MlflowException, match=r"missing inputs \['action'\]"):
+        loaded.predict(table.drop(columns="action"))
+    with pytest.raises(InvalidInput, match=r"action 2 is not allowed: CartPole-v0 has .* 0 to 1"):
+        loaded.predict(table.assign(action=2))
 
     path = tmp_path / "CartPole-v0" / "run" / "best_se.safetensors"
     env = gymnasium.make("bilevel/SyntheticEnv-v0", path=path)
@@ -148,7 +165,7 @@ EASY = (
 def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path, address: str) -> None:
     result = run_bilevel(*SMALL, *EASY, "--home", tmp_path, "--address", address)
     assert result.returncode == 0, result.stderr
-    confirmed = "narrowed, score .* of all sizes score .* on the current SE: solved and confirmed"
+    confirmed = "4 fresh agents score .* on the current SE, any 10 .* chance of 100%: confirmed"
     assert re.search(confirmed, result.stdout)
     assert "solved and confirmed: 2 generations" in result.stdout
     assert "10 of 10 agents reach 5" in result.stdout

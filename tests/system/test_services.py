@@ -1,8 +1,10 @@
 """`bilevel up`, `status`, `down`: real Ray head, real MLflow server, studies that join."""
 
 import os
+import signal
 import socket
 import subprocess
+import time
 import urllib.error
 import urllib.request
 from collections.abc import Iterator
@@ -15,6 +17,7 @@ import pytest
 from cluster.services.background import services
 from cluster.services.ports import free_port, listening
 from cluster.storage.home import Home
+from cluster.tracking import Tracker
 from tests.commands import BILEVEL, run_bilevel
 from tests.system.mlflow_shown import disagreements
 
@@ -137,6 +140,32 @@ def test_down_stops_all_it_started_and_nothing_else(up: Up) -> None:
     stranger.wait()
     assert run_bilevel("status", "--home", up.home).returncode == 1
     assert "nothing is up" in run_bilevel("down", "--home", up.home).stdout
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_ui_ends_without_a_traceback(tmp_path: Path, number: signal.Signals) -> None:
+    home, port = Home(tmp_path), free_port()
+    home.prepare()
+    Tracker(home.database_uri, "CartPole-v0", home.artifacts)
+    process = subprocess.Popen(
+        [BILEVEL, "ui", "--home", home.folder, "--port", str(port)],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+    )
+    assert process.stdout is not None
+    page = f"http://127.0.0.1:{port}/#/experiments/1/runs?workflowType=machine_learning"
+    assert process.stdout.readline() == f"CartPole-v0: {page}\n"
+    deadline = time.monotonic() + 90
+    while not listening("127.0.0.1", port):
+        assert time.monotonic() < deadline
+        time.sleep(0.1)
+    os.killpg(process.pid, number)  # to everyone, as a terminal does
+    rest, _ = process.communicate(timeout=60)
+    assert rest == "Ctrl-C ends the MLflow UI\n"
+    assert process.returncode == 0
+    assert not listening("127.0.0.1", port)
 
 
 @pytest.mark.parametrize("which", ["--ray-port", "--dashboard-port", "--mlflow-port"])

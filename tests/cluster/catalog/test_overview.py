@@ -1,3 +1,4 @@
+import io
 from pathlib import Path
 
 import pytest
@@ -54,9 +55,7 @@ def test_table(home: Home, capsys: pytest.CaptureFixture[str]) -> None:
     make_study(home.run_folder("CartPole-v0", "one"))
     print_overview(overview(home), Console(width=100))
     header, line = capsys.readouterr().out.splitlines()
-    assert header.split() == [
-        *("task", "name", "kind", "state", "progress", "best", "fresh", "agents")
-    ]
+    assert header.split() == ["task", "name", "kind", "state", "progress", "best", "final"]
     assert line.split()[:6] == ["CartPole-v0", "one", "study", "finished", "6/6", "results"]
 
 
@@ -66,3 +65,25 @@ def test_a_study_is_read_as_it_was_begun(home: Home) -> None:
     folder = home.run_folder("CartPole-v0", "one")
     make_study(folder)
     assert Study.read(folder) == new_study(folder)
+
+
+def test_a_narrow_terminal_folds_names_and_cuts_nothing(home: Home) -> None:
+    make_study(home.run_folder("CartPole-v0", "a-name-that-is-longer-than-the-terminal-is-wide"))
+    out = io.StringIO()
+    print_overview(
+        overview(home), Console(file=out, width=76, force_terminal=True, color_system=None)
+    )
+    text = out.getvalue()
+    for shown in ("finished", "6/6 results", "100.0"):
+        assert shown in text
+    assert max(len(line) for line in text.splitlines()) <= 76
+    assert "\u2026" not in text
+
+
+def test_a_pipe_gets_whole_lines(home: Home) -> None:
+    name = "a-name-that-is-longer-than-the-terminal-is-wide-and-of-the-longest-sort"
+    make_study(home.run_folder("CartPole-v0", name))
+    out = io.StringIO()
+    print_overview(overview(home), Console(file=out, width=40))
+    _, line = out.getvalue().splitlines()
+    assert line.split()[:4] == ["CartPole-v0", name, "study", "finished"]

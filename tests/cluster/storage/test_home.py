@@ -1,10 +1,11 @@
+import sys
 from pathlib import Path
 
 import pytest
 
+import bilevel
 from bilevel import InvalidInput
-from cluster.session.terminal import duration
-from cluster.storage.home import Home
+from cluster.storage.home import DEFAULT_HOME, Home
 
 
 @pytest.mark.parametrize("name", ["../x", "a/b", "", ".hidden", "x" * 81, "a\nb", "-x", "a b"])
@@ -32,8 +33,13 @@ def test_a_run_is_found_by_its_name(tmp_path: Path) -> None:
         home.find("../x")
 
 
-@pytest.mark.parametrize(
-    ("seconds", "text"), [(-3, "0s"), (42.4, "42s"), (200, "3m20s"), (7500, "2h05m")]
-)
-def test_duration(seconds: float, text: str) -> None:
-    assert duration(seconds) == text
+def test_hints_name_the_home_that_was_given(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("PATH", str(Path(sys.executable).parent))
+    assert Home(tmp_path / "a b").hint("ui", "ui") == f"`bilevel ui --home '{tmp_path}/a b'`"
+    monkeypatch.chdir(tmp_path)
+    assert Home(DEFAULT_HOME).hint("ui", "ui") == "`bilevel ui`"
+    monkeypatch.chdir(Path(bilevel.__file__).parents[1])
+    assert Home(DEFAULT_HOME).hint("ui", "ui") == "`make ui`"
+    assert Home(DEFAULT_HOME).hint("sync one") == "`bilevel sync one`"

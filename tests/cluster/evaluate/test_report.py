@@ -1,0 +1,46 @@
+"""The report of an evaluation: its table and its picture."""
+
+from typing import Any
+
+import numpy as np
+import pytest
+from matplotlib.collections import PolyCollection
+
+from bilevel.evaluation import EvaluationResult
+from bilevel.tasks import Task
+from cluster.evaluate.report import VIOLIN_FROM, Group, as_table, picture
+from cluster.tracking.pictures import png
+
+
+def group(agents: int, source: str = "my_se", spread: float = 10.0) -> Group:
+    scores = 180 + spread * np.random.default_rng(agents).standard_normal(agents)
+    results: list[Any] = [
+        EvaluationResult((float(score),) * 10, 900 + i, 40, 2000, True, i, 0.1)
+        for i, score in enumerate(scores)
+    ]
+    return Group(source, "ddqn", 195.0, tuple(results))
+
+
+@pytest.mark.parametrize(("agents", "violins"), [(5, 0), (VIOLIN_FROM, 2)])
+def test_a_violin_needs_enough_agents(agents: int, violins: int, cartpole: Task) -> None:
+    """Of every agent there is a point, in scores and in train steps."""
+    found = group(agents)
+    figure = picture([found], cartpole, "few")
+    drawn = [one for axes in figure.axes for one in axes.collections]
+    assert sum(isinstance(one, PolyCollection) for one in drawn) == violins
+    points = [np.asarray(one.get_offsets()) for one in figure.axes[0].collections]
+    assert any(len(p) == agents and np.allclose(p[:, 1], found.scores) for p in points), (
+        "a point of every agent"
+    )
+    assert f"n = {agents}" in figure.axes[1].get_xticklabels()[0].get_text()
+    assert "few" in figure.axes[0].get_title()
+
+
+def test_one_agent_and_equal_scores_are_drawn_too(cartpole: Task) -> None:
+    assert png(picture([group(1), group(30, "other", spread=0.0)], cartpole, "few"))
+
+
+def test_the_table_fits_80_columns() -> None:
+    lines = as_table([group(5), group(40, "real")])
+    assert [len(line.split()) for line in lines[1:]] == [13, 13]
+    assert max(map(len, lines)) <= 80

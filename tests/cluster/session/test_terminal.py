@@ -1,0 +1,87 @@
+"""What the terminal shows, and what a pipe gets."""
+
+import io
+import time
+from dataclasses import replace
+from typing import get_type_hints
+
+import pytest
+from rich.console import Console
+
+from bilevel.nes import GenerationRecord
+from cluster.session.terminal import Terminal, duration, generation_line
+
+
+def terminal(width: int, is_terminal: bool, silence: float = 60.0) -> tuple[Terminal, io.StringIO]:
+    out = io.StringIO()
+    console = Console(
+        file=out,
+        width=width,
+        force_terminal=is_terminal,
+        color_system=None,
+        highlight=False,
+        soft_wrap=True,
+    )
+    return Terminal(console, silence), out
+
+
+TEXT = "  evaluations took 93% of the time, and /a/path/that/is-not-to-be-broken/anywhere ends it"
+
+
+def test_a_terminal_wraps_between_words() -> None:
+    shown, out = terminal(30, True)
+    shown.line(TEXT)
+    lines = out.getvalue().splitlines()
+    assert len(lines) > 2
+    assert all(line.startswith("  ") for line in lines)
+    assert " ".join(line.strip() for line in lines) == TEXT.strip()
+    # what is longer than a line is one word
+    assert [line.strip() for line in lines if len(line) > 30] == [TEXT.split()[-3]]
+
+
+def test_a_pipe_gets_one_line() -> None:
+    shown, out = terminal(30, False)
+    shown.line(TEXT)
+    assert out.getvalue() == TEXT + "\n"
+
+
+def test_a_silent_pipe_is_told_the_progress() -> None:
+    shown, out = terminal(80, False, silence=0.01)
+    with shown:
+        shown.bar("choosing the start", 3, 288, "evaluations", "ETA 9s")
+        shown.step()
+        deadline = time.monotonic() + 30
+        while "..." not in out.getvalue():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    assert "... choosing the start: 4 of 288 evaluations, ETA 9s, 0s so far" in out.getvalue()
+
+
+def test_nothing_is_added_to_a_terminal_or_to_lines_that_come(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    shown, out = terminal(80, False, silence=60.0)
+    with shown:
+        shown.line("all is told")
+    assert out.getvalue() == "all is told\n"
+
+
+def test_a_generation_fits_80_columns() -> None:
+    zero = {name: kind(0) for name, kind in get_type_hints(GenerationRecord).items()}
+    record = GenerationRecord(**zero)
+    large = replace(
+        record,
+        generation=119,
+        score_mean=-500.0,
+        score_std=112.3,
+        train_steps_mean=12345.0,
+        generation_seconds=100.0,
+    )
+    assert len(generation_line(large, -500.0)) <= 80
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(-3, "0s"), (42.4, "42s"), (200, "3m20s"), (7500, "2h05m")]
+)
+def test_duration(seconds: float, text: str) -> None:
+    assert duration(seconds) == text

@@ -1,0 +1,51 @@
+"""What MLflow is to show."""
+
+from pathlib import Path
+
+import pytest
+
+from bilevel import InvalidInput
+from cluster.bohb.journal import Journal
+from cluster.bohb.study import configuration_name
+from cluster.catalog.kinds import views_of
+from cluster.nes.final import BEST_FILE
+from cluster.storage.run_folder import Begun, Standing
+from tests.studies import make_study
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    make_study(tmp_path / "study")
+    return tmp_path / "study"
+
+
+def test_every_run_tells_who_began_it_and_how(folder: Path) -> None:
+    views, by = views_of(folder), Begun.read(folder).by
+    assert by is not None
+    assert by.command
+    assert {views.view(key).author for key in views.keys()} == {by}  # noqa: SIM118
+
+
+def test_a_configuration_is_named_by_what_differs_and_shows_what_is_tuned(folder: Path) -> None:
+    views = views_of(folder)
+    _, *children = (views.view(key) for key in views.keys())  # noqa: SIM118
+    tried = Journal(folder).configs
+    assert [child.name for child in children] == [configuration_name(line.id) for line in tried]
+    assert [child.params for child in children] == [line.configuration for line in tried]
+
+
+def test_a_stopped_study_says_that_it_can_go_on(folder: Path) -> None:
+    views = views_of(folder)
+    key = next(iter(views.keys()))
+    assert "resumes" not in views.view(key).note
+    Standing("KILLED", 0.0, 4).save(folder)
+    note = views.view(key).note
+    assert note.startswith("**Stopped, and nothing is lost:** ")
+    assert "resumes it." in note
+
+
+def test_a_deleted_se_file_is_an_error_of_the_disk(folder: Path) -> None:
+    (folder / BEST_FILE).unlink()
+    views = views_of(folder)
+    with pytest.raises(InvalidInput, match=r"cannot read '.*best_se.safetensors': No such file"):
+        views.view(next(iter(views.keys())))
