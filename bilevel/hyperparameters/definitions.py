@@ -71,6 +71,9 @@ class NESHyperparameters:
     # Share of the moving average of psi that is kept in a generation; the average is the
     # unperturbed SE. 0: psi itself is, as in the paper.
     averaging: Annotated[float, Field(ge=0.0, le=0.999)]
+    # After a confirmation that failed, steps are so many times as long as before, and the average
+    # moves so many times as fast. 1: nothing changes.
+    refinement: Annotated[float, Field(gt=0.0, le=1.0)]
     start: Start
     start_candidates: _Count  # random SEs of which the start is chosen
     # Generations without a new highest score after which a run that has not solved the task
@@ -78,8 +81,8 @@ class NESHyperparameters:
     restart_after: Annotated[int, Field(ge=0, le=1_000_000)]
     # Generations in a row that must solve the task for the run to be finished. 0: it goes on.
     solved_for: Annotated[int, Field(ge=0, le=1_000_000)]
-    # Fresh agents of all sizes, after 16 times as many narrowed ones, that must then surely solve
-    # the task (`bilevel.nes.confirmation`); otherwise the run goes on. 0: no confirmation.
+    # Fresh agents that must then confirm it (`bilevel.nes.confirmation`); otherwise the run goes
+    # on. 0: no confirmation.
     confirming_agents: Annotated[int, Field(ge=0, le=65536)]
 
     @property

@@ -39,6 +39,9 @@ from bilevel.synthetic_env import SEDistribution, coordinates
 from bilevel.tasks import Task
 from bilevel.version import __version__
 
+#: Numbers of failed confirmations that refine the steps, and the average (`nes.refinement`).
+FINEST_STEP, FINEST_AVERAGE = 5, 2
+
 
 @dataclass(frozen=True)
 class NES:
@@ -178,9 +181,7 @@ class NES:
         self, state: NESState, confirmation: Confirmation
     ) -> list[EvaluationRequest]:
         paths = [(state.generation, number) for number in confirmation.coming]
-        vary = "narrowed" if confirmation.narrowed else "all"
-        if self.hp.vary_agent == "no":
-            vary = "no"
+        vary = "no" if self.hp.vary_agent == "no" else "narrowed"
         return [
             EvaluationRequest(
                 index,
@@ -228,14 +229,17 @@ class NES:
         nes, se = self.hp.nes, state.se
         scores = self._member_scores(ordered)
         z = np.stack([se.noise(seed) for seed in self._perturbations(state)])
-        step = self.rule.step(nes, se.std_dev, z, scores)
+        finer, slower = (
+            nes.refinement ** min(state.refuted, most) for most in (FINEST_STEP, FINEST_AVERAGE)
+        )
+        step = np.float32(finer) * self.rule.step(nes, se.std_dev, z, scores)
         record = GenerationRecord.of(self.task, state, ordered, nes.centre_agents, step)
         solved = record.score_mean >= self.task.solved_reward
         streak = state.solved_streak + 1 if solved else 0
         generation = state.generation + 1
         state = replace(
             state,
-            se=se.moved(step, nes.averaging),
+            se=se.moved(step, 1 - slower * (1 - nes.averaging)),
             generation=generation,
             solved_streak=streak,
             finalists=state.with_finalist(Finalist.of(se.average, record)),

@@ -1,17 +1,16 @@
 """Confirmation with fresh agents that the current SE solves the task.
 
 The scores that suggest a solved task are the highest of many samples, so they are often high by
-chance. Therefore fresh agents are trained on the current SE by the stopping rule, in several rounds;
-an SE that fails a round is not tried in the next. Most rounds train agents from the paper's full
-ranges that are narrowed (`bilevel.agents.variation`) and therefore cheap; agents of all sizes, most
-of whose time goes into a few large ones, come last.
+chance. Therefore fresh agents are trained on the current SE by the stopping rule, in rounds; an SE
+that fails a round is not tried in the next. The agents are drawn from the paper's full ranges and
+narrowed (`bilevel.agents.variation`), since most of the time of agents of all sizes goes into a few
+large ones.
 
-An SE must serve whoever tries it next. That is a few agents, of which a single bad one can spoil the
-mean. So what is confirmed is not the mean score of all agents, which can be known ever better, but
-that JUDGES more of them will surely solve the task.
+An SE must serve whoever tries it next. That is a few agents, of which a single bad one can spoil
+the mean. So what is confirmed is not the mean score of all agents, which can be known ever better,
+but that the mean of JUDGES agents solves the task nearly always.
 """
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Self
@@ -19,66 +18,59 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-#: Agents of each round, as multiples of `nes.confirming_agents`.
-ROUNDS = (2, 6, 8, 1)
+#: Share of the agents that have been trained by the end of each round.
+ROUNDS = (1 / 8, 1 / 2, 1)
 #: Number of agents whose mean score must solve the task: as many as score an SE at a run's end, and
 #: as the paper trains on each of its SEs.
 JUDGES = 10
+#: Share of such means that must solve it, and number of them that are drawn with replacement from
+#: all agents (bootstrap).
+SURELY, DRAWS = 0.95, 20_000
 
 
 @dataclass(frozen=True)
 class Confirmation:
-    """A confirmation with `agents` agents of all sizes, and the scores of the rounds so far."""
+    """A confirmation with `agents` agents, and the scores of the rounds so far."""
 
     agents: int
     scores: tuple[tuple[float, ...], ...] = ()
 
     @property
+    def _ends(self) -> list[int]:
+        """Numbers of agents by the end of each round; few agents make fewer rounds."""
+        return sorted({max(round(share * self.agents), 1) for share in ROUNDS})
+
+    @property
     def coming(self) -> range:
         """Numbers (from 0, over all rounds) of the agents that are trained next."""
-        past = sum(ROUNDS[: len(self.scores)])
-        return range(past * self.agents, (past + ROUNDS[len(self.scores)]) * self.agents)
-
-    @property
-    def narrowed(self) -> bool:
-        """Whether the agents that are trained next are narrowed."""
-        return len(self.scores) < len(ROUNDS) - 1
-
-    @property
-    def total(self) -> int:
-        """Number of agents of all rounds."""
-        return sum(ROUNDS) * self.agents
+        ends = [0, *self._ends]
+        return range(ends[len(self.scores)], ends[len(self.scores) + 1])
 
     def after(self, scores: Sequence[float]) -> Self:
         """The confirmation after the agents `coming` have got these scores."""
         return replace(self, scores=(*self.scores, tuple(scores)))
 
     @property
-    def of_narrowed(self) -> NDArray[np.float64]:
-        """Scores (n,) of the narrowed agents."""
-        return np.array([score for scores in self.scores[: len(ROUNDS) - 1] for score in scores])
-
-    @property
-    def of_all_sizes(self) -> NDArray[np.float64]:
-        """Scores (n,) of the agents of all sizes; none before the last round."""
-        return np.array([score for scores in self.scores[len(ROUNDS) - 1 :] for score in scores])
+    def all_scores(self) -> NDArray[np.float64]:
+        """Scores (n,) of the agents so far."""
+        return np.array([score for scores in self.scores for score in scores])
 
     def verdict(self, solved_reward: float) -> bool | None:
         """Whether the SE is confirmed. None: train more.
 
-        The mean score of the first round must reach the solved reward; then the mean of JUDGES more
-        agents must reach it surely, as the narrowed agents so far predict and, at last, as those of
-        all sizes do.
+        After each round the mean score of all agents must reach the solved reward; after the last
+        one, also the means of most draws of JUDGES of them.
         """
-        if len(self.scores) == 1:
-            return None if self.of_narrowed.mean() >= solved_reward else False
-        if len(self.scores) < len(ROUNDS):
-            return None if _surely(self.of_narrowed) >= solved_reward else False
-        return _surely(self.of_all_sizes) >= solved_reward
+        scores = self.all_scores
+        if scores.mean() < solved_reward:
+            return False
+        if len(self.scores) < len(self._ends):
+            return None
+        return solving_share(scores, solved_reward) >= SURELY
 
 
-def _surely(scores: NDArray[np.float64]) -> float:
-    """Lower bound of the mean score of JUDGES more agents (97.5 %, for normal scores)."""
-    deviation = scores.std(ddof=min(scores.size - 1, 1))
-    error = deviation * math.sqrt(1 / JUDGES + 1 / scores.size)
-    return float(scores.mean() - 2 * error)
+def solving_share(scores: NDArray[np.float64], solved_reward: float) -> float:
+    """Share of the draws of JUDGES agents, from agents with these scores (n,), whose mean score
+    reaches the solved reward."""
+    draws = np.random.default_rng(0).choice(scores, (DRAWS, JUDGES))
+    return float((draws.mean(axis=1) >= solved_reward).mean())

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationResult
 from bilevel.nes import NESState
-from bilevel.nes.confirmation import Confirmation
+from bilevel.nes.confirmation import JUDGES, Confirmation, solving_share
 from bilevel.nes.start import StartRace
 from bilevel.synthetic_env import save_se
 from cluster.nes import pictures
@@ -135,23 +135,17 @@ class _UnderWay:
     def _confirmed(self, state: NESState, confirmation: Confirmation) -> NESState:
         """The state after a round of a confirmation."""
         begun = confirmation.coming.start
-        self.terminal.bar("confirming", begun, confirmation.total, "agents")
+        self.terminal.bar("confirming", begun, confirmation.agents, "agents")
         scores: list[float] = []
         state = self._advanced(state, lambda result: scores.append(result.score))
         if state.confirmation is None:
-            verdict = "solved and confirmed" if state.confirmed else "not confirmed, going on"
-            confirmation = confirmation.after(scores)
-            fixed = self.run.hp.vary_agent == "no"
-            told = [
-                f"{found.size} fresh agents{'' if fixed else kind} score {found.mean():.1f} "
-                f"± {found.std():.1f}"
-                for kind, found in (
-                    (", narrowed,", confirmation.of_narrowed),
-                    (" of all sizes", confirmation.of_all_sizes),
-                )
-                if found.size
-            ]
-            self.terminal.line(f"{' and '.join(told)} on the current SE: {verdict}")
+            found = confirmation.after(scores).all_scores
+            share = solving_share(found, self.run.task.solved_reward)
+            verdict = "confirmed" if state.confirmed else "not confirmed, going on"
+            self.terminal.line(
+                f"{found.size} fresh agents score {found.mean():.1f} ± {found.std():.1f} on the "
+                f"current SE, any {JUDGES} of them solve it with a chance of {share:.0%}: {verdict}"
+            )
         return state
 
     def _best(self, state: NESState) -> Contender:
