@@ -85,7 +85,7 @@ class StudyViews:
             tags["bilevel.incumbent"] = configuration_name(incumbent.id)
         points = [
             Point(
-                {"incumbent_objective": line.objective or 0.0, "incumbent_budget": line.budget},
+                {"objective": line.objective or 0.0, "budget": line.budget},
                 number,
                 journal.results[number - 1].finished,
             )

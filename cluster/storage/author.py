@@ -1,6 +1,7 @@
 """Who began a run, by which command, from which state of the source."""
 
 import getpass
+import itertools
 import shlex
 import subprocess
 import sys
@@ -18,6 +19,15 @@ class Author:
     user: str
     command: str
     commit: str  # empty unless the package runs from a git checkout
+
+    @property
+    def program(self) -> str:
+        """The command without its options, which may hold paths: MLflow shows what comes after the
+        last slash."""
+        words = itertools.takewhile(
+            lambda word: not word.startswith("-"), shlex.split(self.command)
+        )
+        return " ".join(word for word in words if "/" not in word)
 
     @classmethod
     def of_this_process(cls) -> Self:

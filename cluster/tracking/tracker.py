@@ -1,7 +1,7 @@
 """Writes views to MLflow: whatever a run in MLflow lacks of its view is added.
 
 There is one experiment per task, one run per study, and one child run per configuration (nested by
-the tag `mlflow.parentRunId`). A run is found again by its tag `bilevel.key`.
+the tag `mlflow.parentRunId`). A run is found again by its key, a tag.
 
     show(view):
         run <- the run with the view's key, created if missing or of another edition
@@ -18,7 +18,7 @@ import socket
 import tempfile
 import threading
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,9 +31,9 @@ from cluster.tracking.database import database_ready, silence_mlflow
 from cluster.tracking.registry import register_se
 from cluster.tracking.view import Document, Point, RunView
 
-_KEY = "bilevel.key"
-#: Tags with the versions of the run's documents, as JSON, and with its edition. The UI shows no
+#: Tags with the run's key, the versions of its documents, as JSON, and its edition. The UI shows no
 #: tags that begin like this.
+KEY = "mlflow.bilevel.key"
 _DOCUMENTS, _EDITION = "mlflow.bilevel.documents", "mlflow.bilevel.edition"
 _PARENT = "mlflow.parentRunId"
 _NOTE = "mlflow.note.content"
@@ -42,6 +42,13 @@ _KIND = "mlflow.experimentKind"
 #: The UI's page of all experiments. Without the workflow type it would open its pages for language
 #: models.
 HOME_PAGE = "/#/experiments?workflowType=machine_learning"
+#: Name of a view of the UI, shared by all users, and the columns of its list of runs; those of the
+#: hyperparameters that are tuned join them.
+_VIEW = "bilevel"
+_COLUMNS = (
+    "attributes.`Created`",
+    *(f"metrics.`{name}`" for name in ("objective", "budget", "score_mean", "final_score_mean")),
+)
 #: What the UI says of an experiment above its runs.
 _DESCRIPTION = (
     "Synthetic environments (SEs) for {task}, learned by natural evolution strategies. "
@@ -143,12 +150,14 @@ class Tracker:
         self.uri = uri
         self._thorough = thorough
         self._shown: dict[str, _Shown] = {}
+        self._columns: list[str] | None = None  # of the shared view; None: not read yet
         server = uri.startswith("http")
         location = None if server else (artifacts / experiment).resolve().as_uri()
         try:
             with database_ready(uri):
                 self._client = mlflow.MlflowClient(uri, registry_uri=uri)
                 self.experiment_id = self._experiment(experiment, location)
+                self._show_columns(())
         except (MlflowException, SQLAlchemyError, OSError) as error:
             raise InvalidInput(f"MLflow at {uri!r} cannot be used: {first_line(error)}") from None
 
@@ -166,6 +175,20 @@ class Tracker:
                 if found is None:
                     raise
         return str(found.experiment_id)
+
+    def _show_columns(self, params: Iterable[str]) -> None:
+        """Let the shared view have columns for these parameters, too."""
+        name = f"mlflow.sharedViewState.{_VIEW}"
+        if self._columns is None:
+            tags = self._client.get_experiment(self.experiment_id).tags
+            self._columns = json.loads(tags.get(name, "{}")).get("selectedColumns", [])
+        wanted = [*_COLUMNS, *(f"params.`{param}`" for param in params)]
+        columns = list(dict.fromkeys([*self._columns, *wanted]))
+        if columns != self._columns:
+            state = {"selectedColumns": columns, "orderByKey": "attributes.start_time"}
+            text = json.dumps({**state, "orderByAsc": False})
+            self._client.set_experiment_tag(self.experiment_id, name, text)
+            self._columns = columns
 
     @property
     def server(self) -> str | None:
@@ -194,6 +217,8 @@ class Tracker:
                 shown = self._open(view)
             self._show_tags(shown, {_EDITION: view.edition})
         self._show_params(shown, view.params)
+        if view.parent is not None:
+            self._show_columns(view.params)
         self._show_points(shown, view.points)
         for document in view.documents:
             self._show_document(shown, document)
@@ -211,13 +236,13 @@ class Tracker:
     def _open(self, view: RunView) -> _Shown:
         runs = self._client.search_runs(
             [self.experiment_id],
-            f"tags.`{_KEY}` = '{view.key}'",
+            f"tags.`{KEY}` = '{view.key}'",
             order_by=["attributes.start_time ASC", "attributes.run_id ASC"],
         )
         for twin in runs[1:]:  # two requests created the run: the first timed out
             self._client.delete_run(twin.info.run_id)
         if not runs:
-            tags = {_KEY: view.key, **_authorship(view.author), **view.tags, _NOTE: view.note}
+            tags = {KEY: view.key, **_authorship(view.author), **view.tags, _NOTE: view.note}
             if view.parent is not None:
                 tags[_PARENT] = self._run_id(view.parent)
             runs = [
@@ -239,7 +264,7 @@ class Tracker:
     def _run_id(self, key: str) -> str:
         if key in self._shown:
             return self._shown[key].run_id
-        runs = self._client.search_runs([self.experiment_id], f"tags.`{_KEY}` = '{key}'")
+        runs = self._client.search_runs([self.experiment_id], f"tags.`{KEY}` = '{key}'")
         if not runs:
             raise LookupError(f"the run {key} is not there yet")
         return str(runs[0].info.run_id)
@@ -298,8 +323,10 @@ class Tracker:
 
 def runs_page(experiment_id: str, run_id: str | None = None) -> str:
     """Path of the UI's page of a run, or of all runs of an experiment."""
-    run = "" if run_id is None else f"/{run_id}"
-    return f"/#/experiments/{experiment_id}/runs{run}?workflowType=machine_learning"
+    if run_id is None:
+        view = f"viewStateShareKey={_VIEW}&workflowType=machine_learning"
+        return f"/#/experiments/{experiment_id}/runs?{view}"
+    return f"/#/experiments/{experiment_id}/runs/{run_id}?workflowType=machine_learning"
 
 
 def _authorship(author: Author | None) -> dict[str, str]:
@@ -308,7 +335,7 @@ def _authorship(author: Author | None) -> dict[str, str]:
         return {}
     tags = {
         "mlflow.user": author.user,
-        "mlflow.source.name": author.command,
+        "mlflow.source.name": author.program,
         "mlflow.source.type": "LOCAL",
         "mlflow.source.git.commit": author.commit,
     }

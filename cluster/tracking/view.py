@@ -102,11 +102,10 @@ class RunView:
 
     @property
     def note(self) -> str:
-        """The description; that of a stopped run says first that it can go on, and how."""
-        if self.status != "KILLED":
-            return self.description
-        command = f"`{self.author.command}`" if self.author else "the command that began it"
-        return f"**Stopped, and nothing is lost:** {command} resumes it.\n\n{self.description}"
+        """The description and the command; that of a stopped run says first that it can go on."""
+        stopped = "**Stopped, and nothing is lost:** the same command resumes it.\n\n"
+        begun = f"\n\nBegun by `{self.author.command}`" if self.author else ""
+        return (stopped if self.status == "KILLED" else "") + self.description + begun
 
 
 class Views(Protocol):

@@ -21,7 +21,7 @@ from tests.faults.outcome import TIMES
 @pytest.fixture(scope="session")
 def address() -> Iterator[str]:
     """Address of a Ray cluster of two cores, which commands join where it does not matter whether
-    they start one of their own: each start takes ten seconds of both cores."""
+    they start one of their own: each start takes both cores some seconds."""
     cluster = Cluster(
         initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False}
     )

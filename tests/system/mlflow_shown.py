@@ -15,6 +15,7 @@ from cluster.services.ports import free_port, listening
 from cluster.storage.home import Home
 from cluster.storage.run_folder import Begun
 from cluster.tracking import RunView
+from cluster.tracking.tracker import KEY
 
 
 def disagreements(folder: Path, tracking_uri: str) -> list[str]:
@@ -29,12 +30,12 @@ def disagreements(folder: Path, tracking_uri: str) -> list[str]:
     keys = views.keys()
     for key in keys:
         view = views.view(key)
-        runs = client.search_runs([experiment.experiment_id], f"tags.`bilevel.key` = '{key}'")
+        runs = client.search_runs([experiment.experiment_id], f"tags.`{KEY}` = '{key}'")
         if len(runs) != 1:
             found.append(f"{view.name}: {len(runs)} runs")
         else:
             found += _of_run(client, runs[0], view)
-    runs = client.search_runs([experiment.experiment_id], f"tags.`bilevel.key` LIKE '{identity}%'")
+    runs = client.search_runs([experiment.experiment_id], f"tags.`{KEY}` LIKE '{identity}%'")
     if len(runs) > len(keys):
         found.append(f"{len(runs)} runs instead of {len(keys)}")
     return found

@@ -21,7 +21,8 @@ pytestmark = pytest.mark.timeout(290)
 
 SMOKE = (
     *("bohb", "CartPole-v0", "--profile", "smoke", "--study", "smoke"),
-    *("--set", "nes.centre_agents=2", "--set", "nes.patient_episodes=0"),
+    *("--set", "nes.centre_agents=2", "--set", "nes.patient_episodes=0", "--vary-hp", "no"),
+    *("--set", "ddqn.hidden_size=16", "--set", "ddqn.batch_size=16"),
 )
 
 

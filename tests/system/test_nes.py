@@ -67,10 +67,11 @@ def test_a_run_its_tracking_and_its_continuation(
     assert page in result.stdout
     assert f"ui --home {tmp_path}`" in result.stdout
     assert tracked.info.status == "FINISHED"
-    assert tracked.data.tags["mlflow.source.name"].startswith("bilevel nes CartPole-v0 ")
+    assert tracked.data.tags["mlflow.source.name"] == "bilevel nes CartPole-v0"
+    assert "--set nes.centre_agents=2" in tracked.data.tags["mlflow.note.content"]
     assert tracked.data.tags["mlflow.user"]
     ours = {tag for tag in tracked.data.tags if not tag.startswith("mlflow.")}
-    assert ours == {"bilevel.key", "bilevel.kind"}
+    assert ours == {"bilevel.kind"}
     assert tracked.data.params["nes.population_size"] == "2"
     assert tracked.data.params["nes.patient_episodes"] == "15"
     assert tracked.data.params["se.structure"] == "exogenous"

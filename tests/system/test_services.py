@@ -87,6 +87,7 @@ def test_up_again_starts_nothing(up: Up) -> None:
 def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> None:
     """Studies in the services' home join them without an address."""
     study = ("bohb", "CartPole-v0", "--profile", "smoke", "--brackets", "1", "--home", str(up.home))
+    study += ("--vary-hp", "no", "--set", "ddqn.hidden_size=16", "--set", "ddqn.batch_size=16")
     environment = {k: v for k, v in os.environ.items() if k != "RAY_ADDRESS"}
     running = [
         subprocess.Popen(
@@ -155,8 +156,8 @@ def test_the_ui_ends_without_a_traceback(tmp_path: Path, number: signal.Signals)
         start_new_session=True,
     )
     assert process.stdout is not None
-    page = f"http://127.0.0.1:{port}/#/experiments/1/runs?workflowType=machine_learning"
-    assert process.stdout.readline() == f"CartPole-v0: {page}\n"
+    page = f"http://127.0.0.1:{port}/#/experiments/1/runs?viewStateShareKey=bilevel&workflowType="
+    assert process.stdout.readline() == f"CartPole-v0: {page}machine_learning\n"
     deadline = time.monotonic() + 90
     while not listening("127.0.0.1", port):
         assert time.monotonic() < deadline

@@ -24,7 +24,7 @@ from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
 from cluster.storage.run_folder import Begun, held
 from cluster.tracking import Mirror, Tracker
-from cluster.tracking.tracker import _IMPORT
+from cluster.tracking.tracker import _IMPORT, KEY
 from tests.studies import make_study
 from tests.system.mlflow_shown import Server, disagreements
 
@@ -135,7 +135,7 @@ def test_sync_adds_what_is_missing_and_removes_a_twin(home: Home, folder: Path) 
     tracker.show(views.view(parent))
     tracker.show(views.view(child))
     client = mlflow.MlflowClient(home.database_uri)
-    twin = client.create_run("1", tags={"bilevel.key": child})  # whose answer came too late
+    twin = client.create_run("1", tags={KEY: child})  # whose answer came too late
     client.log_metric(twin.info.run_id, "score_mean", 1.0, step=0)
     assert disagreements(folder, home.database_uri) != []
     sync(folder, home, home.database_uri, Terminal())

@@ -38,10 +38,11 @@ def test_a_stopped_study_says_that_it_can_go_on(folder: Path) -> None:
     views = views_of(folder)
     key = next(iter(views.keys()))
     assert "resumes" not in views.view(key).note
+    assert "Begun by `" in views.view(key).note
     Standing("KILLED", 0.0, 4).save(folder)
     note = views.view(key).note
     assert note.startswith("**Stopped, and nothing is lost:** ")
-    assert "resumes it." in note
+    assert "the same command resumes it." in note
 
 
 def test_a_deleted_se_file_is_an_error_of_the_disk(folder: Path) -> None:
