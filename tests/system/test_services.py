@@ -86,8 +86,10 @@ def test_up_again_starts_nothing(up: Up) -> None:
 
 def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> None:
     """Studies in the services' home join them without an address."""
-    study = ("bohb", "CartPole-v0", "--profile", "smoke", "--brackets", "1", "--home", str(up.home))
-    study += ("--vary-hp", "no", "--set", "ddqn.hidden_size=16", "--set", "ddqn.batch_size=16")
+    study = (
+        *("bohb", "CartPole-v0", "--profile", "smoke", "--brackets", "1", "--home", str(up.home)),
+        *("--vary-hp", "no", "--set", "ddqn.hidden_size=16", "--set", "ddqn.batch_size=16"),
+    )
     environment = {k: v for k, v in os.environ.items() if k != "RAY_ADDRESS"}
     running = [
         subprocess.Popen(
