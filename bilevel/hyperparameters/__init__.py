@@ -18,7 +18,7 @@ from bilevel.hyperparameters.definitions import (
     SEHyperparameters,
     StoredHyperparameters,
 )
-from bilevel.hyperparameters.recipes import RECIPES, load_recipe
+from bilevel.hyperparameters.recipes import RECIPES, load_recipe, recipe_text
 
 __all__ = [
     "ACTIVATIONS",
@@ -37,4 +37,5 @@ __all__ = [
     "agent_hyperparameters",
     "agent_names",
     "load_recipe",
+    "recipe_text",
 ]

@@ -3,6 +3,7 @@
 import math
 from dataclasses import dataclass
 
+from bilevel.durable import write_aside
 from bilevel.synthetic_env import save_se
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal, ResultLine
@@ -10,7 +11,7 @@ from cluster.bohb.report import StudyReport
 from cluster.bohb.search import BracketSearch
 from cluster.bohb.searcher import BohbSearcher
 from cluster.bohb.stopping import StudyStopper
-from cluster.bohb.study import Study, configuration_name
+from cluster.bohb.study import RECIPE_FILE, Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.tuning import run_trials
 from cluster.bohb.view import StudyViews
@@ -200,6 +201,8 @@ class _UnderWay:
         path = hand_over(best.se, score, study.folder, len(self.journal.results))
         self._say_incumbent()
         line(str(score))
+        call = self.command.place.home.hint(f"nes {study.task.id} --recipe {study.name}")
+        line(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE by it with {call}")
         model = model_address(study.task.id, "newest")
         line(f"best SE: {path}  ({model} in MLflow's model registry)")
         line(f"results: {self.session.shown_at(self.session.begun.identity)}")
@@ -261,6 +264,9 @@ class _UnderWay:
             f"incumbent {configuration_name(incumbent.id)}: objective "
             f"{incumbent.objective:.1f} over {count(incumbent.budget, 'generation')}"
         )
-        for name, value in summary.configuration(incumbent.id).items():
+        found = summary.configuration(incumbent.id)
+        text = self.command.study.recipe_text(incumbent.id, found)
+        write_aside(self.command.study.folder / RECIPE_FILE, text.encode())
+        for name, value in found.items():
             line(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")
         return incumbent

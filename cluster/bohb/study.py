@@ -6,18 +6,27 @@ from typing import Any
 
 from bilevel.decode import decode
 from bilevel.errors import InvalidInput, one_of
-from bilevel.hyperparameters import Hyperparameters, StoredHyperparameters
+from bilevel.hyperparameters import (
+    RECIPES,
+    Hyperparameters,
+    StoredHyperparameters,
+    load_recipe,
+    recipe_text,
+)
 from bilevel.seeds import Purpose, derive
 from bilevel.tasks import Task
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, Configuration
-from cluster.bohb.profiles import METHODS, get_method
+from cluster.bohb.profiles import METHODS, SET_BY_SEARCH, get_method
 from cluster.nes.run import NESRun
 from cluster.storage.run_folder import Settings, read_settings
 from search_spaces import SPACES, to_hyperparameters
 
 #: The kind of run that `settings.json` tells.
 KIND = "study"
+
+#: File of a study with the recipe of its incumbent.
+RECIPE_FILE = "recipe.toml"
 
 
 def configuration_name(config_id: ConfigId) -> str:
@@ -73,6 +82,16 @@ class Study:
         folder = self.folder / "configurations" / configuration_name(config_id)
         seed = derive(self.seed, Purpose.CONFIGURATION, *config_id)
         return NESRun(self.task, hp, seed, folder)
+
+    def recipe_text(self, config_id: ConfigId, configuration: Configuration) -> str:
+        """The recipe file of a configuration. Its runs are as long as the recipe's that the study
+        began with, and stop once they solve the task."""
+        hp = to_hyperparameters(self.base, configuration)
+        name = self.base.recipe if self.base.recipe in RECIPES else "default"
+        usual = load_recipe(name, self.task.id, self.agents).nes
+        kept = {field: getattr(usual, field.removeprefix("nes.")) for field in SET_BY_SEARCH}
+        heading = f"Found by the study {self.name!r}: configuration {configuration_name(config_id)}"
+        return recipe_text(to_hyperparameters(hp, kept), heading)
 
     def settings(self) -> dict[str, Any]:
         """What `settings.json` holds of it."""

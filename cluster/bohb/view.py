@@ -10,7 +10,7 @@ from bilevel.errors import InvalidInput
 from bilevel.synthetic_env import se_bytes
 from cluster.bohb import pictures
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
-from cluster.bohb.study import KIND, Study, configuration_name
+from cluster.bohb.study import KIND, RECIPE_FILE, Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.nes.final import BEST_FILE
 from cluster.nes.run import start_of
@@ -137,6 +137,8 @@ class StudyViews:
         if incumbent is not None:
             values = summary.configuration(incumbent.id)
             documents.append(Document.of_text("incumbent.json", json.dumps(values, indent=2)))
+            text = study.recipe_text(incumbent.id, values)
+            documents.append(Document.of_text(RECIPE_FILE, text))
         return documents
 
     def _description(self) -> str:

@@ -169,8 +169,9 @@ def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
     options = [
         click.option(
             "--recipe",
-            help="All hyperparameters of a run: default, paper, authors, distilled, or the path of "
-            "a recipe file, *.toml (default: default; for the profile paper: paper).",
+            help="All hyperparameters of a run: default, paper, authors, distilled, the path of a "
+            "recipe file, *.toml, or the name of a study, for its incumbent's (default: default; "
+            "for the profile paper: paper).",
         ),
         click.option(
             "--set",
@@ -241,12 +242,31 @@ class RunOptions:
         from bilevel.hyperparameters import load_recipe
         from search_spaces import to_hyperparameters
 
-        hp = sized(load_recipe(self.recipe or usual_recipe, task.id, self.the_agents()))
+        name, file = self._recipe(usual_recipe)
+        hp = sized(replace(load_recipe(file, task.id, self.the_agents()), recipe=name))
         vary: Any = self.vary or hp.vary_agent  # checked where it is set
         hp = replace(hp, vary_agent=vary)
         if self.population is not None:
             hp = replace(hp, nes=replace(hp.nes, population_size=self.population))
         return to_hyperparameters(hp, dict(self.settings))
+
+    def _recipe(self, usual: str) -> tuple[str, str]:
+        """Name of the recipe, and the same or its file: that of the incumbent for a study's name.
+        Raises InvalidInput for a study that has none yet."""
+        from bilevel.errors import InvalidInput
+        from bilevel.hyperparameters import RECIPES
+
+        given = self.recipe or usual
+        if given in RECIPES or given.endswith(".toml"):
+            return Path(given).stem, given
+        try:
+            study = Home(self.home).find(given)
+        except InvalidInput:
+            return given, given  # whoever loads it says what is allowed
+        file = study / "recipe.toml"
+        if not file.exists():
+            raise InvalidInput(f"{given!r} has found no recipe yet: run it to its end first")
+        return study.name, str(file)
 
     def suffix(self, recipe: str) -> str:
         """Part of a default name that states recipe, agents and variation."""

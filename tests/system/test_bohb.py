@@ -99,6 +99,7 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
         "objective_against_cost.png",
         "brackets.md",
         "incumbent.json",
+        "recipe.toml",
         "journal",
         "best_se.safetensors",
     } <= names

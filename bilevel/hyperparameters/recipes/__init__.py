@@ -12,9 +12,10 @@ other task, `NAME.toml`. The keys `agents` and `vary_agent` tell which agents ev
 section each holds the hyperparameters of NES, the SE and every agent.
 """
 
+import json
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass, fields
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Protocol
@@ -79,10 +80,23 @@ def _read(name: str, task_id: str) -> dict[str, Any]:
         file = own if own.is_file() else files(__name__) / f"{name}.toml"
         return tomllib.loads(file.read_text())
     if not name.endswith(".toml"):
-        raise one_of("recipe", name, (*RECIPES, "and paths of recipe files (*.toml)"))
+        raise one_of("recipe", name, (*RECIPES, "recipe files (*.toml)", "and studies"))
     try:
         return tomllib.loads(Path(name).read_text())
     except OSError as error:
         raise InvalidInput(f"cannot read the recipe {name!r}: {error.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
         raise InvalidInput(f"recipe {name!r} is not a TOML file: {error}") from None
+
+
+def recipe_text(hp: Hyperparameters, heading: str) -> str:
+    """The file of a recipe with these hyperparameters; `heading` is its first line, a comment."""
+    agents = ", ".join(f'"{agent.agent}"' for agent in hp.agents)
+    lines = [f"# {heading}", "", f"agents = [{agents}]", f'vary_agent = "{hp.vary_agent}"']
+    sections: dict[str, Any] = {"nes": hp.nes, "se": hp.se}
+    sections |= {agent.agent: agent for agent in hp.agents}
+    for name, section in sections.items():
+        # JSON writes strings, numbers and booleans as TOML does.
+        lines += ["", f"[{name}]"]
+        lines += [f"{field} = {json.dumps(value)}" for field, value in asdict(section).items()]
+    return "\n".join(lines) + "\n"

@@ -6,7 +6,13 @@ from pathlib import Path
 import pytest
 
 from bilevel.errors import InvalidInput
-from bilevel.hyperparameters import RECIPES, Hyperparameters, agent_names, load_recipe
+from bilevel.hyperparameters import (
+    RECIPES,
+    Hyperparameters,
+    agent_names,
+    load_recipe,
+    recipe_text,
+)
 from bilevel.nes import NES
 from bilevel.tasks import get_task
 
@@ -116,3 +122,11 @@ def test_an_unknown_recipe() -> None:
         load_recipe("tuned", "CartPole-v0")
     with pytest.raises(InvalidInput, match="cannot read the recipe"):
         load_recipe("missing.toml", "CartPole-v0")
+
+
+@pytest.mark.parametrize("name", RECIPES)
+def test_what_is_written_as_a_recipe_is_read_again(name: str, tmp_path: Path) -> None:
+    hp = load_recipe(name, "CartPole-v0", ("ddqn", "td3"))
+    path = tmp_path / f"{name}.toml"
+    path.write_text(recipe_text(hp, "Written by a test"))
+    assert load_recipe(str(path), "Acrobot-v1") == hp

@@ -1,0 +1,34 @@
+"""What a study hands over."""
+
+from pathlib import Path
+
+from bilevel.hyperparameters import load_recipe
+from cluster.bohb.journal import Journal
+from cluster.bohb.profiles import SET_BY_SEARCH
+from search_spaces import to_hyperparameters
+from tests.commands import run_bilevel
+from tests.studies import make_study, new_study
+
+
+def test_a_configuration_is_handed_over_as_a_recipe_that_stops_when_it_is_solved(
+    tmp_path: Path,
+) -> None:
+    make_study(tmp_path / "study")
+    study, line = new_study(tmp_path / "study"), Journal(tmp_path / "study").configs[0]
+    path = tmp_path / "found.toml"
+    path.write_text(study.recipe_text(line.id, line.configuration))
+    found, usual = load_recipe(str(path), study.task), load_recipe("default", study.task)
+    tried = to_hyperparameters(study.base, line.configuration)
+    assert (found.se, found.agents) == (tried.se, tried.agents)
+    for name, value in vars(found.nes).items():
+        expected = usual.nes if f"nes.{name}" in SET_BY_SEARCH else tried.nes
+        assert value == getattr(expected, name), name
+    assert found.nes.solved_for > 0
+
+
+def test_a_study_without_an_incumbent_has_no_recipe(tmp_path: Path) -> None:
+    make_study(tmp_path / "CartPole-v0" / "mine")
+    arguments = ("nes", "CartPole-v0", "--recipe", "mine", "--home", str(tmp_path))
+    result = run_bilevel(*arguments, cwd=tmp_path)
+    assert result.returncode == 2
+    assert "'mine' has found no recipe yet: run it to its end first" in result.stderr
