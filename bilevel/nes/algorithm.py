@@ -30,7 +30,7 @@ from bilevel.errors import InvalidInput
 from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, Perturbed
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters, NESHyperparameters
 from bilevel.nes.confirmation import Confirmation
-from bilevel.nes.records import Finalist, GenerationRecord
+from bilevel.nes.records import Finalist
 from bilevel.nes.rules import RULES, MemberScores, UpdateRule
 from bilevel.nes.start import StartRace
 from bilevel.nes.state import NESState
@@ -233,7 +233,7 @@ class NES:
             nes.refinement ** min(state.refuted, most) for most in (FINEST_STEP, FINEST_AVERAGE)
         )
         step = np.float32(finer) * self.rule.step(nes, se.std_dev, z, scores)
-        record = GenerationRecord.of(self.task, state, ordered, nes.centre_agents, step)
+        record = state.record_of(ordered, nes.centre_agents, step)
         solved = record.score_mean >= self.task.solved_reward
         streak = state.solved_streak + 1 if solved else 0
         generation = state.generation + 1

@@ -1,17 +1,9 @@
 """Records of generations, and the best SEs of a run."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
-import numpy as np
-
-from bilevel.evaluation import EvaluationResult
 from bilevel.synthetic_env.coordinates import Theta
-from bilevel.tasks import Task
-
-if TYPE_CHECKING:
-    from bilevel.nes.state import NESState
 
 
 @dataclass(frozen=True)
@@ -42,39 +34,6 @@ class GenerationRecord:
     generation_seconds: float = 0.0
     core_utilisation: float = 0.0  # share of the cores' time that was spent in evaluations
     finished: float = 0.0  # unix time, seconds
-
-    @classmethod
-    def of(
-        cls,
-        task: Task,
-        state: "NESState",
-        results: Sequence[EvaluationResult],
-        centre_agents: int,
-        step: Theta,
-    ) -> Self:
-        """The record of `results`, in the order of their requests, and the update `step` (D,)."""
-        scores = np.array([result.score for result in results])
-        centre, on_centre = scores[:centre_agents], results[:centre_agents]
-        seconds = sum(result.seconds for result in results)
-        train_steps = sum(result.train_steps for result in results)
-        return cls(
-            generation=state.generation,
-            attempt=state.attempt,
-            score_mean=float(centre.mean()),
-            score_std=float(centre.std()),
-            score_best=float(centre.max()),
-            perturbed_score_mean=float(scores[centre_agents:].mean()),
-            train_steps_mean=float(np.mean([r.train_steps for r in on_centre])),
-            train_episodes_mean=float(np.mean([r.train_episodes for r in on_centre])),
-            solved_fraction=float((centre >= task.solved_reward).mean()),
-            non_finite=sum(not r.finite for r in results),
-            real_env_steps=state.real_env_steps,
-            psi_norm=float(np.linalg.norm(state.se.centre.psi)),
-            update_norm=float(np.linalg.norm(step)),
-            std_dev=float(np.sqrt(np.mean(np.square(state.se.std_dev)))),
-            evaluation_seconds=seconds,
-            env_steps_per_second=train_steps / max(seconds, 1e-9),
-        )
 
     def timed(self, seconds: float, cores: int, finished: float) -> Self:
         """Add the measurements: the generation took `seconds` on `cores` cores, until the unix

@@ -2,7 +2,7 @@
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
@@ -15,11 +15,13 @@ from safetensors import SafetensorError
 from bilevel.decode import decode, decode_json
 from bilevel.durable import checksum, write_aside
 from bilevel.errors import InvalidInput
+from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import NESHyperparameters, SEHyperparameters
 from bilevel.nes.confirmation import Confirmation
 from bilevel.nes.records import FINALISTS, Finalist, GenerationRecord
 from bilevel.nes.start import StartRace
 from bilevel.synthetic_env import SE, SEDistribution, StoredSE, coordinates
+from bilevel.synthetic_env.coordinates import Theta
 from bilevel.tasks import ObservationScale, Task
 
 
@@ -96,6 +98,34 @@ class NESState:
         """Mean over the generations of the score of each: the area under the learning curve, so
         that soon and good both count."""
         return float(np.mean([record.score_mean for record in self.records]))
+
+    def record_of(
+        self, results: Sequence[EvaluationResult], centre_agents: int, step: Theta
+    ) -> GenerationRecord:
+        """The record of a generation's `results`, in the order of their requests, and of its update
+        `step` (D,)."""
+        scores = np.array([result.score for result in results])
+        centre, on_centre = scores[:centre_agents], results[:centre_agents]
+        seconds = sum(result.seconds for result in results)
+        train_steps = sum(result.train_steps for result in results)
+        return GenerationRecord(
+            generation=self.generation,
+            attempt=self.attempt,
+            score_mean=float(centre.mean()),
+            score_std=float(centre.std()),
+            score_best=float(centre.max()),
+            perturbed_score_mean=float(scores[centre_agents:].mean()),
+            train_steps_mean=float(np.mean([r.train_steps for r in on_centre])),
+            train_episodes_mean=float(np.mean([r.train_episodes for r in on_centre])),
+            solved_fraction=float((centre >= self.task.solved_reward).mean()),
+            non_finite=sum(not r.finite for r in results),
+            real_env_steps=self.real_env_steps,
+            psi_norm=float(np.linalg.norm(self.se.centre.psi)),
+            update_norm=float(np.linalg.norm(step)),
+            std_dev=float(np.sqrt(np.mean(np.square(self.se.std_dev)))),
+            evaluation_seconds=seconds,
+            env_steps_per_second=train_steps / max(seconds, 1e-9),
+        )
 
     def solved_for_long(self, nes: NESHyperparameters) -> bool:
         """Whether the last generations, `nes.solved_for` of them or a multiple, all solved it."""
