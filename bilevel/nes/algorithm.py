@@ -246,8 +246,10 @@ class NES:
             records=(*state.records, record),
         )
         if state.solved_for_long(nes):
-            confirmation = Confirmation(nes.confirming_agents) if nes.confirming_agents else None
-            state = replace(state, confirmation=confirmation, confirmed=confirmation is None)
+            agents, confirmation = nes.confirming_agents, None
+            if agents:
+                confirmation = Confirmation(agents, state.refuted)
+            state = replace(state, confirmation=confirmation, confirmed=not agents)
         return self._restarted(self._ended(state))
 
     def _judged(self, state: NESState, confirmation: Confirmation) -> NESState:

@@ -36,6 +36,21 @@ def test_every_round_must_solve_the_task(rounds: list[list[float]], verdict: boo
     assert confirmation.verdict(SOLVED) is verdict
 
 
+def test_each_failure_asks_less_of_the_next_one() -> None:
+    """Of 64 agents three score 160, so that 92 % of the means of ten solve the task."""
+    verdicts = []
+    for refuted in range(4):
+        confirmation = Confirmation(64, refuted)
+        for scores in (FIRST, SECOND, [200.0] * 29 + [160.0] * 3):
+            confirmation = confirmation.after(scores)
+        verdicts.append(confirmation.verdict(SOLVED))
+    assert verdicts == [False, True, True, True]
+    confirmation = Confirmation(64, 99)
+    for scores in (FIRST, SECOND, [200.0] * 24 + [150.0] * 8):
+        confirmation = confirmation.after(scores)
+    assert confirmation.verdict(SOLVED) is False  # never less than LEAST
+
+
 @pytest.mark.parametrize("bad", [0.0, 0.002, 0.01, 0.05])
 def test_what_is_confirmed_holds_for_the_next_agents(bad: float) -> None:
     """SEs on which that share of agents scores 100, the others 200: most of those with many bad
