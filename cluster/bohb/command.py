@@ -123,8 +123,8 @@ class _UnderWay:
         command, line = self.command, self.terminal.line
         study = command.study
         self.session.introduce(
-            f"{study.method_name} on {study.task.id}: study {study.name!r}, space {study.space}, "
-            f"recipe {study.base.recipe}, {start_of(study.base.nes)}, "
+            f"{study.method_name} on {study.task.id}: study {study.name!r}, "
+            f"space {study.space.name}, recipe {study.base.recipe}, {start_of(study.base.nes)}, "
             f"rule {study.base.nes.update}, population {study.base.nes.population_size}, "
             f"budgets {'/'.join(map(str, study.schedule.budgets))} generations, "
             f"{command.trials} trial(s) at a time with {command.workers_per_trial} worker(s) each"

@@ -29,7 +29,6 @@ from bilevel.seeds import Purpose, derive, split
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, ResultLine
 from cluster.bohb.study import Study
-from search_spaces import search_space
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ class BracketSearch:
     @classmethod
     def of(cls, study: Study, journal: Journal, brackets: int) -> Self:
         """A study's, from where its journal ends. Raises InvalidInput as the class does."""
-        space = search_space(study.space, study.agents)
+        space = study.space.build(study.agents)
         model = study.method == "bohb"
         return cls(space, study.schedule, brackets, study.seed, journal, model)
 
