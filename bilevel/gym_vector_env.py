@@ -10,6 +10,7 @@ from gymnasium.utils import seeding
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from bilevel.errors import InvalidInput
 from bilevel.gym_env import SyntheticEnv, checked_action
 from bilevel.networks import layer_biases, layer_weights
 from bilevel.synthetic_env import StoredSE
@@ -48,13 +49,26 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Draw initial states (N, S); with one seed, copy i has the seed + i."""
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else seed
-        for i, own in enumerate(seeds or ()):
-            if own is not None:
-                self._sources[i], _ = seeding.np_random(own)
-        self._begin(np.arange(self.num_envs))
-        self._over[:] = False
+        """Draw initial states (N, S); with one seed, copy i has the seed + i. Of the options,
+        `reset_mask` (N,) tells which copies are reset.
+
+        Raises ValueError for another number of seeds than of copies.
+        """
+        if seed is None:
+            seeds: Sequence[int | None] = [None] * self.num_envs
+        elif isinstance(seed, int):
+            seeds = [seed + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"{len(seeds)} seeds for {self.num_envs} copies of the SE")
+        everyone = np.ones(self.num_envs, bool)
+        mask = np.asarray((options or {}).get("reset_mask", everyone), bool)
+        for i in np.flatnonzero(mask).tolist():
+            if seeds[i] is not None:
+                self._sources[i], _ = seeding.np_random(seeds[i])
+        self._begin(np.flatnonzero(mask))
+        self._over &= ~mask
         return self._states.copy(), {}
 
     def step(
@@ -68,9 +82,15 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     ]:
         """Take one step of every copy with actions (N,): next observations (N, S), rewards (N,),
         terminated (N,), truncated (N,), info. Raises InvalidInput for a wrong action."""
-        n_actions = self._single.n_actions
-        numbers = np.array([checked_action(action, n_actions) for action in actions])
-        resetting, self._over = self._over, np.zeros(self.num_envs, bool)
+        if len(actions) != self.num_envs:
+            raise InvalidInput(f"{len(actions)} actions for {self.num_envs} copies of the SE")
+        resetting = self._over
+        numbers = np.array(
+            [
+                0 if over else checked_action(action, self._single.n_actions)
+                for action, over in zip(actions, resetting, strict=True)
+            ]
+        )
         next_states, rewards, dones = self._networks.step(self._states, numbers)
         self._states, self._steps = next_states, self._steps + 1
         terminated = (dones > 0.5) & ~resetting

@@ -1,7 +1,7 @@
 """A search space: one that comes with the package, or one of the user's from a file."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,15 +64,26 @@ class Space:
             raise InvalidInput(
                 f"search space {self.name!r} is not one that ConfigSpace writes: {reason}"
             ) from None
+        if any(isinstance(d, CS.OrdinalHyperparameter) for d in space.values()):
+            raise InvalidInput(
+                f"search space {self.name!r} has ordinal hyperparameters: BOHB's model allows "
+                "floats, integers and categories"
+            )
         if not len(space):
             raise InvalidInput(f"search space {self.name!r} has no hyperparameters")
         if seed is not None:
             space.seed(seed)
         return space
 
-    def check(self, base: Hyperparameters, reserved: Sequence[str] = ()) -> None:
+    def check(
+        self,
+        base: Hyperparameters,
+        reserved: Sequence[str] = (),
+        fits: Callable[[Hyperparameters], object] = lambda hp: None,
+    ) -> None:
         """Raise InvalidInput, for a space from a file, if it sets a hyperparameter that `base` does
-        not have, one that is `reserved`, or values that are not allowed."""
+        not have, one that is `reserved`, values that are not allowed, or a combination that `fits`
+        does not accept."""
         if self.content is None:
             return
         space, what = self.build(), f"search space {self.name!r}"
@@ -83,6 +94,6 @@ class Space:
         tried = [space.get_default_configuration(), *space.sample_configuration(_TRIED)]
         for configuration in tried:
             try:
-                to_hyperparameters(base, dict(configuration))
+                fits(to_hyperparameters(base, dict(configuration)))
             except InvalidInput as error:
                 raise InvalidInput(f"{what}: {error}") from None

@@ -85,6 +85,11 @@ class BracketSearch:
         """Whether every bracket has all its results."""
         return not self._again and all(bracket.is_finished for bracket in self._brackets)
 
+    @property
+    def succeeded(self) -> bool:
+        """Whether any job has given a result."""
+        return any(line.loss is not None for line in self._journal.results)
+
     def next_job(self) -> Job | None:
         """The next job, or None while all open rungs wait for results."""
         if self._again:

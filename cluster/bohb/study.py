@@ -84,8 +84,8 @@ class Study:
         return NESRun(self.task, hp, seed, folder)
 
     def recipe_text(self, config_id: ConfigId, configuration: Configuration) -> str:
-        """The recipe file of a configuration. Its runs are as long as the recipe's that the study
-        began with, and stop once they solve the task."""
+        """The recipe file of a configuration. Its runs are as long as those of the recipe that the
+        study began with (of a file of the user's: as those of `default`), and stop as they do."""
         hp = to_hyperparameters(self.base, configuration)
         name = self.base.recipe if self.base.recipe in RECIPES else "default"
         usual = load_recipe(name, self.task.id, self.agents).nes

@@ -125,6 +125,7 @@ def bohb(
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
     from bilevel.errors import InvalidInput
+    from bilevel.nes import NES
     from cluster.bohb.profiles import SET_BY_SEARCH, get_method, get_profile, sized
     from search_spaces import Space
 
@@ -146,8 +147,8 @@ def bohb(
             )
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
     searched = Space.of(size.space)
-    searched.check(hp, SET_BY_SEARCH)
-    if searched.name == "full" and hp.se.structure != "plain":
+    searched.check(hp, SET_BY_SEARCH, lambda tried: NES(task, tried))
+    if searched == Space("full") and hp.se.structure != "plain":
         raise InvalidInput(
             "the space 'full' needs plain SEs (--recipe paper, authors or distilled); "
             f"the recipe {hp.recipe!r} has {hp.se.structure} SEs"
