@@ -76,7 +76,7 @@ check: $(INSTALLED) ## Format, lint, types and imports
 	@$(BIN)/lint-imports --no-logo
 
 bench: $(INSTALLED) ## All speed measurements in turn, on a quiet machine; rewrites results and tables
-	@for measurement in speed.inner_loop speed.startup readme; do \
+	@for measurement in speed.inner_loop speed.vector_env speed.startup readme; do \
 		$(BIN)/python -m benchmarks.$$measurement || exit 1; \
 	done
 

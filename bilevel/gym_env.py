@@ -8,6 +8,7 @@ The first observation is drawn from the real task's reset distribution, the othe
 own step limit.
 """
 
+import operator
 from pathlib import Path
 from typing import Any
 
@@ -31,9 +32,9 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     def __init__(self, path: str | Path) -> None:
         from bilevel.synthetic_env import load_se
 
-        se = load_se(Path(path))
+        self.se = se = load_se(Path(path))
         self._task = se.task()
-        self._step_limit = se.architecture.step_limit
+        self.step_limit, self.n_actions = se.architecture.step_limit, se.architecture.n_actions
         self._kernel = se.se.kernel
         self._work = np.zeros((2, 3 * se.architecture.hidden_size), np.float32)
         self._state = np.zeros(se.architecture.state_size, np.float32)
@@ -47,31 +48,48 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Draw an initial state (S,) from the real task's reset distribution."""
         super().reset(seed=seed)
-        physics = self._task.initial_physics(self.np_random, 1)[0]
-        self._state = self._task.observe(physics)
+        self._state = self.initial_state(self.np_random)
         self._steps = 0
         return self._state.copy(), {}
+
+    def initial_state(self, rng: np.random.Generator) -> NDArray[np.float32]:
+        """An initial state (S,) of the real task."""
+        return self._task.observe(self._task.initial_physics(rng, 1)[0])
 
     def step(
         self, action: np.int64
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """Take one step of the SE: next observation (S,), reward, terminated, truncated, info.
 
-        Raises InvalidInput for an action outside the action space.
+        The action may be an integer of any kind, torch's too. Raises InvalidInput for another one.
         """
         from bilevel.kernels.synthetic_env import step
 
-        if not self.action_space.contains(action):
-            raise InvalidInput(f"action {action!r} is not in {self.action_space}")
+        number = checked_action(action, self.n_actions)
         next_state = np.empty_like(self._state)
-        reward, done = step(self._kernel, self._state, int(action), next_state, self._work)
+        reward, done = step(self._kernel, self._state, number, next_state, self._work)
         self._state = next_state
         self._steps += 1
-        truncated = self._steps >= self._step_limit
+        truncated = self._steps >= self.step_limit
         return next_state.copy(), float(reward), bool(done > 0.5), truncated, {"done": float(done)}
+
+
+def checked_action(action: Any, n_actions: int) -> int:
+    """The action as an int. Raises InvalidInput unless it is one of the task's."""
+    try:
+        number = operator.index(action)
+    except TypeError:
+        number = -1
+    if not 0 <= number < n_actions:
+        raise InvalidInput(f"action {action!r} is not allowed: allowed are 0 to {n_actions - 1}")
+    return number
 
 
 def register() -> None:
     """Register `ENV_ID` in gymnasium."""
     if ENV_ID not in gymnasium.registry:
-        gymnasium.register(ENV_ID, entry_point="bilevel.gym_env:SyntheticEnv")
+        gymnasium.register(
+            ENV_ID,
+            entry_point="bilevel.gym_env:SyntheticEnv",
+            vector_entry_point="bilevel.gym_vector_env:SyntheticVectorEnv",
+        )

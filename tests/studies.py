@@ -18,13 +18,14 @@ from cluster.bohb.study import Study
 from cluster.nes.final import FinalScore, hand_over
 from cluster.nes.run import STATE_FILE
 from cluster.storage.run_folder import Standing, locked_settings
+from search_spaces import Space
 
 
 def new_study(folder: Path, seed: int = 0) -> Study:
     """A study of the smoke profile's size."""
     task, profile = get_task("CartPole-v0"), get_profile("smoke")
     base = sized(load_recipe("default", task.id), profile)
-    return Study(folder, task, seed, "core", Schedule((1, 3), 2), base)
+    return Study(folder, task, seed, Space("core"), Schedule((1, 3), 2), base)
 
 
 def made_up(request: EvaluationRequest) -> EvaluationResult:

@@ -59,8 +59,25 @@ def small_things() -> str:
     return _table(["", ""], rows, result)
 
 
+def vector_env() -> str:
+    """Steps per second of many copies of an SE."""
+    result = read_result("vector_env")
+    rows = [
+        [
+            copies,
+            f"{rates['batched']['median']:,.0f}".replace(",", " "),
+            f"{rates['looped']['median']:,.0f}".replace(",", " "),
+            _spread(rates["ratio"], ".1f"),
+        ]
+        for copies, rates in result["rates"].items()
+    ]
+    head = ["copies", "steps per second together", "in gymnasium's loop", "times as fast"]
+    return _table(head, rows, result)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "inner-loop": inner_loop,
     "startup": startup,
     "small-things": small_things,
+    "vector-env": vector_env,
 }

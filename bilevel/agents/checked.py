@@ -5,13 +5,11 @@ user's file, wherever the evaluation runs.
 """
 
 import inspect
-import math
-import numbers
 import operator
+import sysconfig
 import traceback
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from pathlib import Path
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import numpy as np
@@ -21,7 +19,7 @@ from bilevel.agents.agent import Agent, Transition
 from bilevel.errors import InvalidInput
 
 #: Folders of code that users did not write.
-_LIBRARIES = {"site-packages", "dist-packages"}
+_LIBRARIES = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
 
 
 class AgentMistake(InvalidInput):
@@ -36,7 +34,6 @@ class CheckedAgent:
         self._name = name
         self._n_actions = n_actions
         self._agent: Any = None
-        self._has_learned = False
         with self._told("is built"):
             self._agent = build()
 
@@ -58,13 +55,15 @@ class CheckedAgent:
             self._agent.observe(transition)
 
     def learn(self) -> float:
-        """See `Agent`. An agent may diverge, but its first loss must be finite."""
+        """See `Agent`; a loss that is not finite is a number all the same: the agent diverges."""
         with self._told("learns"):
             loss = self._agent.learn()
-        if isinstance(loss, numbers.Real) and (self._has_learned or math.isfinite(loss)):
-            self._has_learned = True
-            return float(loss)
-        raise self._mistake("learn", f"returned {loss!r} instead of a finite loss (0 if none)")
+            number = float(loss) if hasattr(loss, "__float__") else None
+        if number is None:
+            raise self._mistake(
+                "learn", f"returned {loss!r} instead of a loss (0 if there is none)"
+            )
+        return number
 
     def end_episode(self) -> None:
         """See `Agent`."""
@@ -87,22 +86,25 @@ class CheckedAgent:
         try:
             yield
         except (Exception, SystemExit) as error:
-            frames = traceback.extract_tb(error.__traceback__)
-            place = _users(frames[1:] or frames)
             what = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
             raise AgentMistake(
-                f"agent {self._name!r} at {place.filename}:{place.lineno}, when it {doing}: "
+                f"agent {self._name!r}{self._place_of(error)}, when it {doing}: "
                 f"{' '.join(what.split())}"
             ) from None
 
     def _mistake(self, method: str, what: str) -> AgentMistake:
-        function = getattr(type(self._agent), method)
-        file = inspect.getsourcefile(function)
-        line = inspect.getsourcelines(function)[1]
-        return AgentMistake(f"agent {self._name!r} at {file}:{line}: {method} {what}")
+        function = inspect.unwrap(getattr(self._agent, method))
+        place = ""
+        with suppress(OSError, TypeError):  # code without a file
+            place = f" at {inspect.getsourcefile(function)}:{inspect.getsourcelines(function)[1]}"
+        return AgentMistake(f"agent {self._name!r}{place}: {method} {what}")
 
-
-def _users(frames: list[traceback.FrameSummary]) -> traceback.FrameSummary:
-    """The last call in the user's own code, rather than in a library that it calls."""
-    own = [f for f in frames if not _LIBRARIES & set(Path(f.filename).parts)]
-    return (own or frames)[-1]
+    def _place_of(self, error: BaseException) -> str:
+        """The last call in the file of the agent's class, else in code that is no library's."""
+        frames = [f for f in traceback.extract_tb(error.__traceback__) if f.filename != __file__]
+        file = None
+        with suppress(OSError, TypeError):
+            file = inspect.getsourcefile(type(self._agent))
+        own = [f for f in frames if f.filename == file]
+        own = own or [f for f in frames if not f.filename.startswith(_LIBRARIES)]
+        return f" at {own[-1].filename}:{own[-1].lineno}" if own else ""

@@ -71,8 +71,7 @@ class NESHyperparameters:
     # Share of the moving average of psi that is kept in a generation; the average is the
     # unperturbed SE. 0: psi itself is, as in the paper.
     averaging: Annotated[float, Field(ge=0.0, le=0.999)]
-    # After a confirmation that failed, steps are so many times as long as before, and the average
-    # moves so many times as fast. 1: nothing changes.
+    # Factor by which each failed confirmation multiplies the step and the rate of the average.
     refinement: Annotated[float, Field(gt=0.0, le=1.0)]
     start: Start
     start_candidates: _Count  # random SEs of which the start is chosen

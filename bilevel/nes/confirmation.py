@@ -60,6 +60,11 @@ class Confirmation:
         """Scores (n,) of the agents so far."""
         return np.array([score for scores in self.scores for score in scores])
 
+    @property
+    def required(self) -> float:
+        """Share of the means that must solve the task."""
+        return max(SURELY - LESS * self.refuted, LEAST)
+
     def verdict(self, solved_reward: float) -> bool | None:
         """Whether the SE is confirmed. None: train more.
 
@@ -71,7 +76,7 @@ class Confirmation:
             return False
         if len(self.scores) < len(self._ends):
             return None
-        return solving_share(scores, solved_reward) >= max(SURELY - LESS * self.refuted, LEAST)
+        return solving_share(scores, solved_reward) >= self.required
 
 
 def solving_share(scores: NDArray[np.float64], solved_reward: float) -> float:

@@ -1,7 +1,8 @@
 """SE files: safetensors with a JSON header.
 
 The tensors have torch's names (`reward.0.weight`: network, layer, kind); the header holds task,
-architecture, hyperparameters, scores and versions. Reading a file executes no code and checks
+architecture, what else a reader must know, hyperparameters, scores and versions (docs/se-files.md).
+Reading a file executes no code and checks
 names, shapes, types, ranges and a checksum.
 """
 
@@ -23,6 +24,9 @@ from bilevel.hyperparameters import SEHyperparameters
 from bilevel.networks import layer_biases, layer_weights
 from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi
 from bilevel.tasks import MAX_STEP_LIMIT, Task, get_task
+
+#: The done output above which an episode ends.
+DONE = 0.5
 
 #: Exceptions that an invalid header may cause.
 _DAMAGE = (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError)
@@ -94,6 +98,12 @@ def se_bytes(se: StoredSE) -> bytes:
         "step_limit": se.step_limit,
         "solved_reward": se.solved_reward,
         "architecture": asdict(se.architecture),
+        "reading": {
+            "inputs": "one-hot action, then state",
+            "slope": se.architecture.slope,
+            "done": DONE,
+            "initial_states": "the real task's",
+        },
         "info": se.info,
     }
     header["sha256"] = checksum(json.dumps(header).encode(), se.psi.tobytes())

@@ -1,9 +1,11 @@
 """`bilevel bohb`: run or resume a study."""
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass
 
 from bilevel.durable import write_aside
+from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.synthetic_env import save_se
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal, ResultLine
@@ -112,7 +114,8 @@ class _UnderWay:
             try:
                 code = self._to_the_end(views, mirror)
             except KeyboardInterrupt:
-                self._hand_over_unfinished()
+                with suppress(StorageFailure):
+                    self._hand_over_unfinished()
                 raise
             finally:
                 self.live.clear()
@@ -123,8 +126,8 @@ class _UnderWay:
         command, line = self.command, self.terminal.line
         study = command.study
         self.session.introduce(
-            f"{study.method_name} on {study.task.id}: study {study.name!r}, space {study.space}, "
-            f"recipe {study.base.recipe}, {start_of(study.base.nes)}, "
+            f"{study.method_name} on {study.task.id}: study {study.name!r}, "
+            f"space {study.space.name}, recipe {study.base.recipe}, {start_of(study.base.nes)}, "
             f"rule {study.base.nes.update}, population {study.base.nes.population_size}, "
             f"budgets {'/'.join(map(str, study.schedule.budgets))} generations, "
             f"{command.trials} trial(s) at a time with {command.workers_per_trial} worker(s) each"
@@ -199,10 +202,12 @@ class _UnderWay:
             best = choose_best(study.task, contenders, (study.seed,), pool, step, rounds)
             score = score_anew(study.task, best, self.command.final_agents, (study.seed,), pool)
         path = hand_over(best.se, score, study.folder, len(self.journal.results))
-        self._say_incumbent()
+        (study.folder / INCUMBENT_FILE).unlink(missing_ok=True)  # of an interruption before
+        incumbent = self._say_incumbent()
         line(str(score))
-        call = self.command.place.home.hint(f"nes {study.task.id} --recipe {study.name}")
-        line(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE by it with {call}")
+        if incumbent is not None:
+            call = self.command.place.home.hint(f"nes {study.task.id} --recipe {study.name}")
+            line(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE by it with {call}")
         model = model_address(study.task.id, "newest")
         line(f"best SE: {path}  ({model} in MLflow's model registry)")
         line(f"results: {self.session.shown_at(self.session.begun.identity)}")
@@ -218,8 +223,11 @@ class _UnderWay:
                 reached[result.id] = max(result.budget, reached.get(result.id, 0))
         found = []
         for line in self.journal.configs:
-            run = self.command.study.run(line.id, line.configuration)
             generations = reached.get(line.id, 0)
+            try:
+                run = self.command.study.run(line.id, line.configuration)
+            except InvalidInput:  # it failed, because its values do not fit together
+                continue
             state = (
                 run.reach(generations, pool, self.terminal.line)
                 if generations

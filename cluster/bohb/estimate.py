@@ -10,7 +10,7 @@ from cluster.bohb.brackets import Schedule, configurations_to_begin, generations
 from cluster.bohb.command import StudyCommand
 from cluster.ray.connection import require_capacity
 from cluster.session.terminal import count, duration
-from search_spaces import search_space, to_hyperparameters
+from search_spaces import to_hyperparameters
 
 #: Configurations whose evaluations are timed.
 _SAMPLES = 6
@@ -96,7 +96,7 @@ def dry_run(command: StudyCommand) -> None:
 
 def _estimate(command: StudyCommand, trials: int) -> Estimate:
     study = command.study
-    samples = search_space(study.space, study.agents, study.seed).sample_configuration(_SAMPLES)
+    samples = study.space.build(study.agents, study.seed).sample_configuration(_SAMPLES)
     seconds, evaluations = [], []
     race = 0
     for number, sample in enumerate(samples):

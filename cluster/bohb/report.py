@@ -84,10 +84,10 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         """Show a job that is done, stopped or failed; the journal already holds its result."""
         result = trial.last_result or {}
         job = self._close(trial.trial_id)
-        if job is None or NO_STORAGE in result or MISTAKE in result:
+        if job is None or NO_STORAGE in result:
             return
-        if FAILURE in result:
-            self._failed(job, str(result[FAILURE]))
+        if FAILURE in result or MISTAKE in result:
+            self._failed(job, str(result.get(FAILURE, result.get(MISTAKE))))
         elif result.get(BUDGET_REACHED):
             self._result_line(job, result)
         if time.monotonic() - self._last_picture >= _PICTURE_EVERY:

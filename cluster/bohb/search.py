@@ -29,7 +29,6 @@ from bilevel.seeds import Purpose, derive, split
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, ResultLine
 from cluster.bohb.study import Study
-from search_spaces import search_space
 
 
 @dataclass(frozen=True)
@@ -77,7 +76,7 @@ class BracketSearch:
     @classmethod
     def of(cls, study: Study, journal: Journal, brackets: int) -> Self:
         """A study's, from where its journal ends. Raises InvalidInput as the class does."""
-        space = search_space(study.space, study.agents)
+        space = study.space.build(study.agents)
         model = study.method == "bohb"
         return cls(space, study.schedule, brackets, study.seed, journal, model)
 
@@ -85,6 +84,11 @@ class BracketSearch:
     def finished(self) -> bool:
         """Whether every bracket has all its results."""
         return not self._again and all(bracket.is_finished for bracket in self._brackets)
+
+    @property
+    def succeeded(self) -> bool:
+        """Whether any job has given a result."""
+        return any(line.loss is not None for line in self._journal.results)
 
     def next_job(self) -> Job | None:
         """The next job, or None while all open rungs wait for results."""

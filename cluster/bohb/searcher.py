@@ -138,8 +138,10 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
                 self._search.register(job, None, exception=text)
         elif NO_STORAGE in result:
             raise StorageFailure(str(result[NO_STORAGE]))
-        elif MISTAKE in result:
+        elif MISTAKE in result and not self._search.succeeded:
             raise AgentMistake(str(result[MISTAKE]))
+        elif MISTAKE in result:  # with other hyperparameters the agent works
+            self._search.register(job, None, exception=str(result[MISTAKE]))
         elif FAILURE in result:
             self._search.register(job, None, exception=str(result[FAILURE]))
         elif not result.get(BUDGET_REACHED):

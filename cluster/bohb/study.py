@@ -20,7 +20,7 @@ from cluster.bohb.journal import ConfigId, Configuration
 from cluster.bohb.profiles import METHODS, SET_BY_SEARCH, get_method
 from cluster.nes.run import NESRun
 from cluster.storage.run_folder import Settings, read_settings
-from search_spaces import SPACES, to_hyperparameters
+from search_spaces import SPACES, Space, to_hyperparameters
 
 #: The kind of run that `settings.json` tells.
 KIND = "study"
@@ -39,7 +39,7 @@ def configuration_name(config_id: ConfigId) -> str:
 class _Settings(Settings):
     """What `settings.json` holds of a study."""
 
-    space: str
+    space: str | Space
     method: str
     budgets: tuple[int, ...]
     cycle: int
@@ -53,7 +53,7 @@ class Study:
     folder: Path
     task: Task
     seed: int
-    space: str
+    space: Space
     schedule: Schedule
     base: Hyperparameters  # what a configuration leaves unsaid
     method: str = "bohb"  # of METHODS
@@ -84,8 +84,8 @@ class Study:
         return NESRun(self.task, hp, seed, folder)
 
     def recipe_text(self, config_id: ConfigId, configuration: Configuration) -> str:
-        """The recipe file of a configuration. Its runs are as long as the recipe's that the study
-        began with, and stop once they solve the task."""
+        """The recipe file of a configuration. Its runs are as long as those of the recipe that the
+        study began with (of a file of the user's: as those of `default`), and stop as they do."""
         hp = to_hyperparameters(self.base, configuration)
         name = self.base.recipe if self.base.recipe in RECIPES else "default"
         usual = load_recipe(name, self.task.id, self.agents).nes
@@ -99,7 +99,7 @@ class Study:
             "kind": KIND,
             "task": asdict(self.task),
             "seed": self.seed,
-            "space": self.space,
+            "space": self.space.name if self.space.content is None else asdict(self.space),
             "method": self.method,
             "budgets": list(self.schedule.budgets),
             "cycle": self.schedule.cycle,
@@ -112,13 +112,15 @@ class Study:
         damaged = f"{str(folder)!r} holds no study"
         settings = decode(_Settings, read_settings(folder), damaged)
         try:
-            if settings.space not in SPACES:
-                raise one_of("search space", settings.space, SPACES)
+            given = settings.space
+            if isinstance(given, str) and given not in SPACES:
+                raise one_of("search space", given, SPACES)
+            space = given if isinstance(given, Space) else Space(given)
             return cls(
                 folder,
                 settings.task,
                 settings.seed,
-                settings.space,
+                space,
                 Schedule(settings.budgets, settings.cycle),
                 settings.base.checked(),
                 get_method(settings.method),

@@ -22,7 +22,7 @@ from cluster.ray.pool import EvaluationPool
 
 #: Keys of a trial's reports.
 OBJECTIVE, BUDGET_REACHED, FAILURE = "objective", "budget_reached", "failure"
-#: Keys of reports that end the study: no other configuration would do better.
+#: Keys of reports that end the study, a mistake unless other configurations have succeeded.
 NO_STORAGE, MISTAKE = "no_storage", "mistake"
 #: Key of the seconds that the job has spent in evaluations so far.
 KERNEL_SECONDS = "kernel_seconds"

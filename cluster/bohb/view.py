@@ -105,7 +105,7 @@ class StudyViews:
             {
                 "task": study.task.id,
                 "seed": study.seed,
-                "space": study.space,
+                "space": study.space.name,
                 "budgets": list(study.schedule.budgets),
                 "cycle": study.schedule.cycle,
                 "method": study.method,
@@ -146,7 +146,7 @@ class StudyViews:
         return (
             f"{study.method_name} over NES on **{study.task.id}**, recipe "
             f"`{study.base.recipe}`, {start_of(study.base.nes)}, "
-            f"rule `{study.base.nes.update}`: search space `{study.space}`, "
+            f"rule `{study.base.nes.update}`: search space `{study.space.name}`, "
             f"population {study.base.nes.population_size}, budgets {list(study.schedule.budgets)} "
             f"generations (eta 3), seed {study.seed}. Each child run is one configuration; a "
             "promoted one continues in the same run. `objective`, which is maximised, is the mean "

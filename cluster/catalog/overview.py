@@ -51,7 +51,7 @@ def print_overview(lines: list[Line], console: Console) -> None:
     """As a table; where it is too wide for a terminal, names are folded."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for column in ("task", "name", "kind", "state", "progress"):
-        table.add_column(column, no_wrap=column != "name", overflow="fold")
+        table.add_column(column, no_wrap=column not in ("name", "progress"), overflow="fold")
     table.add_column("best", justify="right", no_wrap=True)
     table.add_column("final", justify="right", no_wrap=True)
     for line in lines:

@@ -242,7 +242,7 @@ class RunOptions:
         from bilevel.hyperparameters import load_recipe
         from search_spaces import to_hyperparameters
 
-        name, file = self._recipe(usual_recipe)
+        name, file = self._recipe(task, usual_recipe)
         hp = sized(replace(load_recipe(file, task.id, self.the_agents()), recipe=name))
         vary: Any = self.vary or hp.vary_agent  # checked where it is set
         hp = replace(hp, vary_agent=vary)
@@ -250,9 +250,9 @@ class RunOptions:
             hp = replace(hp, nes=replace(hp.nes, population_size=self.population))
         return to_hyperparameters(hp, dict(self.settings))
 
-    def _recipe(self, usual: str) -> tuple[str, str]:
-        """Name of the recipe, and the same or its file: that of the incumbent for a study's name.
-        Raises InvalidInput for a study that has none yet."""
+    def _recipe(self, task: Task, usual: str) -> tuple[str, str]:
+        """Name of the recipe, and the same or its file: for a study on the task, the incumbent's.
+        Raises InvalidInput for a run that has none."""
         from bilevel.errors import InvalidInput
         from bilevel.hyperparameters import RECIPES
 
@@ -260,13 +260,19 @@ class RunOptions:
         if given in RECIPES or given.endswith(".toml"):
             return Path(given).stem, given
         try:
-            study = Home(self.home).find(given)
+            study = Home(self.home).run_folder(task.id, given)
         except InvalidInput:
             return given, given  # whoever loads it says what is allowed
-        file = study / "recipe.toml"
-        if not file.exists():
-            raise InvalidInput(f"{given!r} has found no recipe yet: run it to its end first")
-        return study.name, str(file)
+        if not study.exists():
+            return given, given
+
+        from cluster.bohb.study import RECIPE_FILE
+
+        if not (study / RECIPE_FILE).exists():
+            raise InvalidInput(
+                f"{given!r} on {task.id} has found no recipe: give a study that has run to its end"
+            )
+        return study.name, str(study / RECIPE_FILE)
 
     def suffix(self, recipe: str) -> str:
         """Part of a default name that states recipe, agents and variation."""

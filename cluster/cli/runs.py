@@ -76,8 +76,8 @@ def nes(
 )
 @click.option(
     "--space",
-    help="Search space: full (the paper's 18 hyperparameters) or core (7 hyperparameters) "
-    "(default: the profile's).",
+    help="Search space: full (the paper's 18 hyperparameters), core (7 hyperparameters), or the "
+    "path of a file that ConfigSpace has written, *.json or *.yaml (default: the profile's).",
 )
 @click.option(
     "--brackets",
@@ -124,16 +124,15 @@ def bohb(
     **options: Any,
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
-    from bilevel.errors import InvalidInput, one_of
+    from bilevel.errors import InvalidInput
+    from bilevel.nes import NES
     from cluster.bohb.profiles import SET_BY_SEARCH, get_method, get_profile, sized
-    from search_spaces import SPACES
+    from search_spaces import Space
 
     common = RunOptions(**options)
     task = common.the_task()
     get_method(method)
     size = get_profile(profile)
-    if space is not None and space not in SPACES:
-        raise one_of("search space", space, SPACES)
     changes: dict[str, Any] = {
         "space": space,
         "brackets": brackets,
@@ -147,13 +146,17 @@ def bohb(
                 "as the budgets say, and none of them stops early or restarts"
             )
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
-    if size.space == "full" and hp.se.structure != "plain":
+    searched = Space.of(size.space)
+    searched.check(hp, SET_BY_SEARCH, lambda tried: NES(task, tried))
+    if searched == Space("full") and hp.se.structure != "plain":
         raise InvalidInput(
             "the space 'full' needs plain SEs (--recipe paper, authors or distilled); "
             f"the recipe {hp.recipe!r} has {hp.se.structure} SEs"
         )
     place = common.the_place()
-    name = study or f"{method}-{profile}-{size.space}{common.suffix(hp.recipe)}-seed{common.seed}"
+    name = (
+        study or f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"
+    )
     folder = place.home.run_folder(task.id, name)
 
     from cluster.bohb.brackets import Schedule
@@ -167,7 +170,7 @@ def bohb(
             folder,
             task,
             common.seed,
-            size.space,
+            searched,
             schedule,
             hp,
             method,

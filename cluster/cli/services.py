@@ -46,7 +46,7 @@ def status(home: Path) -> None:
 
     found = services(Home(home))
     for service in found:
-        click.echo(f"{service.name:8}{service.state:15}{service.page:30}log {service.log}")
+        click.echo(f"{service.name:8}{service.state:15}{service.page}  log {service.log}")
     if not found:
         click.echo(f"nothing is up in {str(home)!r}: start with {Home(home).hint('up', 'up')}")
     sys.exit(0 if found and all(service.state == "up" for service in found) else 1)
@@ -69,11 +69,12 @@ def down(home: Path) -> None:
 def ui(home: Path, host: str, port: int) -> None:
     """Serve the MLflow UI on the runs of the home folder until Ctrl-C."""
     from cluster.services.background import join
-    from cluster.services.mlflow_server import serve_ui
+    from cluster.services.mlflow_server import pages, serve_ui
     from cluster.storage.home import Home
 
     running = join("mlflow", Home(home))
     if running is not None:
-        click.echo(f"MLflow is up: {running}")
+        for line in pages(Home(home), running):
+            click.echo(line)
         return
     sys.exit(serve_ui(Home(home), host, port))

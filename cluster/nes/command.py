@@ -144,7 +144,8 @@ class _UnderWay:
             verdict = "confirmed" if state.confirmed else "not confirmed, going on"
             self.terminal.line(
                 f"{found.size} fresh agents score {found.mean():.1f} ± {found.std():.1f} on the "
-                f"current SE, any {JUDGES} of them solve it with a chance of {share:.0%}: {verdict}"
+                f"current SE; the mean of any {JUDGES} of them solves the task with a chance of "
+                f"{share:.0%} ({confirmation.required:.0%} needed): {verdict}"
             )
         return state
 

@@ -94,8 +94,8 @@ def up(
 ) -> None:
     """Start what is not up yet, and wait until it is well.
 
-    Raises InvalidInput if a port is taken or a service does not come up; then what
-    this call started has ended again.
+    Raises InvalidInput if the database is damaged, a port is taken or a service does not come up;
+    then what this call started has ended again.
     """
     home.prepare()
     ports = {"ray": (ray_port, dashboard_port), "mlflow": (mlflow_port,)}
@@ -107,6 +107,9 @@ def up(
     for service in known:
         tell(f"{service.name} is up already: {service.page}")
         starts.pop(service.name, None)
+    database = home.folder / "mlflow.db"
+    if "mlflow" in starts and database.exists():
+        experiments(database)
     for name in starts:
         for port in ports[name]:
             require_free(host, port)
@@ -168,8 +171,7 @@ def _ray_token(home: Home) -> dict[str, str]:
 
 def _start_mlflow(home: Home, host: str, port: int) -> Service:
     with database_ready(home.database_uri):
-        # A server that is ended while it makes one would leave it unusable.
-        experiments(home.folder / "mlflow.db")
+        pass  # a server that is ended while it makes one would leave it unusable
     command, environment = mlflow_server(home, host, port)
     page = f"http://{_reachable(host)}:{port}"
     return _start(home, "mlflow", command, page, page + HOME_PAGE, f"{page}/health", environment)

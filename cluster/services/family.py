@@ -10,10 +10,12 @@ _PATIENCE = 15.0
 
 def end_family(process: psutil.Process) -> None:
     """Ask a process to end, and kill what is left of it and its children after some seconds."""
+    family = [process]
     with contextlib.suppress(psutil.NoSuchProcess):
-        family = [process, *process.children(recursive=True)]
+        family += process.children(recursive=True)
         process.terminate()
-        _, alive = psutil.wait_procs(family, _PATIENCE)
-        for left in alive:
+    _, alive = psutil.wait_procs(family, _PATIENCE)
+    for left in alive:
+        with contextlib.suppress(psutil.NoSuchProcess):
             left.kill()
-        psutil.wait_procs(alive, _PATIENCE)
+    psutil.wait_procs(alive, _PATIENCE)

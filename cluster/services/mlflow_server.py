@@ -36,6 +36,13 @@ def mlflow_server(home: Home, host: str, port: int) -> tuple[list[str], dict[str
     }
 
 
+def pages(home: Home, server: str) -> list[str]:
+    """Each task of a home, with the address of its runs on a server. Raises InvalidInput if the
+    database is damaged."""
+    found = experiments(home.folder / "mlflow.db")
+    return [f"{name}: {server}{runs_page(number)}" for number, name in found.items()]
+
+
 def serve_ui(home: Home, host: str, port: int) -> int:
     """Serve until interrupted; return the server's exit code.
 
@@ -45,10 +52,9 @@ def serve_ui(home: Home, host: str, port: int) -> int:
     if not database.exists():
         start = home.hint("nes CartPole-v0", "nes-cartpole")
         raise InvalidInput(f"no runs in {str(home.folder)!r} yet: start with {start}")
-    found = experiments(database)
+    found = pages(home, f"http://{host}:{port}")
     require_free(host, port)
-    for number, name in found.items():
-        print(f"{name}: http://{host}:{port}{runs_page(number)}", flush=True)
+    print(*found, sep="\n", flush=True)
     print("Ctrl-C ends the MLflow UI", flush=True)
     command, environment = mlflow_server(home, host, port)
     command[0] = str(Path(sys.executable).with_name(command[0]))
@@ -60,4 +66,5 @@ def serve_ui(home: Home, host: str, port: int) -> int:
     except KeyboardInterrupt:
         return 0
     finally:
-        end_family(psutil.Process(server.pid))
+        if server.poll() is None:
+            end_family(psutil.Process(server.pid))

@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C and SIGTERM, which both stop a command cleanly."""
+"""Handling of Ctrl-C, SIGTERM and the end of the terminal, which stop a command cleanly."""
 
 import signal
 from collections.abc import Iterator
@@ -10,7 +10,7 @@ from cluster.session.terminal import Terminal
 
 
 class InterruptGuard:
-    """Turns the first Ctrl-C (or SIGTERM) within `orderly` into a flag.
+    """Turns the first of these signals within `orderly` into a flag.
 
     At any other time the signal raises KeyboardInterrupt, and `check` raises it again, because
     Python or a library may have swallowed the first one, as in a finaliser.
@@ -23,8 +23,9 @@ class InterruptGuard:
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
-        for number in (signal.SIGINT, signal.SIGTERM):
-            self._before[number] = signal.signal(number, self._on_signal)
+        for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+            if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup wants it
+                self._before[number] = signal.signal(number, self._on_signal)
         return self
 
     def __exit__(self, *exc: object) -> None:

@@ -83,4 +83,6 @@ def shown_at(home: Home, tracker: Tracker, key: str | None = None) -> str:
     page = tracker.page(key)
     if tracker.server is not None:
         return tracker.server + page
+    if tracker.uri != home.database_uri:
+        return f"{tracker.uri}, experiment {tracker.experiment_id}"
     return f"{UI_ADDRESS}{page} (after {home.hint('ui', 'ui')})"

@@ -2,6 +2,7 @@
 
 import getpass
 import itertools
+import re
 import shlex
 import subprocess
 import sys
@@ -33,6 +34,8 @@ class Author:
     def of_this_process(cls) -> Self:
         """The author of runs that this process begins."""
         program, *arguments = sys.argv
+        # Databases may be given with a password.
+        arguments = [re.sub(r"(?<=://)[^/@\s]+@", "***@", argument) for argument in arguments]
         return cls(_user(), shlex.join([Path(program).name, *arguments]), _commit())
 
 

@@ -61,7 +61,9 @@ def experiments(path: Path) -> dict[str, str]:
     try:
         with closing(sqlite3.connect(f"file:{quote(str(path))}?mode=ro", uri=True)) as database:
             return {str(number): str(name) for number, name in database.execute(query)}
-    except sqlite3.Error as error:
+    except sqlite3.OperationalError as error:
+        raise InvalidInput(f"MLflow's database {str(path)!r} cannot be read: {error}") from None
+    except sqlite3.DatabaseError as error:
         raise InvalidInput(
             f"MLflow's database {str(path)!r} is damaged: {error}; move it away, and "
             "`bilevel sync` writes each run to a new one"
@@ -74,4 +76,4 @@ def _file(uri: str) -> Path | None:
     from sqlalchemy.engine import make_url
 
     name = make_url(uri).database
-    return None if name in (None, "", ":memory:") else Path(name)
+    return None if name in (None, "", ":memory:") else Path(name).absolute()

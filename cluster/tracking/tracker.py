@@ -150,7 +150,7 @@ class Tracker:
         self.uri = uri
         self._thorough = thorough
         self._shown: dict[str, _Shown] = {}
-        self._columns: list[str] | None = None  # of the shared view; None: not read yet
+        self._columns: list[str] = []  # of the shared view, as far as they are known
         server = uri.startswith("http")
         location = None if server else (artifacts / experiment).resolve().as_uri()
         try:
@@ -178,17 +178,17 @@ class Tracker:
 
     def _show_columns(self, params: Iterable[str]) -> None:
         """Let the shared view have columns for these parameters, too."""
-        name = f"mlflow.sharedViewState.{_VIEW}"
-        if self._columns is None:
-            tags = self._client.get_experiment(self.experiment_id).tags
-            self._columns = json.loads(tags.get(name, "{}")).get("selectedColumns", [])
         wanted = [*_COLUMNS, *(f"params.`{param}`" for param in params)]
-        columns = list(dict.fromkeys([*self._columns, *wanted]))
-        if columns != self._columns:
-            state = {"selectedColumns": columns, "orderByKey": "attributes.start_time"}
+        if set(wanted) <= set(self._columns):
+            return
+        name = f"mlflow.sharedViewState.{_VIEW}"
+        tags = self._client.get_experiment(self.experiment_id).tags
+        before = json.loads(tags.get(name, "{}")).get("selectedColumns", [])
+        self._columns = list(dict.fromkeys([*before, *wanted]))
+        if self._columns != before:
+            state = {"selectedColumns": self._columns, "orderByKey": "attributes.start_time"}
             text = json.dumps({**state, "orderByAsc": False})
             self._client.set_experiment_tag(self.experiment_id, name, text)
-            self._columns = columns
 
     @property
     def server(self) -> str | None:
@@ -217,8 +217,6 @@ class Tracker:
                 shown = self._open(view)
             self._show_tags(shown, {_EDITION: view.edition})
         self._show_params(shown, view.params)
-        if view.parent is not None:
-            self._show_columns(view.params)
         self._show_points(shown, view.points)
         for document in view.documents:
             self._show_document(shown, document)
@@ -227,11 +225,14 @@ class Tracker:
             self._note_document(shown, "model", view.model.version)
         self._show_tags(shown, {**view.tags, _NOTE: view.note})
         self._show_status(shown, view)
+        if view.parent is not None:
+            self._show_columns(view.params)
         self._shown[view.key] = shown  # after a failed write, the run is read again
 
     def forget(self) -> None:
         """Read all runs again: MLflow was unreachable and may have lost data."""
         self._shown.clear()
+        self._columns = []
 
     def _open(self, view: RunView) -> _Shown:
         runs = self._client.search_runs(

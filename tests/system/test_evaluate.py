@@ -87,7 +87,7 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path, add
     assert experiment is not None
     (tracked,) = mlflow_client.search_runs([experiment.experiment_id])
     assert tracked.info.status == "FINISHED"
-    assert tracked.data.metrics["td3/my_se/test_returns_mean"] == group["test_returns_mean"]
+    assert tracked.data.metrics["test_return/td3/my_se"] == group["test_returns_mean"]
     names = {item.path for item in mlflow_client.list_artifacts(tracked.info.run_id)}
     assert {"report.json", "returns.png", "results.jsonl"} <= names
 

@@ -166,8 +166,10 @@ EASY = (
 def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path, address: str) -> None:
     result = run_bilevel(*SMALL, *EASY, "--home", tmp_path, "--address", address)
     assert result.returncode == 0, result.stderr
-    confirmed = "4 fresh agents score .* on the current SE, any 10 .* chance of 100%: confirmed"
-    assert re.search(confirmed, result.stdout)
+    assert re.search(
+        "4 fresh agents score .* on the current SE; the mean of any 10 ", result.stdout
+    )
+    assert "solves the task with a chance of 100% (95% needed): confirmed" in result.stdout
     assert "solved and confirmed: 2 generations" in result.stdout
     assert "10 of 10 agents reach 5" in result.stdout
 

@@ -145,7 +145,7 @@ def test_down_stops_all_it_started_and_nothing_else(up: Up) -> None:
     assert "nothing is up" in run_bilevel("down", "--home", up.home).stdout
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGHUP])
 def test_the_ui_ends_without_a_traceback(tmp_path: Path, number: signal.Signals) -> None:
     home, port = Home(tmp_path), free_port()
     home.prepare()

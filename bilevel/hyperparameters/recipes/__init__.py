@@ -80,7 +80,7 @@ def _read(name: str, task_id: str) -> dict[str, Any]:
         file = own if own.is_file() else files(__name__) / f"{name}.toml"
         return tomllib.loads(file.read_text())
     if not name.endswith(".toml"):
-        raise one_of("recipe", name, (*RECIPES, "recipe files (*.toml)", "and studies"))
+        raise one_of("recipe", name, (*RECIPES, "and paths of recipe files (*.toml)"))
     try:
         return tomllib.loads(Path(name).read_text())
     except OSError as error:
@@ -98,5 +98,6 @@ def recipe_text(hp: Hyperparameters, heading: str) -> str:
     for name, section in sections.items():
         # JSON writes strings, numbers and booleans as TOML does.
         lines += ["", f"[{name}]"]
-        lines += [f"{field} = {json.dumps(value)}" for field, value in asdict(section).items()]
+        given = {field: value for field, value in asdict(section).items() if value is not None}
+        lines += [f"{field} = {json.dumps(value)}" for field, value in given.items()]
     return "\n".join(lines) + "\n"

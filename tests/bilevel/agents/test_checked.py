@@ -1,11 +1,13 @@
 """Mistakes of agents that users write are told with their place, and never become a score."""
 
 import math
+import random
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+import torch
 
 from bilevel.agents import Transition
 from bilevel.agents.checked import AgentMistake, CheckedAgent
@@ -68,9 +70,20 @@ class LearnsNothing(Right):
         return None
 
 
-class NeverANumber(Right):
+class LearnsText(Right):
     def learn(self) -> Any:
-        return math.nan
+        return "well"
+
+
+class Decorated(Right):
+    @torch.no_grad()
+    def act(self, state: Any, exploring: bool) -> Any:
+        return None
+
+
+class RaisesInTheStandardLibrary(Right):
+    def observe(self, transition: Any) -> None:
+        random.sample([1], 3)
 
 
 class Exits(Right):
@@ -99,8 +112,13 @@ def live(agent: CheckedAgent) -> None:
         (ActsHalf, "act returned the action 0.5: allowed are the integers 0 to 1"),
         (Raises, "when it acts: IndexError: index 5 is out of bounds for axis 0 with size 2"),
         (RaisesInALibrary, "when it observes: LinAlgError: Singular matrix"),
-        (LearnsNothing, "learn returned None instead of a finite loss (0 if none)"),
-        (NeverANumber, "learn returned nan instead of a finite loss (0 if none)"),
+        (LearnsNothing, "learn returned None instead of a loss (0 if there is none)"),
+        (LearnsText, "learn returned 'well' instead of a loss (0 if there is none)"),
+        (Decorated, "act returned the action None: allowed are the integers 0 to 1"),
+        (
+            RaisesInTheStandardLibrary,
+            "when it observes: ValueError: Sample larger than population or is negative",
+        ),
         (Exits, "when it ends an episode: SystemExit: 3"),
     ],
 )

@@ -194,7 +194,7 @@ class TestGymEnv:
     def test_an_action_that_it_does_not_have_is_refused(self, se_file: Path) -> None:
         env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file).unwrapped
         env.reset(seed=0)
-        with pytest.raises(InvalidInput, match="action 2 is not in Discrete"):
+        with pytest.raises(InvalidInput, match="action 2 is not allowed: allowed are 0 to 1"):
             env.step(2)
 
     @pytest.mark.filterwarnings("ignore:.*Box observation space.*infinity:UserWarning")

@@ -27,7 +27,7 @@ from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
 from cluster.storage.run_folder import locked_settings
-from search_spaces import search_space
+from search_spaces import Space, search_space
 from tests.studies import run_job
 
 #: Hyperband's brackets.
@@ -126,7 +126,7 @@ class TestStudy:
         task = get_task("CartPole-v0")
         base = sized(load_recipe("default", task.id), get_profile("local"))
         schedule = Schedule((1, 3), 2)
-        study = Study(tmp_path / "study", task, 3, "core", schedule, base, "hyperband")
+        study = Study(tmp_path / "study", task, 3, Space("core"), schedule, base, "hyperband")
         with locked_settings(study.folder, study.settings()):
             return study
 

@@ -31,4 +31,7 @@ def test_a_study_without_an_incumbent_has_no_recipe(tmp_path: Path) -> None:
     arguments = ("nes", "CartPole-v0", "--recipe", "mine", "--home", str(tmp_path))
     result = run_bilevel(*arguments, cwd=tmp_path)
     assert result.returncode == 2
-    assert "'mine' has found no recipe yet: run it to its end first" in result.stderr
+    assert (
+        "'mine' on CartPole-v0 has found no recipe: give a study that has run to its end"
+        in result.stderr
+    )

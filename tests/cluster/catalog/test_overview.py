@@ -71,7 +71,8 @@ def test_a_narrow_terminal_folds_names_and_cuts_nothing(home: Home) -> None:
     make_study(home.run_folder("CartPole-v0", "a-name-that-is-longer-than-the-terminal-is-wide"))
     out = io.StringIO()
     print_overview(
-        overview(home), Console(file=out, width=76, force_terminal=True, color_system=None)
+        overview(home),
+        Console(file=out, width=76, force_terminal=True, color_system=None, soft_wrap=True),
     )
     text = out.getvalue()
     for shown in ("finished", "6/6 results", "100.0"):
@@ -84,6 +85,6 @@ def test_a_pipe_gets_whole_lines(home: Home) -> None:
     name = "a-name-that-is-longer-than-the-terminal-is-wide-and-of-the-longest-sort"
     make_study(home.run_folder("CartPole-v0", name))
     out = io.StringIO()
-    print_overview(overview(home), Console(file=out, width=40))
+    print_overview(overview(home), Console(file=out, width=40, soft_wrap=True))
     _, line = out.getvalue().splitlines()
     assert line.split()[:4] == ["CartPole-v0", name, "study", "finished"]

@@ -109,6 +109,7 @@ def test_help(command: list[str], tmp_path: Path) -> None:
             ["bohb", "CartPole-v0", "--space", "x"],
             "unknown search space 'x': allowed are full, core",
         ),
+        (["bohb", "CartPole-v0", "--space", "x.json"], "cannot read the search space 'x.json': No"),
         (["nes", "CartPole-v0", "--seed", "one"], "'--seed': 'one' is not a whole number"),
         (["nes", "CartPole-v0", "--seed", "0.5"], "allowed are 0 or more"),
         (["ui", "--port", "http"], "'http' is not a whole number: allowed are 1 to 65535"),

@@ -1,0 +1,140 @@
+"""Many copies of an SE as one vector environment of gymnasium."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.utils import seeding
+from gymnasium.vector.utils import batch_space
+from numpy.typing import NDArray
+
+from bilevel.errors import InvalidInput
+from bilevel.gym_env import SyntheticEnv, checked_action
+from bilevel.networks import layer_biases, layer_weights
+from bilevel.synthetic_env import StoredSE
+
+
+class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
+    """N copies of the SE of a file that take their steps together, each network once for all:
+    `gymnasium.make_vec("bilevel/SyntheticEnv-v0", num_envs=N, path=...)`.
+
+    It gives what gymnasium's SyncVectorEnv of N single ones gives, up to float32 rounding; a copy
+    whose episode has ended is reset by the next step. Raises InvalidInput as SyntheticEnv does.
+    """
+
+    metadata = {  # noqa: RUF012
+        "render_modes": [],
+        "autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP,
+    }
+
+    def __init__(self, path: str | Path, num_envs: int = 1) -> None:
+        single = SyntheticEnv(path)
+        self.num_envs = num_envs
+        self.single_observation_space = single.observation_space
+        self.single_action_space = single.action_space
+        self.observation_space = batch_space(single.observation_space, num_envs)
+        self.action_space = batch_space(single.action_space, num_envs)
+        self._single = single
+        self._networks = _Batched(single.se)
+        self._sources = [np.random.default_rng() for _ in range(num_envs)]
+        self._states = np.zeros((num_envs, single.se.architecture.state_size), np.float32)
+        self._steps = np.zeros(num_envs, np.int64)
+        self._over = np.zeros(num_envs, bool)
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int | None] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """Draw initial states (N, S); with one seed, copy i has the seed + i. Of the options,
+        `reset_mask` (N,) tells which copies are reset.
+
+        Raises ValueError for another number of seeds than of copies.
+        """
+        if seed is None:
+            seeds: Sequence[int | None] = [None] * self.num_envs
+        elif isinstance(seed, int):
+            seeds = [seed + i for i in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise ValueError(f"{len(seeds)} seeds for {self.num_envs} copies of the SE")
+        everyone = np.ones(self.num_envs, bool)
+        mask = np.asarray((options or {}).get("reset_mask", everyone), bool)
+        for i in np.flatnonzero(mask).tolist():
+            if seeds[i] is not None:
+                self._sources[i], _ = seeding.np_random(seeds[i])
+        self._begin(np.flatnonzero(mask))
+        self._over &= ~mask
+        return self._states.copy(), {}
+
+    def step(
+        self, actions: Any
+    ) -> tuple[
+        NDArray[np.float32],
+        NDArray[np.float64],
+        NDArray[np.bool_],
+        NDArray[np.bool_],
+        dict[str, Any],
+    ]:
+        """Take one step of every copy with actions (N,): next observations (N, S), rewards (N,),
+        terminated (N,), truncated (N,), info. Raises InvalidInput for a wrong action."""
+        if len(actions) != self.num_envs:
+            raise InvalidInput(f"{len(actions)} actions for {self.num_envs} copies of the SE")
+        resetting = self._over
+        numbers = np.array(
+            [
+                0 if over else checked_action(action, self._single.n_actions)
+                for action, over in zip(actions, resetting, strict=True)
+            ]
+        )
+        next_states, rewards, dones = self._networks.step(self._states, numbers)
+        self._states, self._steps = next_states, self._steps + 1
+        terminated = (dones > 0.5) & ~resetting
+        truncated = (self._steps >= self._single.step_limit) & ~resetting
+        self._begin(np.flatnonzero(resetting))
+        self._over = terminated | truncated
+        rewards[resetting] = 0.0
+        info = {"done": np.where(resetting, 0.0, dones), "_done": ~resetting}
+        return self._states.copy(), rewards, terminated, truncated, info
+
+    def _begin(self, which: NDArray[np.int64]) -> None:
+        for i in which:
+            self._states[i] = self._single.initial_state(self._sources[i])
+            self._steps[i] = 0
+
+
+class _Batched:
+    """The networks of an SE, for many states and actions at once."""
+
+    def __init__(self, se: StoredSE) -> None:
+        architecture = se.architecture
+        self._n_actions = architecture.n_actions
+        self._is_tanh, self._slope = architecture.activation == "tanh", architecture.slope
+        self._layers = [
+            [
+                (layer_weights(net, part, layer).T.copy(), layer_biases(net, part, layer).copy())
+                for layer in range(net.sizes.size - 1)
+            ]
+            for net, part in zip(architecture.networks, architecture.split(se.psi), strict=True)
+        ]
+
+    def step(
+        self, states: NDArray[np.float32], actions: NDArray[np.int64]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
+        """Next states (N, S), rewards (N,) and raw dones (N,)."""
+        one_hot = np.eye(self._n_actions, dtype=np.float32)[actions]
+        inputs = np.concatenate([one_hot, states], axis=1)
+        next_states, rewards, dones = (self._output(layers, inputs) for layers in self._layers)
+        return next_states, rewards[:, 0].astype(np.float64), dones[:, 0].astype(np.float64)
+
+    def _output(self, layers: list[Any], x: NDArray[np.float32]) -> NDArray[np.float32]:
+        for weights, biases in layers[:-1]:
+            x = x @ weights + biases
+            x = np.tanh(x) if self._is_tanh else np.where(x > 0, x, np.float32(self._slope) * x)
+        weights, biases = layers[-1]
+        output: NDArray[np.float32] = x @ weights + biases
+        return output

@@ -1,0 +1,99 @@
+"""A search space: one that comes with the package, or one of the user's from a file."""
+
+import json
+from collections.abc import Callable, Sequence
+from copy import deepcopy
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import ConfigSpace as CS
+import yaml
+
+from bilevel.errors import InvalidInput, one_of
+from bilevel.hyperparameters import Hyperparameters
+from search_spaces.bohb import SPACES, search_space, to_hyperparameters
+
+#: Configurations of a space from a file that are tried before it is used.
+_TRIED = 256
+
+#: What ConfigSpace and YAML raise for content that is no space.
+_DAMAGE = (AttributeError, IndexError, KeyError, TypeError, ValueError, yaml.YAMLError)
+
+
+@dataclass(frozen=True)
+class Space:
+    """The name of one of SPACES, or of a file, and then its content as ConfigSpace writes it."""
+
+    name: str
+    content: dict[str, Any] | None = None
+
+    @classmethod
+    def of(cls, given: str) -> Self:
+        """The space of that name, or of that file: JSON or YAML as ConfigSpace's `to_json` and
+        `to_yaml` write them. Raises InvalidInput."""
+        path = Path(given)
+        if path.suffix not in (".json", ".yaml", ".yml"):
+            if given not in SPACES:
+                raise one_of("search space", given, (*SPACES, "and files (*.json, *.yaml)"))
+            return cls(given)
+        try:
+            text = path.read_text()
+            content = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
+        except OSError as error:
+            reason = error.strerror or str(error)
+            raise InvalidInput(f"cannot read the search space {given!r}: {reason}") from None
+        except _DAMAGE as error:
+            raise InvalidInput(f"search space {given!r}: {' '.join(str(error).split())}") from None
+        space = cls(path.stem, content if content is not None else {})
+        space.build()
+        return space
+
+    def build(
+        self, agents: Sequence[str] = ("ddqn",), seed: int | None = None
+    ) -> CS.ConfigurationSpace:
+        """The space for these agents; one from a file is for those that it names. Raises
+        InvalidInput for content that is no space."""
+        if self.content is None:
+            return search_space(self.name, agents, seed)
+        try:
+            # A copy, because ConfigSpace takes entries out of what it reads.
+            space = CS.ConfigurationSpace.from_serialized_dict(deepcopy(self.content))
+        except _DAMAGE as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise InvalidInput(
+                f"search space {self.name!r} is not one that ConfigSpace writes: {reason}"
+            ) from None
+        if any(isinstance(d, CS.OrdinalHyperparameter) for d in space.values()):
+            raise InvalidInput(
+                f"search space {self.name!r} has ordinal hyperparameters: BOHB's model allows "
+                "floats, integers and categories"
+            )
+        if not len(space):
+            raise InvalidInput(f"search space {self.name!r} has no hyperparameters")
+        if seed is not None:
+            space.seed(seed)
+        return space
+
+    def check(
+        self,
+        base: Hyperparameters,
+        reserved: Sequence[str] = (),
+        fits: Callable[[Hyperparameters], object] = lambda hp: None,
+    ) -> None:
+        """Raise InvalidInput, for a space from a file, if it sets a hyperparameter that `base` does
+        not have, one that is `reserved`, values that are not allowed, or a combination that `fits`
+        does not accept."""
+        if self.content is None:
+            return
+        space, what = self.build(), f"search space {self.name!r}"
+        taken = sorted(set(reserved) & set(space))
+        if taken:
+            raise InvalidInput(f"{what}: {taken[0]} is set by the search itself")
+        space.seed(0)
+        tried = [space.get_default_configuration(), *space.sample_configuration(_TRIED)]
+        for configuration in tried:
+            try:
+                fits(to_hyperparameters(base, dict(configuration)))
+            except InvalidInput as error:
+                raise InvalidInput(f"{what}: {error}") from None

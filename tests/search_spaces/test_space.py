@@ -1,0 +1,71 @@
+"""Search spaces of a user's own, from files."""
+
+from pathlib import Path
+
+import ConfigSpace as CS
+import pytest
+
+from bilevel import InvalidInput
+from bilevel.hyperparameters import load_recipe
+from search_spaces import Space, search_space
+
+BASE = load_recipe("default", "CartPole-v0")
+
+
+def written(tmp_path: Path, name: str, *dimensions: CS.hyperparameters.Hyperparameter) -> Path:  # type: ignore[type-arg]
+    space, path = CS.ConfigurationSpace(space=list(dimensions)), tmp_path / name
+    space.to_json(path) if name.endswith("json") else space.to_yaml(path)
+    return path
+
+
+@pytest.mark.parametrize("name", ["mine.json", "mine.yaml"])
+def test_what_configspace_writes_is_read(name: str, tmp_path: Path) -> None:
+    path = written(tmp_path, name, CS.Float("nes.std_dev", (0.1, 0.4), log=True))
+    space = Space.of(str(path))
+    space.check(BASE)
+    assert space.name == "mine"
+    built = space.build()
+    assert list(built) == ["nes.std_dev"]
+    assert built == Space(space.name, space.content).build()
+    one, two = (dict(space.build(seed=3).sample_configuration()) for _ in range(2))
+    assert one == two
+
+
+@pytest.mark.parametrize(
+    ("dimension", "told"),
+    [
+        (CS.Float("nes.sigma", (0.1, 0.4)), "unknown hyperparameter 'nes.sigma': allowed are nes."),
+        (CS.Float("td3.learning_rate", (0.1, 0.4)), "'td3.learning_rate': allowed are nes.*, se.*"),
+        (CS.Float("nes.std_dev", (0.1, 99.0)), "std_dev must be float, 1e-06 to 10.0; got"),
+        (CS.Integer("nes.generations", (1, 9)), "nes.generations is set by the search itself"),
+        (CS.Categorical("se.activation", ("tanh", "sine")), "unknown SE activation 'sine'"),
+    ],
+)
+def test_a_space_that_does_not_fit_is_told_in_one_line(
+    dimension: CS.hyperparameters.Hyperparameter,  # type: ignore[type-arg]
+    told: str,
+    tmp_path: Path,
+) -> None:
+    space = Space.of(str(written(tmp_path, "mine.json", dimension)))
+    with pytest.raises(InvalidInput) as caught:
+        space.check(BASE, ("nes.generations",))
+    assert str(caught.value).startswith("search space 'mine': ")
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", "nonsense: [", '{"hyperparameters": [{}]}'])
+@pytest.mark.parametrize("ending", ["json", "yaml"])
+def test_files_that_are_no_spaces_are_told_in_one_line(
+    text: str, ending: str, tmp_path: Path
+) -> None:
+    path = tmp_path / f"mine.{ending}"
+    path.write_text(text)
+    with pytest.raises(InvalidInput, match=r"^search space [^\n]+$"):
+        Space.of(str(path))
+
+
+def test_the_packages_own_spaces_fit_any_agent() -> None:
+    assert Space.of("core").build(("td3",)) == search_space("core", ("td3",))
+    with pytest.raises(InvalidInput, match="unknown search space 'x': allowed are full, core"):
+        Space.of("x")
