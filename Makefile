@@ -23,7 +23,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@# By pip, whose settings may name a build without CUDA; the others by uv, in seconds.
 	@$(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^(torch|uv)==' constraints.txt)
 	@echo "  2 of 3: all other packages, some seconds"
-	@$(BIN)/uv pip install --quiet --python $(BIN)/python --no-deps --requirement constraints.txt \
+	@$(BIN)/uv pip install --quiet --compile-bytecode --python $(BIN)/python --no-deps --requirement constraints.txt \
 		|| $(BIN)/python -m pip install --quiet --no-deps --requirement constraints.txt
 	@# As a path: from the folder above, a folder called bilevel would hide what a finder finds.
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --config-settings \
