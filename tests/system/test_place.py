@@ -16,11 +16,11 @@ from cluster.storage.home import Home
 pytestmark = pytest.mark.timeout(120)
 
 
-def test_termination_stops_it_as_ctrl_c_does(tmp_path: Path) -> None:
+def test_termination_stops_it_as_ctrl_c_does(tmp_path: Path, address: str) -> None:
     home = Home(tmp_path / "home")
 
     def terminated() -> None:
-        with Place(home, home.database_uri).entered():
+        with Place(home, home.database_uri, address).entered():
             with sharing():  # a second run
                 assert fair_share(1) == max(cluster_cores() // 2, 1)
             os.kill(os.getpid(), signal.SIGTERM)
