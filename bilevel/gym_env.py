@@ -8,15 +8,12 @@ The first observation is drawn from the real task's reset distribution, the othe
 own step limit.
 """
 
-import operator
 from pathlib import Path
 from typing import Any
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
-
-from bilevel.errors import InvalidInput
 
 ENV_ID = "bilevel/SyntheticEnv-v0"
 
@@ -64,6 +61,7 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         The action may be an integer of any kind, torch's too. Raises InvalidInput for another one.
         """
         from bilevel.kernels.synthetic_env import step
+        from bilevel.tasks import checked_action
 
         number = checked_action(action, self.n_actions)
         next_state = np.empty_like(self._state)
@@ -72,17 +70,6 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         self._steps += 1
         truncated = self._steps >= self.step_limit
         return next_state.copy(), float(reward), bool(done > 0.5), truncated, {"done": float(done)}
-
-
-def checked_action(action: Any, n_actions: int) -> int:
-    """The action as an int. Raises InvalidInput unless it is one of the task's."""
-    try:
-        number = operator.index(action)
-    except TypeError:
-        number = -1
-    if not 0 <= number < n_actions:
-        raise InvalidInput(f"action {action!r} is not allowed: allowed are 0 to {n_actions - 1}")
-    return number
 
 
 def register() -> None:

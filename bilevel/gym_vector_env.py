@@ -6,14 +6,15 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import torch
 from gymnasium.utils import seeding
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from bilevel.errors import InvalidInput
-from bilevel.gym_env import SyntheticEnv, checked_action
-from bilevel.networks import layer_biases, layer_weights
-from bilevel.synthetic_env import StoredSE
+from bilevel.gym_env import SyntheticEnv
+from bilevel.synthetic_env.torch_module import SEModule
+from bilevel.tasks import checked_action
 
 
 class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
@@ -37,7 +38,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self.observation_space = batch_space(single.observation_space, num_envs)
         self.action_space = batch_space(single.action_space, num_envs)
         self._single = single
-        self._networks = _Batched(single.se)
+        self._networks = SEModule(single.se)
         self._sources = [np.random.default_rng() for _ in range(num_envs)]
         self._states = np.zeros((num_envs, single.se.architecture.state_size), np.float32)
         self._steps = np.zeros(num_envs, np.int64)
@@ -91,8 +92,10 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
                 for action, over in zip(actions, resetting, strict=True)
             ]
         )
-        next_states, rewards, dones = self._networks.step(self._states, numbers)
-        self._states, self._steps = next_states, self._steps + 1
+        outputs = self._networks(torch.from_numpy(self._states), torch.from_numpy(numbers))
+        self._states, rewards, dones = (output.numpy() for output in outputs)
+        rewards = rewards.astype(np.float64)
+        self._steps += 1
         terminated = (dones > 0.5) & ~resetting
         truncated = (self._steps >= self._single.step_limit) & ~resetting
         self._begin(np.flatnonzero(resetting))
@@ -105,36 +108,3 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         for i in which:
             self._states[i] = self._single.initial_state(self._sources[i])
             self._steps[i] = 0
-
-
-class _Batched:
-    """The networks of an SE, for many states and actions at once."""
-
-    def __init__(self, se: StoredSE) -> None:
-        architecture = se.architecture
-        self._n_actions = architecture.n_actions
-        self._is_tanh, self._slope = architecture.activation == "tanh", architecture.slope
-        self._layers = [
-            [
-                (layer_weights(net, part, layer).T.copy(), layer_biases(net, part, layer).copy())
-                for layer in range(net.sizes.size - 1)
-            ]
-            for net, part in zip(architecture.networks, architecture.split(se.psi), strict=True)
-        ]
-
-    def step(
-        self, states: NDArray[np.float32], actions: NDArray[np.int64]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float64], NDArray[np.float64]]:
-        """Next states (N, S), rewards (N,) and raw dones (N,)."""
-        one_hot = np.eye(self._n_actions, dtype=np.float32)[actions]
-        inputs = np.concatenate([one_hot, states], axis=1)
-        next_states, rewards, dones = (self._output(layers, inputs) for layers in self._layers)
-        return next_states, rewards[:, 0].astype(np.float64), dones[:, 0].astype(np.float64)
-
-    def _output(self, layers: list[Any], x: NDArray[np.float32]) -> NDArray[np.float32]:
-        for weights, biases in layers[:-1]:
-            x = x @ weights + biases
-            x = np.tanh(x) if self._is_tanh else np.where(x > 0, x, np.float32(self._slope) * x)
-        weights, biases = layers[-1]
-        output: NDArray[np.float32] = x @ weights + biases
-        return output

@@ -5,7 +5,6 @@ user's file, wherever the evaluation runs.
 """
 
 import inspect
-import operator
 import sysconfig
 import traceback
 from collections.abc import Callable, Iterator
@@ -17,6 +16,7 @@ from numpy.typing import NDArray
 
 from bilevel.agents.agent import Agent, Transition
 from bilevel.errors import InvalidInput
+from bilevel.tasks import checked_action
 
 #: Folders of code that users did not write.
 _LIBRARIES = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
@@ -61,7 +61,7 @@ class CheckedAgent:
             number = float(loss) if hasattr(loss, "__float__") else None
         if number is None:
             raise self._mistake(
-                "learn", f"returned {loss!r} instead of a loss (0 if there is none)"
+                "learn", f"learn returned {loss!r} instead of a loss (0 if there is none)"
             )
         return number
 
@@ -72,13 +72,9 @@ class CheckedAgent:
 
     def _action(self, action: Any, method: str) -> int:
         try:
-            number = operator.index(action)
-        except TypeError:
-            number = -1
-        if not 0 <= number < self._n_actions:
-            allowed = f"allowed are the integers 0 to {self._n_actions - 1}"
-            raise self._mistake(method, f"returned the action {action!r}: {allowed}")
-        return number
+            return checked_action(action, self._n_actions)
+        except InvalidInput as error:
+            raise self._mistake(method, f"{method}: {error}") from None
 
     @contextmanager
     def _told(self, doing: str) -> Iterator[None]:
@@ -97,7 +93,7 @@ class CheckedAgent:
         place = ""
         with suppress(OSError, TypeError):  # code without a file
             place = f" at {inspect.getsourcefile(function)}:{inspect.getsourcelines(function)[1]}"
-        return AgentMistake(f"agent {self._name!r}{place}: {method} {what}")
+        return AgentMistake(f"agent {self._name!r}{place}: {what}")
 
     def _place_of(self, error: BaseException) -> str:
         """The last call in the file of the agent's class, else in code that is no library's."""

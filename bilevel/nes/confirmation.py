@@ -8,7 +8,7 @@ large ones.
 
 An SE must serve whoever tries it next. That is a few agents, of which a single bad one can spoil
 the mean. So what is confirmed is not the mean score of all agents, which can be known ever better,
-but that the mean of JUDGES agents solves the task nearly always.
+but that the mean of FINAL_AGENTS agents solves the task nearly always.
 """
 
 from collections.abc import Sequence
@@ -20,15 +20,15 @@ from numpy.typing import NDArray
 
 #: Share of the agents that have been trained by the end of each round.
 ROUNDS = (1 / 8, 1 / 2, 1)
-#: Number of agents whose mean score must solve the task: as many as score an SE at a run's end, and
-#: as the paper trains on each of its SEs.
-JUDGES = 10
+#: Number of fresh agents that score an SE at a run's end, and whose mean must therefore solve the
+#: task; as many as the paper trains on each of its SEs.
+FINAL_AGENTS = 10
 #: Share of such means that must solve it at first, how much less must after each confirmation that
 #: failed, and the least. A run must end; and narrowed agents, which learn at high rates, fail a bit
 #: more often than those they stand for, however good the SE has become.
-SURELY, LESS, LEAST = 0.95, 0.03, 0.8
+REQUIRED_SHARE, DECREASE, LEAST_SHARE = 0.95, 0.03, 0.8
 #: Number of such means that are drawn, with replacement, from all agents (bootstrap).
-DRAWS = 20_000
+BOOTSTRAP_SAMPLES = 20_000
 
 
 @dataclass(frozen=True)
@@ -63,13 +63,13 @@ class Confirmation:
     @property
     def required(self) -> float:
         """Share of the means that must solve the task."""
-        return max(SURELY - LESS * self.refuted, LEAST)
+        return max(REQUIRED_SHARE - DECREASE * self.refuted, LEAST_SHARE)
 
     def verdict(self, solved_reward: float) -> bool | None:
         """Whether the SE is confirmed. None: train more.
 
         After each round the mean score of all agents must reach the solved reward; after the last
-        one, also the means of most draws of JUDGES of them.
+        one, also the means of most samples of FINAL_AGENTS of them.
         """
         scores = self.all_scores
         if scores.mean() < solved_reward:
@@ -80,7 +80,7 @@ class Confirmation:
 
 
 def solving_share(scores: NDArray[np.float64], solved_reward: float) -> float:
-    """Share of the draws of JUDGES agents, from agents with these scores (n,), whose mean score
-    reaches the solved reward."""
-    draws = np.random.default_rng(0).choice(scores, (DRAWS, JUDGES))
-    return float((draws.mean(axis=1) >= solved_reward).mean())
+    """Share of the bootstrap samples of FINAL_AGENTS agents, from agents with these scores (n,),
+    whose mean score reaches the solved reward."""
+    samples = np.random.default_rng(0).choice(scores, (BOOTSTRAP_SAMPLES, FINAL_AGENTS))
+    return float((samples.mean(axis=1) >= solved_reward).mean())

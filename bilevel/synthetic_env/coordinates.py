@@ -12,7 +12,7 @@ its agents learn nothing and all scores are noise. Here
     x   = (s - m) / c                                     m, c: mean and scale of observations
     s'  = m + c * (SPREAD Q W^+ tanh(W x + b) + v)        the same whatever the action
     G   = U tanh(R x + d)                                 A_a = G_a - mean of G over actions
-    r(s, a) = A_a(x) - A_a(0) - PRICE
+    r(s, a) = A_a(x) - A_a(0) - STEP_PENALTY
     done  rises above its threshold where a component of x leaves +-E
 
 Rewards whose mean over actions is the same in all states say which action is better and nothing
@@ -122,8 +122,8 @@ EDGE, SIDES = 2.0, 2.0
 STEEPNESS, REWARD = 1.5, 3.0
 #: What every step costs, whatever the action. The stopping rule ends training when mean returns
 #: change by less than 1 %; episodes differ, so with large returns it holds by chance while a slow
-#: agent still learns. A price of about half the best reward halves returns, not their spread.
-PRICE = 0.45
+#: agent still learns. A penalty of about half the best reward halves returns, not their spread.
+STEP_PENALTY = 0.45
 #: Scale of biases.
 BIAS = 0.3
 #: Coordinates of the next state and of the box are so many times as large as the others, so that
@@ -242,7 +242,7 @@ class ExogenousCoordinates:
             unit = n_actions * rewarding + action
             layers.weights[unit, action] = SATURATED
             layers.output_weights[0, unit] = total - preference[action].sum() - at_mean[action]
-        layers.output_biases[...] = -PRICE
+        layers.output_biases[...] = -STEP_PENALTY
 
     def _write_done(self, layers: "_Layers", parts: dict[str, Theta]) -> None:
         """Two units a component of x, one for each side of the box; 0 inside, 1 at the side, 2

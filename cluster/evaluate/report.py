@@ -108,13 +108,15 @@ def picture(groups: Sequence[Group], task: Task, title: str) -> Figure:
                 axes, place, f"{values.mean():.1f}" if axes is scores else f"{values.mean():.0f}"
             )
     scores.axhline(task.solved_reward, color="#d9822b", ls="--", lw=1, label="solved")
-    scores.set_ylabel(f"score on {task.id}")
+    scores.set_ylabel(f"mean test return on {task.id}")
+    figure.supxlabel("a point an agent; black: their mean and its 95 % interval", fontsize="small")
     scores.legend(frameon=False, fontsize="small", loc="lower left")
-    scores.set_title(f"{title}\nmean test return of each agent; mean of all with its 95 % interval")
+    scores.set_title(title, pad=18, wrap=True)  # above the means
     steps.set_ylabel("train steps")
     steps.set_ylim(bottom=0)
     labels = [f"{g.agent}\non {g.source}\nn = {len(g.results)}" for g in groups]
     steps.set_xticks(range(len(groups)), labels, fontsize="small")
+    steps.set_xlim(-0.6, len(groups) - 0.4)
     for axes in (scores, steps):
         axes.spines[["top", "right"]].set_visible(False)
     return figure

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationResult
 from bilevel.nes import NESState
-from bilevel.nes.confirmation import JUDGES, Confirmation, solving_share
+from bilevel.nes.confirmation import FINAL_AGENTS, Confirmation, solving_share
 from bilevel.nes.start import StartRace
 from bilevel.synthetic_env import save_se
 from cluster.nes import pictures
@@ -26,9 +26,6 @@ from cluster.session.session import Session
 from cluster.session.terminal import count, duration, generation_line
 from cluster.tracking.pictures import png
 from cluster.tracking.registry import model_address
-
-#: Fresh agents that score the best SE at the end, with seeds of their own.
-FINAL_AGENTS = 10
 
 
 @dataclass(frozen=True)
@@ -144,8 +141,8 @@ class _UnderWay:
             verdict = "confirmed" if state.confirmed else "not confirmed, going on"
             self.terminal.line(
                 f"{found.size} fresh agents score {found.mean():.1f} ± {found.std():.1f} on the "
-                f"current SE; the mean of any {JUDGES} of them solves the task with a chance of "
-                f"{share:.0%} ({confirmation.required:.0%} needed): {verdict}"
+                f"current SE; the mean of any {FINAL_AGENTS} of them solves the task with a "
+                f"chance of {share:.0%} ({confirmation.required:.0%} needed): {verdict}"
             )
         return state
 

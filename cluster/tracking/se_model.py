@@ -9,6 +9,7 @@ import torch
 from bilevel.errors import InvalidInput
 from bilevel.synthetic_env import load_se
 from bilevel.synthetic_env.torch_module import SEModule
+from bilevel.tasks import checked_action
 
 
 class SEModel:
@@ -29,12 +30,8 @@ class SEModel:
             )
         states = torch.tensor(table[names].to_numpy(np.float32))
         actions = torch.tensor(table["action"].to_numpy(np.int64))
-        wrong = actions[(actions < 0) | (actions >= self.se.architecture.n_actions)]
-        if len(wrong):
-            raise InvalidInput(
-                f"action {int(wrong[0])} is not allowed: {self.se.task_id} has the actions 0 to "
-                f"{self.se.architecture.n_actions - 1}"
-            )
+        for extreme in {int(actions.min()), int(actions.max())} if len(actions) else ():
+            checked_action(extreme, self.se.architecture.n_actions)
         next_states, rewards, dones = self.module(states, actions)
         result = pd.DataFrame(next_states.numpy(), columns=[f"next_{name}" for name in names])
         result["reward"], result["done"] = rewards.numpy(), dones.numpy()

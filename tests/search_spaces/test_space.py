@@ -7,6 +7,8 @@ import pytest
 
 from bilevel import InvalidInput
 from bilevel.hyperparameters import load_recipe
+from bilevel.nes import NES
+from bilevel.tasks import get_task
 from search_spaces import Space, search_space
 
 BASE = load_recipe("default", "CartPole-v0")
@@ -39,6 +41,7 @@ def test_what_configspace_writes_is_read(name: str, tmp_path: Path) -> None:
         (CS.Float("nes.std_dev", (0.1, 99.0)), "std_dev must be float, 1e-06 to 10.0; got"),
         (CS.Integer("nes.generations", (1, 9)), "nes.generations is set by the search itself"),
         (CS.Categorical("se.activation", ("tanh", "sine")), "unknown SE activation 'sine'"),
+        (CS.OrdinalHyperparameter("se.hidden_size", [8, 16, 32]), "has ordinal hyperparameters"),
     ],
 )
 def test_a_space_that_does_not_fit_is_told_in_one_line(
@@ -46,12 +49,20 @@ def test_a_space_that_does_not_fit_is_told_in_one_line(
     told: str,
     tmp_path: Path,
 ) -> None:
-    space = Space.of(str(written(tmp_path, "mine.json", dimension)))
     with pytest.raises(InvalidInput) as caught:
-        space.check(BASE, ("nes.generations",))
-    assert str(caught.value).startswith("search space 'mine': ")
+        Space.of(str(written(tmp_path, "mine.json", dimension))).check(BASE, ("nes.generations",))
+    assert str(caught.value).startswith("search space 'mine'")
     assert told in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_combinations_that_do_not_fit_are_told_with_the_space(tmp_path: Path) -> None:
+    """Each value is allowed, but the structure of SEs needs tanh."""
+    space = Space.of(str(written(tmp_path, "mine.json", CS.Constant("se.activation", "relu"))))
+    task = get_task("CartPole-v0")
+    space.check(BASE)
+    with pytest.raises(InvalidInput, match=r"^search space 'mine': SE structure .* tanh"):
+        space.check(BASE, fits=lambda hp: NES(task, hp))
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "nonsense: [", '{"hyperparameters": [{}]}'])

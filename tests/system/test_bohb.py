@@ -11,6 +11,7 @@ from pathlib import Path
 import pytest
 
 from bilevel.synthetic_env import load_se
+from cluster.bohb.command import INCUMBENT_FILE
 from cluster.bohb.journal import Journal
 from cluster.bohb.study import Study
 from search_spaces import search_space
@@ -152,10 +153,13 @@ def test_killed_in_the_middle_it_goes_on(
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate(timeout=60)
     assert 1 <= len(results(tmp_path)) < 6
+    not_retested = tmp_path / "CartPole-v0" / "smoke" / INCUMBENT_FILE
+    not_retested.touch()  # as an interruption leaves it; the end replaces it by a retested SE
     args = ("--workers-per-trial", "2", "--concurrent-trials", "1", "--address", address)
     result = run_bilevel(*SMOKE, *args, "--home", tmp_path)
     assert result.returncode == 0, result.stderr
     assert results(tmp_path) == results(study_home[0])
+    assert not not_retested.exists()
     mlflow_client = client(tmp_path)
     experiment = mlflow_client.get_experiment_by_name("CartPole-v0")
     assert experiment is not None

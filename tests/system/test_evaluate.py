@@ -137,7 +137,7 @@ def test_a_mistake_in_the_users_own_agent_is_one_line(tmp_path: Path, address: s
         assert result.returncode == 2, result.stdout
         assert result.stderr.count("\n") == 1
         assert f"agent 'reinforce' at {file}:" in result.stderr
-        assert "act returned the action" in result.stderr
+        assert "act: action" in result.stderr
         assert "Traceback" not in result.stdout
 
 

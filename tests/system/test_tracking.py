@@ -20,6 +20,7 @@ from cluster.bohb.study import Study
 from cluster.bohb.view import StudyViews
 from cluster.catalog.kinds import views_of
 from cluster.catalog.sync import sync
+from cluster.session.session import shown_at
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
 from cluster.storage.run_folder import Begun, held
@@ -50,6 +51,20 @@ def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     """A server that each test leaves running; every study has its own identity."""
     with Server(tmp_path_factory.mktemp("server")) as server:
         yield server
+
+
+def test_another_database_is_told_by_its_name(
+    home: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A relative one lies in the current folder; `bilevel ui` would show the home's instead."""
+    monkeypatch.chdir(tmp_path)
+    tracker = Tracker("sqlite:///mine.db", "CartPole-v0", home.artifacts)
+    assert (tmp_path / "mine.db").exists()
+    assert shown_at(home, tracker) == f"sqlite:///mine.db, experiment {tracker.experiment_id}"
+    tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
+    told = shown_at(home, tracker)
+    assert told.startswith(f"http://127.0.0.1:5000/#/experiments/{tracker.experiment_id}/runs?")
+    assert "ui" in told
 
 
 def until(true: Callable[[], bool]) -> None:

@@ -107,14 +107,14 @@ def live(agent: CheckedAgent) -> None:
     ("kind", "told"),
     [
         (Unbuilt, "when it is built: KeyError: 'size'"),
-        (ActsWrong, "act returned the action 2: allowed are the integers 0 to 1"),
-        (ActsNegative, "greedy returned the action -1: allowed are the integers 0 to 1"),
-        (ActsHalf, "act returned the action 0.5: allowed are the integers 0 to 1"),
+        (ActsWrong, "act: action 2 is not allowed: allowed are the integers 0 to 1"),
+        (ActsNegative, "greedy: action -1 is not allowed: allowed are the integers 0 to 1"),
+        (ActsHalf, "act: action 0.5 is not allowed: allowed are the integers 0 to 1"),
         (Raises, "when it acts: IndexError: index 5 is out of bounds for axis 0 with size 2"),
         (RaisesInALibrary, "when it observes: LinAlgError: Singular matrix"),
         (LearnsNothing, "learn returned None instead of a loss (0 if there is none)"),
         (LearnsText, "learn returned 'well' instead of a loss (0 if there is none)"),
-        (Decorated, "act returned the action None: allowed are the integers 0 to 1"),
+        (Decorated, "act: action None is not allowed: allowed are the integers 0 to 1"),
         (
             RaisesInTheStandardLibrary,
             "when it observes: ValueError: Sample larger than population or is negative",

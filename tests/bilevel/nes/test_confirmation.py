@@ -3,7 +3,12 @@
 import numpy as np
 import pytest
 
-from bilevel.nes.confirmation import JUDGES, SURELY, Confirmation, solving_share
+from bilevel.nes.confirmation import (
+    FINAL_AGENTS,
+    REQUIRED_SHARE,
+    Confirmation,
+    solving_share,
+)
 
 SOLVED = 195.0
 
@@ -48,7 +53,7 @@ def test_each_failure_asks_less_of_the_next_one() -> None:
     confirmation = Confirmation(64, 99)
     for scores in (FIRST, SECOND, [200.0] * 24 + [150.0] * 8):
         confirmation = confirmation.after(scores)
-    assert confirmation.verdict(SOLVED) is False  # never less than LEAST
+    assert confirmation.verdict(SOLVED) is False  # never less than LEAST_SHARE
 
 
 @pytest.mark.parametrize("bad", [0.0, 0.002, 0.01, 0.05])
@@ -63,11 +68,11 @@ def test_what_is_confirmed_holds_for_the_next_agents(bad: float) -> None:
             scores = np.where(rng.random(len(confirmation.coming)) < bad, 100.0, 200.0)
             confirmation = confirmation.after(scores.tolist())
         confirmed += bool(confirmation.verdict(SOLVED))
-    solves = (1 - bad) ** JUDGES
+    solves = (1 - bad) ** FINAL_AGENTS
     if solves == 1:
         assert confirmed == 200
     else:
-        assert (confirmed > 100) is (solves > SURELY)
+        assert (confirmed > 100) is (solves > REQUIRED_SHARE)
 
 
 def test_agents_are_numbered_over_the_rounds() -> None:
@@ -90,7 +95,7 @@ def test_few_agents_make_fewer_rounds(agents: int) -> None:
     assert confirmation.all_scores.size == agents
 
 
-def test_the_share_of_draws_is_that_of_the_binomial_distribution() -> None:
+def test_the_share_of_samples_is_that_of_the_binomial_distribution() -> None:
     """A fifth of the agents score 0, the others 200: the mean of ten is 160 if two are bad."""
     scores = np.repeat([0.0, 200.0], [20, 80])
     assert solving_share(scores, 160.0) == pytest.approx(0.678, abs=0.02)

@@ -92,7 +92,11 @@ def test_actions_of_any_kind_and_wrong_ones(path: Path) -> None:
     batched.reset(seed=0)
     batched.step(torch.tensor([0, 1]))
     for wrong in (-1, 9, 0.5, "left"):
-        with pytest.raises(InvalidInput, match=r"is not allowed: allowed are 0 to [12]$"):
+        with pytest.raises(
+            InvalidInput, match=r"is not allowed: allowed are the integers 0 to [12]$"
+        ):
             single.step(wrong)
-        with pytest.raises(InvalidInput, match=r"is not allowed: allowed are 0 to [12]$"):
+        with pytest.raises(
+            InvalidInput, match=r"is not allowed: allowed are the integers 0 to [12]$"
+        ):
             batched.step([wrong, 0])

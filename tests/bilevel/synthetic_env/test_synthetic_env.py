@@ -28,6 +28,7 @@ from bilevel.synthetic_env import (
 )
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task, get_task
+from tests.documents import documented_code
 
 
 def make_se(task: Task, layers: int = 1, activation: Any = "lrelu", seed: int = 0) -> StoredSE:
@@ -190,11 +191,37 @@ def test_an_se_of_other_sizes_than_its_task_is_refused(tmp_path: Path) -> None:
         se.task()
 
 
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+@pytest.mark.parametrize("layers", [1, 2])
+def test_the_documented_reader(
+    activation: Any, layers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The reader of SE files in docs/se-files.md gives what the package gives."""
+    task, rng = get_task("Acrobot-v1"), np.random.default_rng(0)
+    small = make_se(task, layers, activation)
+    se = replace(small, se=replace(small.se, psi=2 * small.psi))  # so that some episodes end
+    save_se(se, tmp_path / "best_se.safetensors")
+    monkeypatch.chdir(tmp_path)
+    code: dict[str, Any] = {}
+    exec(documented_code("se-files.md"), code)
+    states = rng.standard_normal((40, task.state_size)).astype(np.float32)
+    actions = rng.integers(task.n_actions, size=40)
+    expected = SEModule(se)(torch.from_numpy(states), torch.from_numpy(actions))
+    found = [code["step"](s, a) for s, a in zip(states, actions, strict=True)]
+    for i, output in enumerate(expected[:2]):
+        np.testing.assert_allclose(np.array([f[i] for f in found]), output, rtol=1e-3, atol=1e-4)
+    clear = np.abs(expected[2].numpy() - 0.5) > 1e-3
+    ends = np.array([f[2] for f in found])
+    np.testing.assert_array_equal(ends[clear], expected[2].numpy()[clear] > 0.5)
+
+
 class TestGymEnv:
     def test_an_action_that_it_does_not_have_is_refused(self, se_file: Path) -> None:
         env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file).unwrapped
         env.reset(seed=0)
-        with pytest.raises(InvalidInput, match="action 2 is not allowed: allowed are 0 to 1"):
+        with pytest.raises(
+            InvalidInput, match="action 2 is not allowed: allowed are the integers 0 to 1"
+        ):
             env.step(2)
 
     @pytest.mark.filterwarnings("ignore:.*Box observation space.*infinity:UserWarning")

@@ -6,12 +6,13 @@ from typing import Any
 
 import pytest
 
+from bilevel.agents.checked import AgentMistake
 from bilevel.errors import StorageFailure
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal
 from cluster.bohb.search import BracketSearch
 from cluster.bohb.searcher import DEATHS, BohbSearcher
-from cluster.bohb.trial import BUDGET_REACHED, FAILURE, NO_STORAGE, OBJECTIVE
+from cluster.bohb.trial import BUDGET_REACHED, FAILURE, MISTAKE, NO_STORAGE, OBJECTIVE
 from search_spaces import search_space
 
 
@@ -71,6 +72,25 @@ def test_what_is_no_result_counts_as_failed(
     (line,) = journal.results
     assert line.loss is None
     assert told in (line.exception or "")
+
+
+def test_a_users_wrong_agent_stops_the_study(searcher: BohbSearcher, journal: Journal) -> None:
+    suggested(searcher, "a")
+    searcher.on_trial_complete("a", {MISTAKE: "agent 'mine': division by zero"})
+    assert isinstance(searcher.stopped_by, AgentMistake)
+    assert journal.results == []
+
+
+def test_an_agent_that_has_worked_fails_with_its_hyperparameters(
+    searcher: BohbSearcher, journal: Journal
+) -> None:
+    suggested(searcher, "a")
+    searcher.on_trial_complete("a", {OBJECTIVE: 1.0, BUDGET_REACHED: True})
+    suggested(searcher, "b")
+    searcher.on_trial_complete("b", {MISTAKE: "agent 'mine': division by zero"})
+    assert searcher.stopped_by is None
+    assert [result.loss for result in journal.results] == [-1.0, None]
+    assert journal.results[1].exception == "agent 'mine': division by zero"
 
 
 def test_a_job_that_was_stopped_short_counts_as_nothing(

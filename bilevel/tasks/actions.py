@@ -1,0 +1,22 @@
+"""The check of an action that comes from outside: an agent's, a user's, a table's."""
+
+import operator
+from typing import Any
+
+from bilevel.errors import InvalidInput
+
+
+def checked_action(action: Any, n_actions: int) -> int:
+    """The action, an integer of any kind, as an int.
+
+    Raises InvalidInput unless it is one of the task's actions.
+    """
+    try:
+        number = operator.index(action)
+    except TypeError:
+        number = -1
+    if not 0 <= number < n_actions:
+        raise InvalidInput(
+            f"action {action!r} is not allowed: allowed are the integers 0 to {n_actions - 1}"
+        )
+    return number
