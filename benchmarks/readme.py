@@ -9,6 +9,7 @@ from pathlib import Path
 
 from benchmarks.agents import tables as agents
 from benchmarks.faults import tables as faults
+from benchmarks.layout import layout
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source
 from benchmarks.nes import tables as nes
@@ -38,6 +39,7 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
         "inner-loop": inner_loop,
         "nes-seeds": nes.seeds,
     },
+    ROOT / "CONTRIBUTING.md": {"layout": layout},
     ROOT / "docs" / "agents.md": agents.TABLES,
     ROOT / "docs" / "nes.md": nes.TABLES,
     ROOT / "docs" / "speed.md": speed.TABLES,
