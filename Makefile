@@ -65,9 +65,9 @@ studies: $(INSTALLED) ## The studies so far: state, progress, best score
 ui: $(INSTALLED) ## The MLflow UI on these runs
 	@$(BIN)/bilevel ui $(ARGS)
 
-# Two at a time: the system tests wait for processes more than they compute.
+# Three at a time on two cores: the system tests wait for processes more than they compute.
 test: check ## Format, lint, types, and all tests
-	@$(BIN)/python -m pytest --numprocesses 2 --dist loadfile --no-loadscope-reorder $(ARGS)
+	@$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 check: $(INSTALLED) ## Format, lint, types and imports
 	@$(BIN)/ruff format --check --quiet .

@@ -93,8 +93,8 @@ def layout() -> str:
     head = ["", "`bilevel` before", "`bilevel` now", "`cluster` before", "`cluster` now"]
     return (
         f"{table(head, rows)}\n\n"
-        f"All Python files together had {before['lines']} lines before and have {now['lines']} now. "
-        f"`import bilevel` takes {seconds['median']:.2f} s ({seconds['low']:.2f} to "
+        f"All Python files together had {before['lines']} lines before and have {now['lines']} "
+        f"now. `import bilevel` takes {seconds['median']:.2f} s ({seconds['low']:.2f} to "
         f"{seconds['high']:.2f}).\n{source(result)}"
     )
 

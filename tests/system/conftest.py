@@ -1,6 +1,7 @@
 """System tests with real Ray, MLflow and processes; each takes seconds to a minute."""
 
 import os
+import shutil
 import subprocess
 from collections.abc import Iterator
 from dataclasses import asdict
@@ -14,6 +15,7 @@ from ray.cluster_utils import Cluster
 
 from bilevel.nes import NESState
 from cluster.ray.connection import ray_cluster
+from cluster.tracking.database import database_ready
 from tests.commands import BILEVEL
 from tests.faults.outcome import TIMES
 
@@ -37,6 +39,21 @@ def joined_ray(address: str) -> Iterator[None]:
         yield
     assert not ray.is_initialized()
     assert _of_ray() == before  # processes started later must not inherit Ray's variables
+
+
+@pytest.fixture(scope="session")
+def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """MLflow's database without a run: a copy is there at once, a new one takes seconds."""
+    path = tmp_path_factory.mktemp("database") / "mlflow.db"
+    with database_ready(f"sqlite:///{path}"):
+        return path
+
+
+@pytest.fixture
+def tmp_home(tmp_path: Path, database: Path) -> Path:
+    """A home in which nothing has been run."""
+    shutil.copy(database, tmp_path)
+    return tmp_path
 
 
 def _of_ray() -> dict[str, str]:

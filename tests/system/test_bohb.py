@@ -56,10 +56,10 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
 
 
 def test_a_terminal_shows_what_has_begun(
-    study_home: tuple[Path, str], tmp_path: Path, address: str
+    study_home: tuple[Path, str], tmp_home: Path, address: str
 ) -> None:
     """The bar appears before the first generation ends; the rerun adds brackets."""
-    home = tmp_path / "home"
+    home = tmp_home
     shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
     controller, terminal = pty.openpty()
     process = subprocess.Popen(
@@ -132,9 +132,9 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
 
 
 def test_the_same_command_adds_brackets(
-    study_home: tuple[Path, str], tmp_path: Path, address: str
+    study_home: tuple[Path, str], tmp_home: Path, address: str
 ) -> None:
-    home = tmp_path / "copy"
+    home = tmp_home
     shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
     result = run_bilevel(*SMOKE, "--brackets", "1", "--home", home, "--address", address)
     assert result.returncode == 0, result.stderr
@@ -145,22 +145,22 @@ def test_the_same_command_adds_brackets(
 
 
 def test_killed_in_the_middle_it_goes_on(
-    study_home: tuple[Path, str], tmp_path: Path, address: str
+    study_home: tuple[Path, str], tmp_home: Path, address: str
 ) -> None:
     """SIGKILL takes driver, raylet and actors alike; the same command ends the study
     with the scores of one that was never killed, and had one worker in each of two trials."""
-    process = run_until("objective", *SMOKE, "--home", tmp_path)
+    process = run_until("objective", *SMOKE, "--home", tmp_home)
     os.killpg(process.pid, signal.SIGKILL)
     process.communicate(timeout=60)
-    assert 1 <= len(results(tmp_path)) < 6
-    not_retested = tmp_path / "CartPole-v0" / "smoke" / INCUMBENT_FILE
+    assert 1 <= len(results(tmp_home)) < 6
+    not_retested = tmp_home / "CartPole-v0" / "smoke" / INCUMBENT_FILE
     not_retested.touch()  # as an interruption leaves it; the end replaces it by a retested SE
     args = ("--workers-per-trial", "2", "--concurrent-trials", "1", "--address", address)
-    result = run_bilevel(*SMOKE, *args, "--home", tmp_path)
+    result = run_bilevel(*SMOKE, *args, "--home", tmp_home)
     assert result.returncode == 0, result.stderr
-    assert results(tmp_path) == results(study_home[0])
+    assert results(tmp_home) == results(study_home[0])
     assert not not_retested.exists()
-    mlflow_client = client(tmp_path)
+    mlflow_client = client(tmp_home)
     experiment = mlflow_client.get_experiment_by_name("CartPole-v0")
     assert experiment is not None
     runs = mlflow_client.search_runs([experiment.experiment_id])
@@ -171,8 +171,8 @@ def test_killed_in_the_middle_it_goes_on(
         assert [metric.step for metric in history] == list(range(len(history)))
 
 
-def test_ctrl_c_stops_orderly(tmp_path: Path) -> None:
-    process = run_until("objective", *SMOKE, "--brackets", "9", "--home", tmp_path)
+def test_ctrl_c_stops_orderly(tmp_home: Path) -> None:
+    process = run_until("objective", *SMOKE, "--brackets", "9", "--home", tmp_home)
     os.killpg(process.pid, signal.SIGINT)  # to everyone, as a terminal does
     rest, _ = process.communicate(timeout=90)
     assert process.returncode == 130
@@ -180,26 +180,26 @@ def test_ctrl_c_stops_orderly(tmp_path: Path) -> None:
     assert "incumbent 00" in rest
     (told,) = re.findall(r"its best SE, not retested: (\S+)", rest)
     assert load_se(told).task_id == "CartPole-v0"
-    experiment = client(tmp_path).get_experiment_by_name("CartPole-v0")
+    experiment = client(tmp_home).get_experiment_by_name("CartPole-v0")
     assert experiment is not None
-    runs = client(tmp_path).search_runs([experiment.experiment_id])
+    runs = client(tmp_home).search_runs([experiment.experiment_id])
     assert "RUNNING" not in {r.info.status for r in runs}
     assert "KILLED" in {r.info.status for r in runs}
     (parent,) = [r for r in runs if "mlflow.parentRunId" not in r.data.tags]
     assert parent.data.tags["mlflow.note.content"].startswith("**Stopped, and nothing is lost:**")
 
 
-def test_time_budget_ends_the_search(tmp_path: Path, address: str) -> None:
+def test_time_budget_ends_the_search(tmp_home: Path, address: str) -> None:
     """The number of results depends on the machine; without any, a message says so."""
     args = ("--brackets", "99", "--time-budget", "30s", "--address", address)
-    result = run_bilevel(*SMOKE, *args, "--home", tmp_path)
+    result = run_bilevel(*SMOKE, *args, "--home", tmp_home)
     assert "the time budget is spent" in result.stdout
     # a number of brackets that the study will not reach is not shown
     assert "/99" not in result.stdout
     scored = "fresh agents trained on the best SE" in result.stdout
     nothing = "no configuration finished a generation in this time" in result.stdout
     assert scored != nothing
-    if results(tmp_path):
+    if results(tmp_home):
         assert result.returncode == 0, result.stderr
         assert " of its time left" in result.stdout
     assert result.returncode in (0, 1), result.stderr
@@ -207,34 +207,34 @@ def test_time_budget_ends_the_search(tmp_path: Path, address: str) -> None:
 
 
 def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(
-    tmp_path: Path, address: str
+    tmp_home: Path, address: str
 ) -> None:
     """A file blocks the folder of one configuration, which cannot be saved."""
-    in_the_way = tmp_path / "CartPole-v0" / "smoke" / "configurations" / "000-0-001"
+    in_the_way = tmp_home / "CartPole-v0" / "smoke" / "configurations" / "000-0-001"
     in_the_way.parent.mkdir(parents=True)
     in_the_way.touch()
-    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", tmp_path, "--address", address)
+    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", tmp_home, "--address", address)
     assert result.returncode == 0, result.stderr
     assert "000-0-001 failed: " in result.stdout
-    losses = results(tmp_path)
+    losses = results(tmp_home)
     assert len(losses) == 4
     assert losses[(0, 0, 1), 1] is None
-    experiment = client(tmp_path).get_experiment_by_name("CartPole-v0")
+    experiment = client(tmp_home).get_experiment_by_name("CartPole-v0")
     assert experiment is not None
     (failed,) = [
         r
-        for r in client(tmp_path).search_runs([experiment.experiment_id])
+        for r in client(tmp_home).search_runs([experiment.experiment_id])
         if r.info.status == "FAILED"
     ]
     assert failed.info.run_name == "000-0-001"
     assert "FileExistsError" in failed.data.tags["bilevel.error"]
 
 
-def test_a_study_whose_trials_all_fail_ends_with_1(tmp_path: Path, address: str) -> None:
-    in_the_way = tmp_path / "CartPole-v0" / "smoke" / "configurations"
+def test_a_study_whose_trials_all_fail_ends_with_1(tmp_home: Path, address: str) -> None:
+    in_the_way = tmp_home / "CartPole-v0" / "smoke" / "configurations"
     in_the_way.parent.mkdir(parents=True)
     in_the_way.touch()
-    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", tmp_path, "--address", address)
+    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", tmp_home, "--address", address)
     assert result.returncode == 1
     assert result.stdout.count(" failed: ") == 4
     assert "no configuration finished a generation" in result.stdout

@@ -40,13 +40,13 @@ def scores(home: Path) -> list[dict[str, float]]:
 
 
 def test_a_run_its_tracking_and_its_continuation(
-    tmp_path: Path, address: str, monkeypatch: pytest.MonkeyPatch
+    tmp_home: Path, address: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    result = run_bilevel(*SMALL, "--generations", "2", "--home", tmp_path)
+    result = run_bilevel(*SMALL, "--generations", "2", "--home", tmp_home)
     assert result.returncode == 0, result.stderr
     assert "generation   1  score" in result.stdout
     assert "10 fresh agents trained on the best SE score" in result.stdout
-    joined = (*SMALL, "--home", tmp_path, "--address", address)
+    joined = (*SMALL, "--home", tmp_home, "--address", address)
     longer = run_bilevel(*joined, "--generations", "3", "--workers", "1")
     assert longer.returncode == 0, longer.stderr
     assert "resuming after generation 1" in longer.stdout
@@ -57,7 +57,7 @@ def test_a_run_its_tracking_and_its_continuation(
     assert "'run' was begun with nes." in refused.stderr
     assert refused.stderr.count("\n") == 1
 
-    mlflow_client = client(tmp_path)
+    mlflow_client = client(tmp_home)
     experiment = mlflow_client.get_experiment_by_name("CartPole-v0")
     assert experiment is not None
     assert "natural evolution" in experiment.tags["mlflow.note.content"]
@@ -65,7 +65,7 @@ def test_a_run_its_tracking_and_its_continuation(
     (tracked,) = mlflow_client.search_runs([experiment.experiment_id])
     page = f"experiments/{experiment.experiment_id}/runs/{tracked.info.run_id}?workflowType="
     assert page in result.stdout
-    assert f"ui --home {tmp_path}`" in result.stdout
+    assert f"ui --home {tmp_home}`" in result.stdout
     assert tracked.info.status == "FINISHED"
     assert tracked.data.tags["mlflow.source.name"] == "bilevel nes CartPole-v0"
     assert "--set nes.centre_agents=2" in tracked.data.tags["mlflow.note.content"]
@@ -78,15 +78,15 @@ def test_a_run_its_tracking_and_its_continuation(
     assert tracked.data.params["vary_agent"] == "small"
     assert tracked.data.params["agents.ddqn.batch_size"] == "128"
     for name, values in {
-        key: [record[key] for record in scores(tmp_path)] for key in scores(tmp_path)[0]
+        key: [record[key] for record in scores(tmp_home)] for key in scores(tmp_home)[0]
     }.items():
         if name != "generation":
             history = mlflow_client.get_metric_history(tracked.info.run_id, name)
             assert [metric.step for metric in history] == [0, 1, 2], name
             assert [metric.value for metric in history] == values, name
-    means = [record["score_mean"] for record in scores(tmp_path)]
+    means = [record["score_mean"] for record in scores(tmp_home)]
     assert tracked.data.metrics["objective"] == pytest.approx(np.mean(means))
-    steps = [record["real_env_steps"] for record in scores(tmp_path)]
+    steps = [record["real_env_steps"] for record in scores(tmp_home)]
     assert 1000 < steps[0] < steps[1] < steps[2]  # a thousand gave the scale of observations
     for output, last in ((result.stdout, steps[1]), (longer.stdout, steps[2])):
         found = re.search(r"(\d+) steps on the real task", output)
@@ -99,7 +99,7 @@ def test_a_run_its_tracking_and_its_continuation(
 
     model = mlflow_client.get_model_version_by_alias("SE-CartPole-v0", "best")
     assert model.run_id == tracked.info.run_id
-    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_path}/mlflow.db")
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", f"sqlite:///{tmp_home}/mlflow.db")
     loaded = mlflow.pyfunc.load_model("models:/SE-CartPole-v0@best")
     table = pd.DataFrame({f"state_{i}": np.zeros(2, np.float32) for i in range(4)})
     table["action"] = [0, 1]
@@ -115,7 +115,7 @@ def test_a_run_its_tracking_and_its_continuation(
     ):
         loaded.predict(table.assign(action=2))
 
-    path = tmp_path / "CartPole-v0" / "run" / "best_se.safetensors"
+    path = tmp_home / "CartPole-v0" / "run" / "best_se.safetensors"
     env = gymnasium.make("bilevel/SyntheticEnv-v0", path=path)
     env.reset(seed=0)
     next_state, reward, *_ = env.step(np.int64(1))
@@ -134,10 +134,10 @@ def whole(tmp_path_factory: pytest.TempPathFactory, address: str) -> Path:
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
 def test_killed_in_the_middle_it_goes_on(
-    number: signal.Signals, whole: Path, tmp_path: Path, address: str
+    number: signal.Signals, whole: Path, tmp_home: Path, address: str
 ) -> None:
     """The run resumes with one worker instead of two."""
-    parts = tmp_path
+    parts = tmp_home
     process = run_until("generation   1", *SMALL, "--generations", "12", "--home", parts)
     os.killpg(process.pid, number)  # to everyone, as a terminal does
     rest, _ = process.communicate(timeout=60)
@@ -165,8 +165,8 @@ EASY = (
 )
 
 
-def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path, address: str) -> None:
-    result = run_bilevel(*SMALL, *EASY, "--home", tmp_path, "--address", address)
+def test_it_stops_early_once_solved_and_confirmed(tmp_home: Path, address: str) -> None:
+    result = run_bilevel(*SMALL, *EASY, "--home", tmp_home, "--address", address)
     assert result.returncode == 0, result.stderr
     assert re.search(
         "4 fresh agents score .* on the current SE; the mean of any 10 ", result.stdout
@@ -176,12 +176,12 @@ def test_it_stops_early_once_solved_and_confirmed(tmp_path: Path, address: str) 
     assert "10 of 10 agents reach 5" in result.stdout
 
 
-def test_it_begins_again_from_other_starts(tmp_path: Path, address: str) -> None:
+def test_it_begins_again_from_other_starts(tmp_home: Path, address: str) -> None:
     """If no agent solves the task, one generation without a new best SE causes a restart."""
     hard = ("--solved-reward", "999", "--set", "nes.restart_after=1", "--generations", "6")
-    result = run_bilevel(*SMALL, *hard, "--home", tmp_path, "--address", address)
+    result = run_bilevel(*SMALL, *hard, "--home", tmp_home, "--address", address)
     assert result.returncode == 0, result.stderr
-    attempts = [int(record["attempt"]) for record in scores(tmp_path)]
+    attempts = [int(record["attempt"]) for record in scores(tmp_home)]
     assert attempts == sorted(attempts)
     assert attempts[-1] >= 1
     told = result.stdout.count("no new best SE for 1 generations: attempt")
@@ -189,13 +189,13 @@ def test_it_begins_again_from_other_starts(tmp_path: Path, address: str) -> None
     assert result.stdout.count("choosing a start among 2 random SEs") == told + 1
 
 
-def test_the_default_name_tells_recipe_agents_and_variation(tmp_path: Path, address: str) -> None:
+def test_the_default_name_tells_recipe_agents_and_variation(tmp_home: Path, address: str) -> None:
     small = [word for word in SMALL if word not in ("--name", "run")]
     chosen = ("--recipe", "paper", "--agent", "td3", "--vary-hp", "small")
     few = ("--generations", "1", "--set", "td3.max_episodes=12", "--seed", "3")
     words = [word.replace("ddqn", "td3") for word in small]
-    result = run_bilevel(*words, *chosen, *few, "--home", tmp_path, "--address", address)
+    result = run_bilevel(*words, *chosen, *few, "--home", tmp_home, "--address", address)
     assert result.returncode == 0, result.stderr
-    run = NESRun.read(tmp_path / "CartPole-v0" / "nes-paper-td3-small-seed3")
+    run = NESRun.read(tmp_home / "CartPole-v0" / "nes-paper-td3-small-seed3")
     assert (run.hp.nes.update, run.hp.se.structure) == ("paper", "plain")
     assert run.load() is not None

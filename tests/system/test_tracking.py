@@ -1,6 +1,7 @@
 """MLflow is a view of the disk: it may be unreachable, locked, empty or out of date."""
 
 import json
+import shutil
 import signal
 import sqlite3
 import subprocess
@@ -33,10 +34,17 @@ pytestmark = pytest.mark.timeout(120)
 
 
 @pytest.fixture
-def home(tmp_path: Path) -> Home:
+def new_home(tmp_path: Path) -> Home:
+    """A home without a database."""
     home = Home(tmp_path / "home")
     home.prepare()
     return home
+
+
+@pytest.fixture
+def home(new_home: Home, database: Path) -> Home:
+    shutil.copy(database, new_home.folder)
+    return new_home
 
 
 @pytest.fixture
@@ -89,9 +97,9 @@ def test_sync_rebuilds_a_study_in_an_empty_database(home: Home, folder: Path) ->
     assert len(client.search_model_versions("name = 'SE-CartPole-v0'")) == 1
 
 
-def test_the_first_runs_of_a_home_may_start_at_once(home: Home) -> None:
+def test_the_first_runs_of_a_home_may_start_at_once(new_home: Home) -> None:
     """MLflow creates the tables of a new database without a lock; two at once would fail."""
-    go = home.folder / "go"
+    go = new_home.folder / "go"
     code = (
         "import pathlib, sys, time, mlflow.store.tracking.sqlalchemy_store;"
         "from cluster.storage.home import Home; from cluster.tracking import Tracker;"
@@ -99,7 +107,7 @@ def test_the_first_runs_of_a_home_may_start_at_once(home: Home) -> None:
         "[time.sleep(0.001) for _ in iter((home.folder / 'go').exists, True)];"
         "Tracker(home.database_uri, 'CartPole-v0', home.artifacts)"
     )
-    command = [sys.executable, "-W", "ignore", "-c", code, str(home.folder)]
+    command = [sys.executable, "-W", "ignore", "-c", code, str(new_home.folder)]
     processes = [
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         for _ in range(4)
@@ -113,22 +121,22 @@ def test_the_first_runs_of_a_home_may_start_at_once(home: Home) -> None:
         assert process.returncode == 0, errors
 
 
-def test_whoever_uses_mlflow_waits_until_it_is_imported(home: Home) -> None:
+def test_whoever_uses_mlflow_waits_until_it_is_imported(new_home: Home) -> None:
     """A command that joins a cluster may need MLflow while a thread still imports it: two imports
     at once see incomplete modules of SQLAlchemy."""
-    arguments = home.database_uri, "CartPole-v0", home.artifacts
+    arguments = new_home.database_uri, "CartPole-v0", new_home.artifacts
     user = threading.Thread(target=Tracker, args=arguments)
     with _IMPORT:  # as the importing thread holds it
         user.start()
         user.join(6.0)
         assert user.is_alive()
-        assert not (home.folder / "mlflow.db").exists()
+        assert not (new_home.folder / "mlflow.db").exists()
     user.join(60.0)
-    assert (home.folder / "mlflow.db").exists()
+    assert (new_home.folder / "mlflow.db").exists()
 
 
 def test_a_first_run_killed_while_the_database_is_made_leaves_the_next_one_a_whole_one(
-    home: Home,
+    new_home: Home,
 ) -> None:
     code = (
         "import os, signal, sys, pathlib, alembic.command;"
@@ -137,10 +145,10 @@ def test_a_first_run_killed_while_the_database_is_made_leaves_the_next_one_a_who
         "home = Home(pathlib.Path(sys.argv[1]));"
         "Tracker(home.database_uri, 'CartPole-v0', home.artifacts)"
     )
-    command = [sys.executable, "-W", "ignore", "-c", code, str(home.folder)]
+    command = [sys.executable, "-W", "ignore", "-c", code, str(new_home.folder)]
     # The tables exist, but later migrations are missing.
     assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
-    Tracker(home.database_uri, "CartPole-v0", home.artifacts)
+    Tracker(new_home.database_uri, "CartPole-v0", new_home.artifacts)
 
 
 def test_sync_adds_what_is_missing_and_removes_a_twin(home: Home, folder: Path) -> None:
