@@ -3,6 +3,7 @@
 import os
 import shutil
 import subprocess
+import tempfile
 from collections.abc import Iterator
 from dataclasses import asdict
 from pathlib import Path
@@ -15,9 +16,20 @@ from ray.cluster_utils import Cluster
 
 from bilevel.nes import NESState
 from cluster.ray.connection import ray_cluster
+from cluster.ray.environment import environment_kept
 from cluster.tracking.database import database_ready
 from tests.commands import BILEVEL
 from tests.faults.outcome import TIMES
+
+
+@pytest.fixture(scope="session", autouse=True)
+def ray_folder() -> Iterator[None]:
+    """A folder of this process's own for Ray, in which it notes the cluster that began last: that
+    is the one which a submitted job joins."""
+    short = tempfile.TemporaryDirectory(prefix="ray-", dir="/tmp", ignore_cleanup_errors=True)
+    with short as folder, environment_kept("RAY_TMPDIR"):  # paths of sockets may not be long
+        os.environ["RAY_TMPDIR"] = folder
+        yield
 
 
 @pytest.fixture(scope="session")

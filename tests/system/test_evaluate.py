@@ -99,7 +99,9 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path, address: str) -> None:
     chosen: tuple[str | Path, ...] = ("--agent", "ddqn,reinforce", "--agent-file", file)
     small = (
         *("--population", "2", "--set", "nes.start_candidates=1", "--set", "nes.centre_agents=2"),
-        *("--set", "ddqn.max_episodes=13", "--vary-hp", "no"),
+        *("--set", "ddqn.max_episodes=13", "--set", "reinforce.max_episodes=13"),
+        *("--set", "ddqn.test_episodes=2", "--set", "reinforce.test_episodes=2"),
+        *("--set", "se.step_limit=15", "--vary-hp", "no"),
     )
     common = ("nes", "CartPole-v0", *chosen, *small, "--generations", "1", "--name", "mixed")
     joined = (*common, "--address", address)
@@ -114,7 +116,8 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path, address: str) -> None:
 
 
 def test_a_mistake_in_the_users_own_agent_is_one_line(tmp_path: Path, address: str) -> None:
-    """It is found in an actor, and told by the command."""
+    """It is found in an actor, and told by the command, whether this process runs the actors or a
+    trial does."""
     file = tmp_path / "reinforce.py"
     file.write_text(
         documented_agent().replace(
@@ -131,7 +134,7 @@ def test_a_mistake_in_the_users_own_agent_is_one_line(tmp_path: Path, address: s
         "--address",
         address,
     )
-    for command in (("evaluate", "--real"), ("nes",), ("bohb", "--profile", "smoke")):
+    for command in (("evaluate", "--real"), ("bohb", "--profile", "smoke")):
         name, *options = command
         result = run_bilevel(name, *options, "CartPole-v0", *chosen)
         assert result.returncode == 2, result.stdout

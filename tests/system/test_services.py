@@ -107,7 +107,11 @@ def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> No
     assert listed.count("4/4 results") == 2
     ray = str(Path(BILEVEL).with_name("ray"))
     command = [ray, "job", "submit", "--address", f"http://127.0.0.1:{up.dashboard}", "--", BILEVEL]
-    command += [*study, "--study", "submitted"]
+    command += [
+        *("nes", "CartPole-v0", "--population", "2", "--generations", "1", "--home", str(up.home)),
+        *("--set", "nes.start_candidates=2", "--set", "ddqn.max_episodes=13"),
+        *("--name", "submitted"),
+    ]
     (head,) = (service for service in services(Home(up.home)) if service.name == "ray")
     submitted = subprocess.run(
         command,
