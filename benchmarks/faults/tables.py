@@ -30,7 +30,10 @@ def faults() -> str:
     rows.append(
         "disk*: one run a configuration, no other runs, every series unbroken and without a"
     )
-    rows.append("point twice, every file there (by name), nothing left running.")
+    rows.append("point twice, every file there (by name), nothing left running; a study that ends")
+    rows.append(
+        "while MLflow is away names the command that writes the rest, which was then given."
+    )
     machine = result["machine"]
     rows.append(f"({machine['cores']} cores of {machine['processor']}; `{result['command']}`)")
     return "\n".join(rows)

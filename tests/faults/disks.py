@@ -83,7 +83,7 @@ def full_disk(folder: Path, whole: Outcome) -> Row:
     command = " ".join(map(str, (bilevel, "bohb", TASK, *SMOKE, *ONE_BY_ONE, "--home", disk)))
     uri = f"sqlite:///{folder}/full-disk.db"
     script = f"""
-        mount -t tmpfs -o size=200k none {disk} || exit 99
+        mount -t tmpfs -o size=100k none {disk} || exit 99
         {command} --tracking-uri {uri} >> {log} 2>&1; first=$?
         mount -o remount,size=100m {disk}
         {command} --tracking-uri {uri} >> {log} 2>&1; second=$?

@@ -3,6 +3,7 @@
 import sqlite3
 import time
 
+from tests.commands import run_bilevel
 from tests.faults.outcome import Outcome
 from tests.faults.row import Row
 from tests.faults.stage import ONE_BY_ONE, Stage
@@ -10,7 +11,8 @@ from tests.system.mlflow_shown import Server
 
 
 def server_killed(stage: Stage, whole: Outcome, times: int) -> Row:
-    """SIGKILL the server during the study, and restart it some seconds later."""
+    """SIGKILL the server during the study, and restart it some seconds later. A study that ends
+    meanwhile says that MLflow lacks something, and which command writes it, which is then given."""
     with Server(stage.folder / "server-killed") as server:
         study = stage.study("server", *ONE_BY_ONE, tracking_uri=server.uri)
         killed = [0]
@@ -25,6 +27,9 @@ def server_killed(stage: Stage, whole: Outcome, times: int) -> Row:
                 pause[0] = time.monotonic() + 2.0
 
         code, name = study.run(kill), "MLflow server killed (SIGKILL), started again"
+        if "MLflow lacks the current state" in study.log.read_text():
+            place = ("--home", study.home.folder, "--tracking-uri", server.uri)
+            assert run_bilevel("sync", study.folder.name, *place).returncode == 0
         return Row.of(name, killed[0], code, whole, study)
 
 
