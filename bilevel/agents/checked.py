@@ -36,6 +36,9 @@ class CheckedAgent:
         self._agent: Any = None
         with self._told("is built"):
             self._agent = build()
+        for method in ("act", "greedy", "observe", "learn", "end_episode"):
+            if not callable(getattr(self._agent, method, None)):
+                raise self._mistake(type(self._agent), f"the method {method!r} is missing")
 
     def act(self, state: NDArray[np.float32], exploring: bool) -> int:
         """See `Agent`."""
@@ -61,7 +64,7 @@ class CheckedAgent:
             number = float(loss) if hasattr(loss, "__float__") else None
         if number is None:
             raise self._mistake(
-                "learn", f"learn returned {loss!r} instead of a loss (0 if there is none)"
+                self._agent.learn, f"learn returned {loss!r} instead of a loss (0 if there is none)"
             )
         return number
 
@@ -74,7 +77,8 @@ class CheckedAgent:
         try:
             return checked_action(action, self._n_actions)
         except InvalidInput as error:
-            raise self._mistake(method, f"{method}: {error}") from None
+            function = getattr(self._agent, method)
+            raise self._mistake(function, f"{method}: {error}") from None
 
     @contextmanager
     def _told(self, doing: str) -> Iterator[None]:
@@ -88,11 +92,11 @@ class CheckedAgent:
                 f"{' '.join(what.split())}"
             ) from None
 
-    def _mistake(self, method: str, what: str) -> AgentMistake:
-        function = inspect.unwrap(getattr(self._agent, method))
+    def _mistake(self, where: Any, what: str) -> AgentMistake:
+        source = inspect.unwrap(where)
         place = ""
         with suppress(OSError, TypeError):  # code without a file
-            place = f" at {inspect.getsourcefile(function)}:{inspect.getsourcelines(function)[1]}"
+            place = f" at {inspect.getsourcefile(source)}:{inspect.getsourcelines(source)[1]}"
         return AgentMistake(f"agent {self._name!r}{place}: {what}")
 
     def _place_of(self, error: BaseException) -> str:

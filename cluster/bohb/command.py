@@ -99,8 +99,10 @@ class _UnderWay:
         self.live: set[str] = set()  # names of configurations
         study = command.study
         self.journal = Journal(study.folder)
+        standing = Standing.load(study.folder)
+        self._unfinished = standing is not None and standing.status != "FINISHED"
         self.brackets = brackets_to_reach(
-            self.journal, study.schedule, self.command.brackets, Standing.load(study.folder)
+            self.journal, study.schedule, self.command.brackets, standing
         )
         self.search = BracketSearch.of(study, self.journal, self.brackets)
 
@@ -135,7 +137,10 @@ class _UnderWay:
         if command.time_budget is not None:
             line(f"time budget {duration(command.time_budget)}")
         if self.journal.results:
-            line(f"resuming with the {len(self.journal.results)} results of this study so far")
+            found = count(len(self.journal.results), "result")
+            line(f"resuming with the {found} of this study so far")
+        if self._unfinished and self.brackets > command.brackets and command.time_budget is None:
+            line(f"it was begun with {count(self.brackets, 'bracket')}, which it completes")
 
     def _pool(self) -> EvaluationPool:
         """A pool as large as those of all trials together, for use while no trial runs."""
@@ -262,7 +267,8 @@ class _UnderWay:
         line = self.terminal.line
         summary = self._summary
         line(
-            f"{len(self.journal.results)} results of {len(self.journal.configs)} configurations "
+            f"{count(len(self.journal.results), 'result')} of "
+            f"{count(len(self.journal.configs), 'configuration')} "
             f"({summary.model_based} proposed by the model)"
         )
         incumbent = summary.incumbent

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
 
 from bilevel.tasks import Task
 from cluster.bohb.summary import ResultPoint
@@ -12,6 +13,8 @@ from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
 #: The plot shows the results of the upper half, and of the lower half only that they are there.
 _SHOWN = 0.5
+#: Seconds up to which a search is told in seconds.
+_SHORT = 180.0
 
 
 def objective_against_cost(points: Sequence[ResultPoint], task: Task, title: str) -> Figure:
@@ -62,7 +65,7 @@ def objective_against_cost(points: Sequence[ResultPoint], task: Task, title: str
             )
     _mark_incumbent(axes, points)
     _add_minutes(axes, points)
-    axes.legend(frameon=False, fontsize="small", loc="lower right")
+    figure.legend(frameon=False, fontsize="small", loc="outside lower center", ncols=2)
     return figure
 
 
@@ -75,15 +78,19 @@ def _mark_incumbent(axes: Axes, points: Sequence[ResultPoint]) -> None:
     label = f"incumbent after {largest} generations: {best[-1]:.1f}"
     axes.step(spent, best, where="post", color=ORANGE, label=label)
     first = int(np.argmax(best))
-    axes.scatter([spent[first]], [best[first]], marker="*", s=160, color=ORANGE, zorder=3)
+    axes.scatter(
+        [spent[first]], [best[first]], marker="*", s=160, color=ORANGE, zorder=3, label="its result"
+    )
 
 
 def _add_minutes(axes: Axes, points: Sequence[ResultPoint]) -> None:
-    """A second axis above: minutes since the search began."""
+    """A second axis above: whole minutes, or seconds, since the search began."""
     spent = [0.0, *(float(point.generations_spent) for point in points)]
-    minutes = [0.0, *(point.seconds / 60 for point in points)]
+    seconds = [0.0, *(point.seconds for point in points)]
     axes.set_xlim(0, 1.03 * spent[-1])
-    ticks = np.linspace(0, spent[-1], 6)
+    unit, size = ("seconds", 1.0) if seconds[-1] < _SHORT else ("minutes", 60.0)
+    times = np.asarray(MaxNLocator(6, integer=True).tick_values(0, seconds[-1] / size))
+    times = times[(times >= 0) & (times * size <= seconds[-1])]
     above = axes.secondary_xaxis("top")
-    above.set_xticks(ticks, [f"{minute:.3g}" for minute in np.interp(ticks, spent, minutes)])
-    above.set_xlabel("minutes since the search began")
+    above.set_xticks(np.interp(times * size, seconds, spent), [f"{time:.0f}" for time in times])
+    above.set_xlabel(f"{unit} since the search began")

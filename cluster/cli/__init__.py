@@ -1,6 +1,7 @@
 """The console script `bilevel`: one module per group of commands."""
 
 import sys
+from typing import Any
 
 import click
 
@@ -17,7 +18,17 @@ def cli() -> None:
     """Learn synthetic environments for reinforcement learning."""
 
 
+def not_empty(context: click.Context, option: click.Parameter, value: Any) -> Any:
+    """The value of an option. Raises BadParameter for an empty text, as of an unset variable."""
+    if value == "":
+        raise click.BadParameter("'' is empty: give a value, or leave the option out")
+    return value
+
+
 for command in (nes, bohb, evaluate, studies, sync, up, status, down, ui):
+    for option in command.params:
+        if isinstance(option.type, click.types.StringParamType) and option.callback is None:
+            option.callback = not_empty
     cli.add_command(command)
 
 

@@ -30,7 +30,9 @@ class Duration(click.ParamType[float]):
     ) -> float:
         match = re.fullmatch(r"(\d+(?:\.\d+)?)([smh]?)", str(value))
         if match is None or float(match[1]) == 0:
-            self.fail(f"{value!r} is not a duration: allowed are 90s, 45m, 2h")
+            self.fail(
+                f"{value!r} is not a duration: allowed are 90s, 45m, 2h, or a number of seconds"
+            )
         return float(match[1]) * _SECONDS[match[2]]
 
 

@@ -42,11 +42,15 @@ def up(home: Path, host: str, ray_port: int, dashboard_port: int, mlflow_port: i
 def status(home: Path) -> None:
     """Print the state of the services; exit code 0 if all are up, else 1."""
     from cluster.services.background import services
+    from cluster.services.mlflow_server import pages
     from cluster.storage.home import Home
 
     found = services(Home(home))
     for service in found:
         click.echo(f"{service.name:8}{service.state:15}{service.page}  log {service.log}")
+        if service.name == "mlflow":
+            for page in pages(Home(home), service.address):
+                click.echo(f"{'':8}{page}")
     if not found:
         click.echo(f"nothing is up in {str(home)!r}: start with {Home(home).hint('up', 'up')}")
     sys.exit(0 if found and all(service.state == "up" for service in found) else 1)

@@ -171,6 +171,7 @@ class _UnderWay:
         }
         add_final(self.folder, Final(self.command.agents, time.time(), metrics))
         line(f"report: {self.folder / REPORT_FILE}; picture: {self.folder / PICTURE_FILE}")
+        line(f"MLflow {self.session.shown_at(self.session.begun.identity)}")
 
 
 def _list(names: Any) -> str:

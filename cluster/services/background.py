@@ -22,7 +22,7 @@ from bilevel.decode import decode_file
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
 from cluster.services.family import end_family
-from cluster.services.mlflow_server import mlflow_server
+from cluster.services.mlflow_server import mlflow_server, pages
 from cluster.services.ports import free_port, require_free
 from cluster.storage.home import Home
 from cluster.tracking.database import database_ready, experiments
@@ -121,6 +121,9 @@ def up(
             _save(home, [*known, *started])
             _wait_until_well(started[-1])
             tell(f"{name} is up: {started[-1].page}")
+            if name == "mlflow":
+                for page in pages(home, started[-1].address):
+                    tell(f"     {page}")
             if name == "ray":
                 tell(
                     "     dashboard and jobs answer on that address alone; Ray's own ports are "

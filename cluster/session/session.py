@@ -72,6 +72,8 @@ class Session:
                     f"MLflow lacks the current state of {missing} run(s): write them with "
                     f"{self.home.hint(f'sync {self.folder.name}')} once MLflow is reachable"
                 )
+            elif ended_as == "KILLED":
+                self.terminal.line(f"MLflow {self.shown_at(self.begun.identity)}")
 
     def _stand(self, status: Status, target: int) -> None:
         Standing(status, time.time(), target).save(self.folder)

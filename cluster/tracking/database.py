@@ -70,6 +70,13 @@ def experiments(path: Path) -> dict[str, str]:
         ) from None
 
 
+def require_whole(uri: str) -> None:
+    """Raise InvalidInput if `uri` is a SQLite database that is damaged."""
+    path = _file(uri)
+    if path is not None and path.exists():
+        experiments(path)
+
+
 def _file(uri: str) -> Path | None:
     if not uri.startswith("sqlite"):
         return None

@@ -27,7 +27,7 @@ from urllib.parse import urlparse
 
 from bilevel.errors import InvalidInput, first_line
 from cluster.storage.author import Author
-from cluster.tracking.database import database_ready, silence_mlflow
+from cluster.tracking.database import database_ready, require_whole, silence_mlflow
 from cluster.tracking.registry import register_se
 from cluster.tracking.view import Document, Point, RunView
 
@@ -159,6 +159,7 @@ class Tracker:
                 self.experiment_id = self._experiment(experiment, location)
                 self._show_columns(())
         except (MlflowException, SQLAlchemyError, OSError) as error:
+            require_whole(uri)
             raise InvalidInput(f"MLflow at {uri!r} cannot be used: {first_line(error)}") from None
 
     def _experiment(self, name: str, location: str | None) -> str:

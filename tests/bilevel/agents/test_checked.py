@@ -91,6 +91,10 @@ class Exits(Right):
         raise SystemExit(3)
 
 
+class Unfinished(Right):
+    end_episode: Any = None
+
+
 STATE = np.zeros(4, np.float32)
 
 
@@ -119,6 +123,7 @@ def live(agent: CheckedAgent) -> None:
             RaisesInTheStandardLibrary,
             "when it observes: ValueError: Sample larger than population or is negative",
         ),
+        (Unfinished, "the method 'end_episode' is missing"),
         (Exits, "when it ends an episode: SystemExit: 3"),
     ],
 )

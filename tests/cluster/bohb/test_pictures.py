@@ -1,5 +1,6 @@
 """The picture of a study shows the differences between its good results."""
 
+import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
@@ -18,7 +19,7 @@ def points(*objectives: float) -> list[ResultPoint]:
 
 
 def labels(figure: Figure) -> list[str]:
-    return [text.get_text() for text in figure.axes[0].get_legend().get_texts()]  # type: ignore[union-attr]
+    return [text.get_text() for text in figure.legends[0].get_texts()]
 
 
 def test_bad_draws_do_not_crush_the_best(cartpole: Task) -> None:
@@ -36,6 +37,16 @@ def test_a_second_axis_tells_minutes(cartpole: Task) -> None:
     (above,) = figure.axes[0].child_axes
     assert above.get_xlabel() == "minutes since the search began"
     assert [text.get_text() for text in above.get_xticklabels()] == ["0", "1", "2", "3", "4", "5"]
+
+
+def test_a_short_search_is_told_in_seconds(cartpole: Task) -> None:
+    figure = objective_against_cost(points(10.0, 20.0), cartpole, "study")
+    figure.canvas.draw()
+    (above,) = figure.axes[0].child_axes
+    assert above.get_xlabel() == "seconds since the search began"
+    ticks = [int(text.get_text()) for text in above.get_xticklabels()]
+    assert ticks[0] == 0
+    assert len(set(np.diff(ticks))) == 1
 
 
 @pytest.mark.parametrize("objectives", [(), (9.0,), (9.0, 9.0), (-500.0, -500.0, -80.0)])

@@ -113,6 +113,10 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         (["nes", "CartPole-v0", "--seed", "one"], "'--seed': 'one' is not a whole number"),
         (["nes", "CartPole-v0", "--seed", "0.5"], "allowed are 0 or more"),
         (["ui", "--port", "http"], "'http' is not a whole number: allowed are 1 to 65535"),
+        (["nes", "CartPole-v0", "--name", ""], "'--name': '' is empty: give a value, or leave"),
+        (["bohb", "CartPole-v0", "--study", ""], "'--study': '' is empty"),
+        (["bohb", "CartPole-v0", "--recipe", ""], "'--recipe': '' is empty"),
+        (["evaluate", "--real", "CartPole-v0", "--address", ""], "'--address': '' is empty"),
         (["bohb", "CartPole-v0", "--time-budget", "soon"], "'soon' is not a duration"),
         (
             ["bohb", "CartPole-v0", "--workers-per-trial", "64"],
@@ -170,7 +174,7 @@ def test_a_recipe_of_the_users_own(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("command", "told"),
     [
-        (["nes", "CartPole-v0"], "cannot be used: "),
+        (["nes", "CartPole-v0"], "mlflow.db' is damaged: file is not a database; move it away"),
         (["ui"], "mlflow.db' is damaged: file is not a database; move it away"),
         (["up"], "mlflow.db' is damaged: file is not a database; move it away"),
     ],
