@@ -16,18 +16,20 @@ from tests.system.mlflow_shown import disagreements
 
 def torn_lines(stage: Stage, whole: Outcome, times: int) -> Row:
     """Kill the driver and append a part of a line to the journal, as a machine crash can leave of
-    an unflushed write."""
-    study = stage.study("torn", *ONE_BY_ONE)
-    torn = 0
-    while torn < times and not (torn and whole.lost(study.outcome()) == 0):
-        study.live(stage.chance.uniform(5.0, 9.0), signal.SIGKILL)
-        torn += _tear(study, stage.chance.uniform)
-    code = study.run()
+    an unflushed write; until so many lines are torn, or all results are there."""
+    study, torn = stage.study("torn", *ONE_BY_ONE), 0
+    journal = study.folder / "results.json"
+    code = -signal.SIGKILL
+    while code != 0 and torn < times:
+        code = study.live(stage.chance.uniform(5.0, 8.0), signal.SIGKILL)
+        torn += _tear(journal, stage.chance.uniform)
+        if journal.exists() and journal.read_bytes().count(b"\n") >= len(whole.results):
+            break
+    code = code and study.run()
     return Row.of("last journal line cut short", torn, code, whole, study)
 
 
-def _tear(study: StudyOnStage, uniform: Callable[[float, float], float]) -> int:
-    path = study.folder / "results.json"
+def _tear(path: Path, uniform: Callable[[float, float], float]) -> int:
     content = path.read_bytes() if path.exists() else b""
     if not content.endswith(b"\n"):
         return 0
@@ -38,18 +40,19 @@ def _tear(study: StudyOnStage, uniform: Callable[[float, float], float]) -> int:
 
 
 def damaged_checkpoints(stage: Stage, whole: Outcome, times: int) -> Row:
-    """Kill the driver, and flip a bit, empty, or cut short a checkpoint."""
-    study = stage.study("damaged", *ONE_BY_ONE)
-    done = 0
-    while done < times:
-        study.live(stage.chance.uniform(6.0, 10.0), signal.SIGKILL)
+    """Kill the driver, and flip a bit, empty, or cut short a checkpoint; as long as the study has
+    not ended."""
+    study, done = stage.study("damaged", *ONE_BY_ONE), 0
+    code = -signal.SIGKILL
+    while code != 0 and done < times:
+        code = study.live(stage.chance.uniform(5.0, 8.0), signal.SIGKILL)
         for path in sorted(study.folder.glob("configurations/*/state.safetensors"))[-1:]:
             content = bytearray(path.read_bytes())
             place = stage.chance.randrange(len(content))
             content[place] ^= 1 << stage.chance.randrange(8)
             path.write_bytes([bytes(content), b"", bytes(content[:place])][done % 3])
             done += 1
-    code = study.run()
+    code = code and study.run()
     return Row.of("checkpoint damaged (bit, emptied, cut)", done, code, whole, study)
 
 
