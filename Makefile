@@ -65,7 +65,7 @@ studies: $(INSTALLED) ## The studies so far: state, progress, best score
 ui: $(INSTALLED) ## The MLflow UI on these runs
 	@$(BIN)/bilevel ui $(ARGS)
 
-# Three at a time on two cores: the system tests wait for processes more than they compute.
+# Three at a time on two cores: while one test waits for a process, another computes.
 test: check ## Format, lint, types, and all tests
 	@$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder $(ARGS)
 

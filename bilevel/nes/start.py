@@ -18,9 +18,6 @@ from bilevel.hyperparameters import AgentHyperparameters
 
 #: Per round: agents trained on each candidate, and the share of all candidates that take part.
 ROUNDS = ((1, 1.0), (4, 1 / 8), (8, 1 / 32))
-#: Episodes after which training ends in the choice. On most candidates agents learn nothing and
-#: would go on to their last episode; a good start teaches sooner.
-MAX_EPISODES = 40
 
 
 @dataclass(frozen=True)
@@ -67,7 +64,7 @@ class StartRace:
         """Requests of this round: every candidate with each of the trials (seed, agent)."""
         pairs = [(seed, *trial) for seed in self.seeds for trial in trials]
         return [
-            EvaluationRequest(index, trial, _brief(agent), Initialized(seed))
+            EvaluationRequest(index, trial, agent, Initialized(seed))
             for index, (seed, trial, agent) in enumerate(pairs)
         ]
 
@@ -76,7 +73,3 @@ class StartRace:
         scores = np.array([result.score for result in results]).reshape(len(self.seeds), -1)
         order = np.argsort(-scores.mean(axis=1), kind="stable")[: self._size(self.round + 1)]
         return replace(self, seeds=tuple(self.seeds[i] for i in order), round=self.round + 1)
-
-
-def _brief(agent: AgentHyperparameters) -> AgentHyperparameters:
-    return replace(agent, max_episodes=min(agent.max_episodes, MAX_EPISODES))

@@ -64,7 +64,7 @@ def objective_against_cost(points: Sequence[ResultPoint], task: Task, title: str
                 label=f"{name}, below the axis",
             )
     _mark_incumbent(axes, points)
-    _add_minutes(axes, points)
+    _add_time(axes, points)
     figure.legend(frameon=False, fontsize="small", loc="outside lower center", ncols=2)
     return figure
 
@@ -79,11 +79,17 @@ def _mark_incumbent(axes: Axes, points: Sequence[ResultPoint]) -> None:
     axes.step(spent, best, where="post", color=ORANGE, label=label)
     first = int(np.argmax(best))
     axes.scatter(
-        [spent[first]], [best[first]], marker="*", s=160, color=ORANGE, zorder=3, label="its result"
+        [spent[first]],
+        [best[first]],
+        marker="*",
+        s=160,
+        color=ORANGE,
+        zorder=3,
+        label="result of the incumbent",
     )
 
 
-def _add_minutes(axes: Axes, points: Sequence[ResultPoint]) -> None:
+def _add_time(axes: Axes, points: Sequence[ResultPoint]) -> None:
     """A second axis above: whole minutes, or seconds, since the search began."""
     spent = [0.0, *(float(point.generations_spent) for point in points)]
     seconds = [0.0, *(point.seconds for point in points)]

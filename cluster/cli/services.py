@@ -48,7 +48,7 @@ def status(home: Path) -> None:
     found = services(Home(home))
     for service in found:
         click.echo(f"{service.name:8}{service.state:15}{service.page}  log {service.log}")
-        if service.name == "mlflow":
+        if service.name == "mlflow" and service.state == "up":
             for page in pages(Home(home), service.address):
                 click.echo(f"{'':8}{page}")
     if not found:

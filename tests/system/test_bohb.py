@@ -178,6 +178,7 @@ def test_ctrl_c_stops_orderly(tmp_home: Path) -> None:
     assert process.returncode == 130
     assert "run the same command again to resume" in rest
     assert "incumbent 00" in rest
+    assert re.search(r"MLflow http://127.0.0.1:5000/#/experiments/\d+/runs/\w{32}\?", rest)
     (told,) = re.findall(r"its best SE, not retested: (\S+)", rest)
     assert load_se(told).task_id == "CartPole-v0"
     experiment = client(tmp_home).get_experiment_by_name("CartPole-v0")

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 from pathlib import Path
 from typing import Any
@@ -62,6 +63,7 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path, add
     more = run_bilevel(*three, "--home", tmp_path, "--workers", "1")
     assert more.returncode == 0, more.stderr
     rows = [line.split() for line in more.stdout.splitlines() if line.startswith(("my_se", "real"))]
+    assert re.search(r"MLflow http\S+/runs/\w{32}\?workflowType=machine_learning", more.stdout)
     assert [row[:3] for row in rows] == [
         [source, agent, "3"] for source in ("my_se", "real") for agent in ("ddqn", "td3")
     ]

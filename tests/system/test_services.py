@@ -104,6 +104,8 @@ def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> No
     assert [process.returncode for process in running] == [0, 0], outputs
     listed = run_bilevel("studies", "--home", up.home).stdout
     assert listed.count("finished") == 2
+    page = f"CartPole-v0: http://127.0.0.1:{up.mlflow}/#/experiments/"
+    assert page in run_bilevel("status", "--home", up.home).stdout
     assert listed.count("4/4 results") == 2
     ray = str(Path(BILEVEL).with_name("ray"))
     command = [ray, "job", "submit", "--address", f"http://127.0.0.1:{up.dashboard}", "--", BILEVEL]

@@ -11,9 +11,8 @@ from bilevel.evaluation import (
     Initialized,
     Perturbed,
 )
-from bilevel.hyperparameters import Hyperparameters, load_recipe
+from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES, NESState
-from bilevel.nes.start import MAX_EPISODES
 from bilevel.tasks import Task
 
 
@@ -119,16 +118,6 @@ class TestStart:
         np.testing.assert_array_equal(state.se.mean, expected)
         assert state.generation == 0
         assert state.real_env_steps == 7 * sum(sizes)
-
-    def test_agents_of_the_choice_train_for_few_episodes(self, cartpole: Task) -> None:
-        """In both kinds of turns; the run's own agents train longer."""
-        nes = NES(cartpole, load_recipe("default", cartpole), 1)
-        state = nes.init()
-        state = nes.tell(state, [answer(request, 1.0) for request in nes.ask(state)])
-        agents = [request.agent for request in nes.ask(state)]
-        assert {agent.max_episodes for agent in agents} == {MAX_EPISODES}
-        assert len({agent.early_out_difference for agent in agents}) == 2
-        assert nes.hp.agents[0].max_episodes > MAX_EPISODES
 
     def test_a_single_candidate_is_tried_by_nobody(self, nes: NES) -> None:
         assert nes.init().race is None
