@@ -27,7 +27,7 @@ from cluster.nes.final import (
     score_anew,
 )
 from cluster.nes.run import start_of
-from cluster.ray.connection import fair_share, require_capacity, require_server_for_nodes
+from cluster.ray.connection import Capacity, require_server_for_nodes
 from cluster.ray.pool import EvaluationPool
 from cluster.session.place import Place
 from cluster.session.session import Session
@@ -58,7 +58,11 @@ class StudyCommand:
     @property
     def trials(self) -> int:
         """Trials at a time on the cluster's current nodes; the number may change during a study."""
-        return self.concurrent_trials or fair_share(self.workers_per_trial)
+        return self.trials_on(Capacity.of_cluster())
+
+    def trials_on(self, capacity: Capacity) -> int:
+        """Trials at a time on such a cluster."""
+        return self.concurrent_trials or capacity.fair_share(self.workers_per_trial)
 
 
 def brackets_to_reach(
@@ -83,10 +87,11 @@ def run_study(command: StudyCommand) -> int:
     Raises InvalidInput before anything is written, and StorageFailure if the disk is full.
     """
     study = command.study
-    with command.place.entered() as driver:
-        require_capacity(command.workers_per_trial, command.trials)
-        with driver.session(study.folder, study.task.id, study.settings()) as session:
-            return _UnderWay(command, session).go()
+    with (
+        command.place.entered(command.workers_per_trial, command.concurrent_trials or 1) as driver,
+        driver.session(study.folder, study.task.id, study.settings()) as session,
+    ):
+        return _UnderWay(command, session).go()
 
 
 class _UnderWay:

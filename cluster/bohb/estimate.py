@@ -8,8 +8,7 @@ from bilevel.evaluation import evaluate
 from bilevel.nes import NES
 from cluster.bohb.brackets import Schedule, configurations_to_begin, generations_to_run
 from cluster.bohb.command import StudyCommand
-from cluster.ray.connection import require_capacity
-from cluster.session.terminal import count, duration
+from cluster.session.terminal import Terminal, count, duration
 from search_spaces import to_hyperparameters
 
 #: Configurations whose evaluations are timed.
@@ -67,11 +66,15 @@ def dry_run(command: StudyCommand) -> None:
     The time is estimated from a few evaluations of random configurations on one core. Raises
     InvalidInput where the study itself would.
     """
+    capacity = command.place.capacity()
+    trials = command.trials_on(capacity)
+    capacity.require(command.workers_per_trial, trials)
+    with Terminal() as terminal:
+        _print_estimate(command, trials, terminal)
+
+
+def _print_estimate(command: StudyCommand, trials: int, terminal: Terminal) -> None:
     study, schedule = command.study, command.study.schedule
-    with command.place.entered() as driver:
-        trials = command.trials
-        require_capacity(command.workers_per_trial, trials)
-    terminal = driver.terminal
     terminal.line(
         f"{study.method_name} on {study.task.id}: study {study.name!r}, budgets in generations"
     )

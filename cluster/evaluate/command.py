@@ -81,7 +81,7 @@ def run_evaluate(command: EvaluateCommand) -> list[Group]:
     """
     folder = command.place.home.run_folder(command.task.id, command.name)
     with (
-        command.place.entered() as driver,
+        command.place.entered(command.workers or 1) as driver,
         EvaluationPool.on_cluster(command.workers) as pool,
         driver.session(folder, command.task.id, command.settings()) as session,
     ):

@@ -45,7 +45,7 @@ def run_nes(command: NESCommand) -> NESState:
     """
     run = command.run
     with (
-        command.place.entered() as driver,
+        command.place.entered(command.workers or 1) as driver,
         EvaluationPool.on_cluster(command.workers) as pool,
         driver.session(run.folder, run.task.id, run.settings()) as session,
     ):

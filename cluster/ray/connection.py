@@ -5,8 +5,11 @@ import logging
 import socket
 import uuid
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Self
 
 import ray
+from loky import cpu_count
 from ray.util.placement_group import (
     placement_group,
     placement_group_table,
@@ -33,13 +36,14 @@ def ray_cluster(address: str | None) -> Iterator[None]:
     otherwise a local one is started and stopped again. Raises InvalidInput if the
     address cannot be reached.
     """
-    own = address in (None, "local")
-    if address is not None and address not in ("auto", "local"):
-        _require_reachable(address)
+    own = is_own(address)
+    if not own and address != "auto":
+        _require_reachable(str(address))
     with environment_kept(_AUTHENTICATION):
         try:
             ray.init(
                 address=address or "local",
+                num_cpus=cpu_count() if own else None,
                 include_dashboard=False if own else None,
                 log_to_driver=False,
                 logging_level=logging.ERROR,
@@ -56,6 +60,11 @@ def ray_cluster(address: str | None) -> Iterator[None]:
             ray.shutdown()
 
 
+def is_own(address: str | None) -> bool:
+    """Whether this address means a cluster of a command's own, which it starts and stops."""
+    return address in (None, "local")
+
+
 def _require_reachable(address: str) -> None:
     host, _, port = address.removeprefix("ray://").rpartition(":")
     if not host or not port.isdigit():
@@ -68,9 +77,39 @@ def _require_reachable(address: str) -> None:
         raise InvalidInput(f"no Ray cluster at {address!r}: {error}") from None
 
 
-def cluster_cores() -> int:
-    """Cores of the cluster, all nodes together."""
-    return int(ray.cluster_resources().get("CPU", 0))
+@dataclass(frozen=True)
+class Capacity:
+    """What a cluster offers a run."""
+
+    cores: int  # of all nodes together
+    runs: int = 1  # that share them
+
+    @classmethod
+    def of_cluster(cls) -> Self:
+        """Of the cluster that this process is a driver of, now."""
+        groups = placement_group_table().values()
+        names = [group["name"] for group in groups if group["state"] != "REMOVED"]
+        runs = sum(1 for name in names if name.startswith(_MARK))
+        return cls(int(ray.cluster_resources().get("CPU", 0)), max(runs, 1))
+
+    @classmethod
+    def of_own(cls) -> Self:
+        """Of a cluster of a command's own: all cores that this process may use."""
+        return cls(cpu_count())
+
+    def fair_share(self, workers_per_trial: int) -> int:
+        """Number of trials, of `workers_per_trial` cores each, that a run may have at a time, at
+        least one: the cores are shared equally among the runs."""
+        return max(self.cores // workers_per_trial // self.runs, 1)
+
+    def require(self, workers_per_trial: int, concurrent_trials: int = 1) -> None:
+        """Raise InvalidInput if the cluster cannot place that many one-core workers."""
+        wanted = workers_per_trial * concurrent_trials
+        if wanted > self.cores:
+            raise InvalidInput(
+                f"{concurrent_trials} trial(s) of {workers_per_trial} worker(s) need {wanted} "
+                f"cores: the cluster has {self.cores}"
+            )
 
 
 @contextlib.contextmanager
@@ -86,17 +125,6 @@ def sharing() -> Iterator[None]:
         remove_placement_group(mark)
 
 
-def fair_share(workers_per_trial: int) -> int:
-    """Number of trials, of `workers_per_trial` cores each, that a run may have at a time.
-
-    The cluster's current cores are shared equally among the runs that are `sharing`.
-    """
-    groups = placement_group_table().values()
-    names = [group["name"] for group in groups if group["state"] != "REMOVED"]
-    runs = sum(1 for name in names if name.startswith(_MARK))
-    return max(cluster_cores() // workers_per_trial // max(runs, 1), 1)
-
-
 def require_server_for_nodes(tracking_uri: str) -> None:
     """Raise InvalidInput for a SQLite database when the cluster has several nodes."""
     nodes = sum(bool(node["Alive"]) for node in ray.nodes())
@@ -105,15 +133,4 @@ def require_server_for_nodes(tracking_uri: str) -> None:
             f"a cluster of {nodes} nodes cannot be tracked in {tracking_uri!r}: SQLite's locks do "
             "not hold on storage that nodes share, and another node could not read it; give an "
             "MLflow server with --tracking-uri http://host:port (docs/cluster.md)"
-        )
-
-
-def require_capacity(workers_per_trial: int, concurrent_trials: int = 1) -> None:
-    """Raise InvalidInput if the cluster cannot place that many one-core workers."""
-    cores = cluster_cores()
-    wanted = workers_per_trial * concurrent_trials
-    if wanted > cores:
-        raise InvalidInput(
-            f"{concurrent_trials} trial(s) of {workers_per_trial} worker(s) need {wanted} cores: "
-            f"the cluster has {cores}"
         )

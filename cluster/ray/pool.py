@@ -15,7 +15,7 @@ from bilevel.errors import InvalidInput, first_line
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.synthetic_env import SE, SEDistribution
 from bilevel.tasks import Task
-from cluster.ray.connection import fair_share, require_capacity
+from cluster.ray.connection import Capacity
 from cluster.ray.queue import Batch, RequestQueue
 
 #: Actor deaths on one batch after which the pool gives up: the cause is then a request (out of
@@ -61,8 +61,9 @@ class EvaluationPool:
 
         Raises InvalidInput if the cluster has fewer cores.
         """
-        workers = workers or fair_share(1)
-        require_capacity(workers)
+        capacity = Capacity.of_cluster()
+        workers = workers or capacity.fair_share(1)
+        capacity.require(workers)
         return cls(workers)
 
     @property

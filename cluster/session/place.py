@@ -8,7 +8,13 @@ from typing import Any
 
 import ray
 
-from cluster.ray.connection import ray_cluster, require_server_for_nodes, sharing
+from cluster.ray.connection import (
+    Capacity,
+    is_own,
+    ray_cluster,
+    require_server_for_nodes,
+    sharing,
+)
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.session import Session
 from cluster.session.terminal import Terminal
@@ -27,24 +33,37 @@ class Place:
     address: str | None = None  # of a Ray cluster to join; None: start a local one
 
     @contextlib.contextmanager
-    def entered(self) -> Iterator["Driver"]:
+    def entered(self, workers_per_trial: int = 1, trials: int = 1) -> Iterator["Driver"]:
         """Within the block this process is a driver of the cluster; nothing is written.
 
-        Raises InvalidInput for an invalid or unreachable MLflow or cluster, and for SQLite on
-        several nodes.
+        Raises InvalidInput for an invalid or unreachable MLflow or cluster, for a cluster that
+        cannot place that many trials of so many one-core workers each, and for SQLite on several
+        nodes.
         """
         check_tracking_uri(self.tracking_uri)
+        if is_own(self.address):  # before it is started, which takes seconds
+            Capacity.of_own().require(workers_per_trial, trials)
         with (
             Terminal() as terminal,
             mlflow_imported_meanwhile(),
             ray_cluster(self.address),
             InterruptGuard(terminal) as guard,  # after Ray, which installs its own SIGTERM handler
         ):
+            Capacity.of_cluster().require(workers_per_trial, trials)
             require_server_for_nodes(self.tracking_uri)
             if ray.available_resources().get("CPU", 0) < 1:
                 terminal.line("all cores of the cluster are taken: waiting until one is free")
             with sharing():
                 yield Driver(self, terminal, guard)
+
+    def capacity(self) -> Capacity:
+        """What a run would find here; a cluster of its own is not started for that. Raises
+        InvalidInput as `entered` does."""
+        if is_own(self.address):
+            check_tracking_uri(self.tracking_uri)
+            return Capacity.of_own()
+        with self.entered():
+            return Capacity.of_cluster()
 
 
 @dataclass(frozen=True)

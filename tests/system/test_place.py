@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import ray
 
-from cluster.ray.connection import cluster_cores, fair_share, sharing
+from cluster.ray.connection import Capacity, sharing
 from cluster.ray.pool import EvaluationPool
 from cluster.session.place import Place
 from cluster.storage.home import Home
@@ -22,7 +22,9 @@ def test_termination_stops_it_as_ctrl_c_does(tmp_path: Path, address: str) -> No
     def terminated() -> None:
         with Place(home, home.database_uri, address).entered():
             with sharing():  # a second run
-                assert fair_share(1) == max(cluster_cores() // 2, 1)
+                capacity = Capacity.of_cluster()
+                assert capacity.runs == 2
+                assert capacity.fair_share(1) == max(capacity.cores // 2, 1)
             os.kill(os.getpid(), signal.SIGTERM)
             time.sleep(10)
 
@@ -33,14 +35,17 @@ def test_termination_stops_it_as_ctrl_c_does(tmp_path: Path, address: str) -> No
 
 
 def test_runs_share_the_cores_equally(joined_ray: None) -> None:
-    cores = cluster_cores()
+    def fair_share() -> int:
+        return Capacity.of_cluster().fair_share(1)
+
+    cores = Capacity.of_cluster().cores
     with sharing():
-        assert fair_share(1) == cores
+        assert fair_share() == cores
         with sharing():
-            assert fair_share(1) == max(cores // 2, 1)
+            assert fair_share() == max(cores // 2, 1)
             with EvaluationPool.on_cluster(None) as pool:
                 assert pool.size == max(cores // 2, 1)
         deadline = time.monotonic() + 20
-        while fair_share(1) != cores:
+        while fair_share() != cores:
             assert time.monotonic() < deadline
             time.sleep(0.1)
