@@ -17,19 +17,20 @@ setup: $(INSTALLED) ## Set up the virtual environment (the other targets do it b
 
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"Python 3.11 to 3.13 is needed, $(PYTHON) is {v[0]}.{v[1]}: make PYTHON=...")'
-	@echo "setting up $(VENV), once; on 2 cores it takes 2 to 3 minutes"
-	@echo "  1 of 3: PyTorch, 200 MB, half a minute"
+	@echo "setting up $(VENV), once; on 2 cores it takes 2 minutes or so"
+	@echo "  1 of 2: all packages but PyTorch, some seconds"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@# By pip, whose settings may name a build without CUDA; the others by uv, in seconds.
-	@$(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^(torch|uv)==' constraints.txt)
-	@echo "  2 of 3: all other packages, some seconds"
-	@$(BIN)/uv pip install --quiet --compile-bytecode --python $(BIN)/python --no-deps --requirement constraints.txt \
-		|| $(BIN)/python -m pip install --quiet --no-deps --requirement constraints.txt
+	@$(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^uv==' constraints.txt)
+	@grep -vE '^torch==' constraints.txt > $(VENV)/others.txt
+	@$(BIN)/uv pip install --quiet --compile-bytecode --python $(BIN)/python --no-deps --requirement $(VENV)/others.txt \
+		|| $(BIN)/python -m pip install --quiet --no-deps --requirement $(VENV)/others.txt
 	@# As a path: from the folder above, a folder called bilevel would hide what a finder finds.
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --config-settings \
 		editable_mode=compat --editable .
-	@echo "  3 of 3: compiling the agents' kernels, 1 to 2 minutes"
-	@$(BIN)/python -m bilevel.compile
+	@echo "  2 of 2: PyTorch, 200 MB, while the agents' kernels are compiled, 1 to 2 minutes"
+	@# By pip, whose settings may name a build without CUDA. The kernels do not need it.
+	@$(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^torch==' constraints.txt) & \
+		installing=$$!; $(BIN)/python -m bilevel.compile && wait $$installing
 	@touch $@
 
 lock: $(INSTALLED) ## Resolve the dependencies anew and pin them in constraints.txt
