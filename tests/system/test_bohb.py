@@ -8,6 +8,7 @@ import signal
 import subprocess
 from pathlib import Path
 
+import mlflow.entities
 import pytest
 
 from bilevel.synthetic_env import load_se
@@ -30,6 +31,13 @@ SMOKE = (
 def results(home: Path, study: str = "smoke") -> dict[object, float | None]:
     journal = Journal(home / "CartPole-v0" / study)
     return {(line.id, line.budget): line.loss for line in journal.results}
+
+
+def tracked_runs(home: Path) -> list[mlflow.entities.Run]:
+    """Runs of the task's experiment in MLflow."""
+    experiment = client(home).get_experiment_by_name("CartPole-v0")
+    assert experiment is not None
+    return list(client(home).search_runs([experiment.experiment_id]))
 
 
 @pytest.fixture(scope="module")
@@ -83,10 +91,7 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
     study_home: tuple[Path, str],
 ) -> None:
     home, _ = study_home
-    mlflow_client = client(home)
-    experiment = mlflow_client.get_experiment_by_name("CartPole-v0")
-    assert experiment is not None
-    runs = mlflow_client.search_runs([experiment.experiment_id])
+    mlflow_client, runs = client(home), tracked_runs(home)
     assert {r.info.status for r in runs} == {"FINISHED"}
     (parent,) = [r for r in runs if "mlflow.parentRunId" not in r.data.tags]
     children = [r for r in runs if r is not parent]
@@ -144,35 +149,12 @@ def test_the_same_command_adds_brackets(
     assert before.items() <= after.items()
 
 
-def test_killed_in_the_middle_it_goes_on(
+def test_ctrl_c_stops_orderly_and_the_same_command_goes_on(
     study_home: tuple[Path, str], tmp_home: Path, address: str
 ) -> None:
-    """SIGKILL takes driver, raylet and actors alike; the same command ends the study
-    with the scores of one that was never killed, and had one worker in each of two trials."""
+    """The study ends with the scores of one that was never stopped, and had one worker in each of
+    two trials. (`test_faults` kills it.)"""
     process = run_until("objective", *SMOKE, "--home", tmp_home)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.communicate(timeout=60)
-    assert 1 <= len(results(tmp_home)) < 6
-    not_retested = tmp_home / "CartPole-v0" / "smoke" / INCUMBENT_FILE
-    not_retested.touch()  # as an interruption leaves it; the end replaces it by a retested SE
-    args = ("--workers-per-trial", "2", "--concurrent-trials", "1", "--address", address)
-    result = run_bilevel(*SMOKE, *args, "--home", tmp_home)
-    assert result.returncode == 0, result.stderr
-    assert results(tmp_home) == results(study_home[0])
-    assert not not_retested.exists()
-    mlflow_client = client(tmp_home)
-    experiment = mlflow_client.get_experiment_by_name("CartPole-v0")
-    assert experiment is not None
-    runs = mlflow_client.search_runs([experiment.experiment_id])
-    assert len(runs) == 6
-    assert {r.info.status for r in runs} == {"FINISHED"}
-    for tracked in runs:
-        history = mlflow_client.get_metric_history(tracked.info.run_id, "score_mean")
-        assert [metric.step for metric in history] == list(range(len(history)))
-
-
-def test_ctrl_c_stops_orderly(tmp_home: Path) -> None:
-    process = run_until("objective", *SMOKE, "--brackets", "9", "--home", tmp_home)
     os.killpg(process.pid, signal.SIGINT)  # to everyone, as a terminal does
     rest, _ = process.communicate(timeout=90)
     assert process.returncode == 130
@@ -180,19 +162,31 @@ def test_ctrl_c_stops_orderly(tmp_home: Path) -> None:
     assert "incumbent 00" in rest
     assert re.search(r"MLflow http://127.0.0.1:5000/#/experiments/\d+/runs/\w{32}\?", rest)
     (told,) = re.findall(r"its best SE, not retested: (\S+)", rest)
+    assert told == str(tmp_home / "CartPole-v0" / "smoke" / INCUMBENT_FILE)
     assert load_se(told).task_id == "CartPole-v0"
-    experiment = client(tmp_home).get_experiment_by_name("CartPole-v0")
-    assert experiment is not None
-    runs = client(tmp_home).search_runs([experiment.experiment_id])
+    assert 1 <= len(results(tmp_home)) < 6
+    runs = tracked_runs(tmp_home)
     assert "RUNNING" not in {r.info.status for r in runs}
     assert "KILLED" in {r.info.status for r in runs}
     (parent,) = [r for r in runs if "mlflow.parentRunId" not in r.data.tags]
     assert parent.data.tags["mlflow.note.content"].startswith("**Stopped, and nothing is lost:**")
 
+    args = ("--workers-per-trial", "2", "--concurrent-trials", "1", "--address", address)
+    result = run_bilevel(*SMOKE, *args, "--home", tmp_home)
+    assert result.returncode == 0, result.stderr
+    assert results(tmp_home) == results(study_home[0])
+    assert not Path(told).exists()  # a retested one is there instead
+    runs = tracked_runs(tmp_home)
+    assert len(runs) == 6
+    assert {r.info.status for r in runs} == {"FINISHED"}
+    for tracked in runs:
+        history = client(tmp_home).get_metric_history(tracked.info.run_id, "score_mean")
+        assert [metric.step for metric in history] == list(range(len(history)))
+
 
 def test_time_budget_ends_the_search(tmp_home: Path, address: str) -> None:
     """The number of results depends on the machine; without any, a message says so."""
-    args = ("--brackets", "99", "--time-budget", "30s", "--address", address)
+    args = ("--brackets", "99", "--time-budget", "16s", "--address", address)
     result = run_bilevel(*SMOKE, *args, "--home", tmp_home)
     assert "the time budget is spent" in result.stdout
     # a number of brackets that the study will not reach is not shown
@@ -220,13 +214,7 @@ def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(
     losses = results(tmp_home)
     assert len(losses) == 4
     assert losses[(0, 0, 1), 1] is None
-    experiment = client(tmp_home).get_experiment_by_name("CartPole-v0")
-    assert experiment is not None
-    (failed,) = [
-        r
-        for r in client(tmp_home).search_runs([experiment.experiment_id])
-        if r.info.status == "FAILED"
-    ]
+    (failed,) = [r for r in tracked_runs(tmp_home) if r.info.status == "FAILED"]
     assert failed.info.run_name == "000-0-001"
     assert "FileExistsError" in failed.data.tags["bilevel.error"]
 

@@ -61,7 +61,9 @@ def test_nodes_come_and_go(whole: Outcome, tmp_path: Path) -> None:
     assert_nothing_can_be_told(row)
 
 
-def test_a_node_that_joins_a_study_in_sqlite_stops_it(stage: Stage) -> None:
+def test_several_nodes_and_a_study_in_sqlite(stage: Stage) -> None:
+    """A node that joins stops the study; with several nodes none begins."""
+    told = "a cluster of 2 nodes cannot be tracked in 'sqlite:"
     study = stage.study("joined", *ONE_BY_ONE)
     nodes: list[Any] = []
 
@@ -70,15 +72,10 @@ def test_a_node_that_joins_a_study_in_sqlite_stops_it(stage: Stage) -> None:
             nodes.append(stage.cluster.add_node(num_cpus=1))
 
     assert study.run(join) == 2
-    stage.cluster.remove_node(nodes.pop())
-    assert "a cluster of 2 nodes cannot be tracked in 'sqlite:" in study.log.read_text()
+    assert told in study.log.read_text()
     assert len(Journal(study.folder).results) >= 1  # nothing is lost
-
-
-def test_sqlite_is_refused_with_several_nodes(stage: Stage) -> None:
-    node = stage.cluster.add_node(num_cpus=1)
-    study = stage.study("sqlite", *ONE_BY_ONE)
-    assert study.run() == 2
-    stage.cluster.remove_node(node)
-    assert "a cluster of 2 nodes cannot be tracked in 'sqlite:" in study.log.read_text()
-    assert not study.home.folder.exists()
+    refused = stage.study("refused", *ONE_BY_ONE)
+    assert refused.run() == 2
+    stage.cluster.remove_node(nodes.pop())
+    assert told in refused.log.read_text()
+    assert not refused.home.folder.exists()
