@@ -32,7 +32,7 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         self.se = se = load_se(Path(path))
         self._task = se.task()
         self.step_limit, self.n_actions = se.architecture.step_limit, se.architecture.n_actions
-        self._kernel = se.se.kernel
+        self.kernel = se.se.kernel
         self._work = np.zeros((2, 3 * se.architecture.hidden_size), np.float32)
         self._state = np.zeros(se.architecture.state_size, np.float32)
         self._steps = 0
@@ -65,7 +65,7 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
         number = checked_action(action, self.n_actions)
         next_state = np.empty_like(self._state)
-        reward, done = step(self._kernel, self._state, number, next_state, self._work)
+        reward, done = step(self.kernel, self._state, number, next_state, self._work)
         self._state = next_state
         self._steps += 1
         truncated = self._steps >= self.step_limit

@@ -6,22 +6,21 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-import torch
 from gymnasium.utils import seeding
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from bilevel.errors import InvalidInput
 from bilevel.gym_env import SyntheticEnv
-from bilevel.synthetic_env.torch_module import SEModule
+from bilevel.kernels.synthetic_env import step_all
 from bilevel.tasks import checked_action
 
 
 class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
-    """N copies of the SE of a file that take their steps together, each network once for all:
+    """N copies of the SE of a file that take their steps in one compiled loop:
     `gymnasium.make_vec("bilevel/SyntheticEnv-v0", num_envs=N, path=...)`.
 
-    It gives what gymnasium's SyncVectorEnv of N single ones gives, up to float32 rounding; a copy
+    It gives what gymnasium's SyncVectorEnv of N single ones gives; a copy
     whose episode has ended is reset by the next step. Raises InvalidInput as SyntheticEnv does.
     """
 
@@ -38,8 +37,8 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self.observation_space = batch_space(single.observation_space, num_envs)
         self.action_space = batch_space(single.action_space, num_envs)
         self._single = single
-        self._networks = SEModule(single.se)
         self._sources = [np.random.default_rng() for _ in range(num_envs)]
+        self._work = np.zeros((2, 3 * single.se.architecture.hidden_size), np.float32)
         self._states = np.zeros((num_envs, single.se.architecture.state_size), np.float32)
         self._steps = np.zeros(num_envs, np.int64)
         self._over = np.zeros(num_envs, bool)
@@ -86,15 +85,10 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         if len(actions) != self.num_envs:
             raise InvalidInput(f"{len(actions)} actions for {self.num_envs} copies of the SE")
         resetting = self._over
-        numbers = np.array(
-            [
-                0 if over else checked_action(action, self._single.n_actions)
-                for action, over in zip(actions, resetting, strict=True)
-            ]
-        )
-        outputs = self._networks(torch.from_numpy(self._states), torch.from_numpy(numbers))
-        self._states, rewards, dones = (output.numpy() for output in outputs)
-        rewards = rewards.astype(np.float64)
+        numbers = self._numbers(actions, resetting)
+        states, rewards, dones = np.empty_like(self._states), *np.empty((2, self.num_envs))
+        step_all(self._single.kernel, self._states, numbers, states, rewards, dones, self._work)
+        self._states = states
         self._steps += 1
         terminated = (dones > 0.5) & ~resetting
         truncated = (self._steps >= self._single.step_limit) & ~resetting
@@ -103,6 +97,19 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         rewards[resetting] = 0.0
         info = {"done": np.where(resetting, 0.0, dones), "_done": ~resetting}
         return self._states.copy(), rewards, terminated, truncated, info
+
+    def _numbers(self, actions: Any, resetting: NDArray[np.bool_]) -> NDArray[np.int64]:
+        """The actions (N,), checked; copies that are reset take none."""
+        n_actions, numbers = self._single.n_actions, np.asarray(actions)
+        allowed = numbers.dtype.kind in "iu" and ((numbers >= 0) & (numbers < n_actions)).all()
+        if not allowed:
+            numbers = np.array(
+                [
+                    0 if over else checked_action(action, n_actions)
+                    for action, over in zip(actions, resetting, strict=True)
+                ]
+            )
+        return np.where(resetting, 0, numbers).astype(np.int64)
 
     def _begin(self, which: NDArray[np.int64]) -> None:
         for i in which:

@@ -102,3 +102,11 @@ def step(se, state, action, next_state, work):
             total += se.output_weights[k, j] * h[j]
         next_state[k] = total
     return reward, done
+
+
+@compiled
+def step_all(se, states, actions, next_states, rewards, dones, work):
+    """`step` of N copies: `states` (N, S) and `actions` (N,) give `next_states` (N, S), `rewards`
+    (N,) and `dones` (N,)."""
+    for copy in range(actions.size):
+        rewards[copy], dones[copy] = step(se, states[copy], actions[copy], next_states[copy], work)
