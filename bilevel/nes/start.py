@@ -3,7 +3,8 @@
 Agents learn nothing on most random SEs. The first round trains one agent on each candidate, the
 second four on the best eighth, the third eight on the best quarter of these (at least one); its
 best candidate is the start. All candidates of a round get the same agents and random numbers, so
-that scores are comparable.
+that scores are comparable. They train briefly: which start is better shows long before they are
+done, and the choice is a large part of a short run.
 """
 
 import math
@@ -15,6 +16,9 @@ import numpy as np
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, Initialized
 from bilevel.hyperparameters import AgentHyperparameters
+
+#: Training episodes of an agent in the choice, at most.
+EPISODES = 40
 
 #: Per round: agents trained on each candidate, and the share of all candidates that take part.
 ROUNDS = ((1, 1.0), (4, 1 / 8), (8, 1 / 32))
@@ -62,7 +66,11 @@ class StartRace:
         self, trials: Sequence[tuple[int, AgentHyperparameters]]
     ) -> list[EvaluationRequest]:
         """Requests of this round: every candidate with each of the trials (seed, agent)."""
-        pairs = [(seed, *trial) for seed in self.seeds for trial in trials]
+        brief = [
+            (trial, replace(agent, max_episodes=min(agent.max_episodes, EPISODES)))
+            for trial, agent in trials
+        ]
+        pairs = [(seed, *trial) for seed in self.seeds for trial in brief]
         return [
             EvaluationRequest(index, trial, agent, Initialized(seed))
             for index, (seed, trial, agent) in enumerate(pairs)

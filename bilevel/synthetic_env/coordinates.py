@@ -12,17 +12,19 @@ its agents learn nothing and all scores are noise. Here
     x   = (s - m) / c                                     m, c: mean and scale of observations
     s'  = m + c * (SPREAD Q W^+ tanh(W x + b) + v)        the same whatever the action
     G   = U tanh(R x + d)                                 A_a = G_a - mean of G over actions
-    r(s, a) = A_a(x) - A_a(0) - STEP_PENALTY
+    r(s, a) = A_a(x) - A_a(0)
     done  rises above its threshold where a component of x leaves +-E
 
-Rewards whose mean over actions is the same in all states say which action is better and nothing
-else, and no action is preferred at the mean observation. States that follow their own course make
-the action of the highest reward optimal for every discount, so that an agent that looks one step
-ahead and one that looks a hundred agree on what is to be learned; Liesen et al. (2024, "Discovering
-Minimal Reinforcement Learning Environments") found that SEs which are free to do so become such
-contextual bandits by themselves. Episodes that end where the usual observations do keep returns,
-and so the errors of bootstrapped values, small. m and c are those of a few episodes of random
-actions.
+Rewards whose mean over actions is zero in all states say which action is better and nothing else,
+and no action is preferred at the mean observation. An agent that has learned nothing yet, and one
+that keeps to one action, then earn about nothing: between such returns relative differences are
+large, so that the stopping rule ends training only once there is something to lose. States that
+follow their own course make the action of the highest reward optimal for every discount, so that an
+agent that looks one step ahead and one that looks a hundred agree on what is to be learned; Liesen
+et al. (2024, "Discovering Minimal Reinforcement Learning Environments") found that SEs which are
+free to do so become such contextual bandits by themselves. Episodes that end where the usual
+observations do keep returns, and so the errors of bootstrapped values, small. m and c are those of
+a few episodes of random actions.
 
 symbol     shape        meaning
 --------   ----------   --------------------------------------------------------------
@@ -120,10 +122,6 @@ EDGE, SIDES = 2.0, 2.0
 #: Of the reward's units: below 2 they are nearly linear over the observations' scale, which is
 #: what most agents interpolate well. And of the reward itself.
 STEEPNESS, REWARD = 1.5, 3.0
-#: What every step costs, whatever the action. The stopping rule ends training when mean returns
-#: change by less than 1 %; episodes differ, so with large returns it holds by chance while a slow
-#: agent still learns. A penalty of about half the best reward halves returns, not their spread.
-STEP_PENALTY = 0.45
 #: Scale of biases.
 BIAS = 0.3
 #: Coordinates of the next state and of the box are so many times as large as the others, so that
@@ -242,7 +240,6 @@ class ExogenousCoordinates:
             unit = n_actions * rewarding + action
             layers.weights[unit, action] = SATURATED
             layers.output_weights[0, unit] = total - preference[action].sum() - at_mean[action]
-        layers.output_biases[...] = -STEP_PENALTY
 
     def _write_done(self, layers: "_Layers", parts: dict[str, Theta]) -> None:
         """Two units a component of x, one for each side of the box; 0 inside, 1 at the side, 2

@@ -13,6 +13,7 @@ from bilevel.evaluation import (
 )
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES, NESState
+from bilevel.nes.start import EPISODES
 from bilevel.tasks import Task
 
 
@@ -93,6 +94,13 @@ class TestAsk:
 
 
 class TestStart:
+    def test_agents_that_choose_train_briefly(self, cartpole: Task, small: Hyperparameters) -> None:
+        for longest, expected in ((150, EPISODES), (13, 13)):
+            agents = tuple(replace(agent, max_episodes=longest) for agent in small.agents)
+            nes = NES(cartpole, replace(with_nes(small, start_candidates=3), agents=agents), 1)
+            trained = {request.agent.max_episodes for request in nes.ask(nes.init())}
+            assert trained == {expected}
+
     def test_the_best_candidate_of_the_last_round_is_the_start(
         self, cartpole: Task, small: Hyperparameters
     ) -> None:

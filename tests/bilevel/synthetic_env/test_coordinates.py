@@ -9,7 +9,7 @@ import torch
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters, load_recipe
 from bilevel.synthetic_env import SE, SEDistribution, StoredSE, coordinates, load_se, save_se
-from bilevel.synthetic_env.coordinates import SPREAD, STEP_PENALTY
+from bilevel.synthetic_env.coordinates import SPREAD
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import get_task
 
@@ -51,11 +51,9 @@ def test_what_the_structure_promises(task_id: str, seed: int) -> None:
     assert (spread <= 1e-3 * scale.deviation).all()  # whatever the action
     size = np.abs(rewards).max()
     assert size > 0.01
-    # A step costs about as much as the best action earns; see STEP_PENALTY.
-    assert -1 < rewards.mean() < -0.2
-    np.testing.assert_allclose(rewards.mean(axis=1), -STEP_PENALTY, atol=1e-3 * size + 1e-4)
+    np.testing.assert_allclose(rewards.mean(axis=1), 0.0, atol=1e-3 * size + 1e-4)
     # At the mean observation no action is better.
-    np.testing.assert_allclose(rewards[0], -STEP_PENALTY, atol=1e-3 * size + 1e-4)
+    np.testing.assert_allclose(rewards[0], 0.0, atol=1e-3 * size + 1e-4)
     assert np.ptp(rewards.argmax(axis=1)) > 0  # no action is the best everywhere
 
 
