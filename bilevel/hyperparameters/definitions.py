@@ -78,7 +78,7 @@ class NESHyperparameters:
     # Generations without a new highest score after which a run that has not solved the task
     # begins again from other random SEs. 0: it never does.
     restart_after: Annotated[int, Field(ge=0, le=1_000_000)]
-    # Generations in a row that must solve the task for the run to be finished. 0: it goes on.
+    # Generations that must solve the task on average for the run to be finished. 0: it goes on.
     solved_for: Annotated[int, Field(ge=0, le=1_000_000)]
     # Fresh agents that must then confirm it (`bilevel.nes.confirmation`); otherwise the run goes
     # on. 0: no confirmation.

@@ -118,7 +118,12 @@ class NES:
         seeds = [derive(self.seed, Purpose.INITIAL, attempt, i) for i in range(candidates)]
         race = StartRace.of(seeds)
         state = replace(
-            state, attempt=attempt, attempt_began=state.generation, race=race, refuted=0
+            state,
+            attempt=attempt,
+            attempt_began=state.generation,
+            judged=state.generation,
+            race=race,
+            refuted=0,
         )
         return self._at_winner(state)
 
@@ -234,14 +239,11 @@ class NES:
         )
         step = np.float32(finer) * self.rule.step(nes, se.std_dev, z, scores)
         record = state.record_of(ordered, nes.centre_agents, step)
-        solved = record.score_mean >= self.task.solved_reward
-        streak = state.solved_streak + 1 if solved else 0
         generation = state.generation + 1
         state = replace(
             state,
             se=se.moved(step, 1 - slower * (1 - nes.averaging)),
             generation=generation,
-            solved_streak=streak,
             finalists=state.with_finalist(Finalist.of(se.average, record)),
             records=(*state.records, record),
         )
@@ -258,6 +260,8 @@ class NES:
         left = confirmation if verdict is None else None
         refuted = state.refuted + (verdict is False)
         state = replace(state, confirmation=left, confirmed=bool(verdict), refuted=refuted)
+        if left is None:
+            state = replace(state, judged=state.generation)
         return self._ended(state)
 
     def _ended(self, state: NESState) -> NESState:

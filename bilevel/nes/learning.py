@@ -28,7 +28,7 @@ def learn(
     `recipe` is a recipe's name or file, or hyperparameters. Evaluations run in this process or in
     `workers` processes, or on `executor`, which is left open; the SE depends on the seed alone.
     `on_generation` is called with the record of each generation. The run ends once it has solved
-    the task for `nes.solved_for` generations in a row and fresh agents confirm it, or after
+    the task over `nes.solved_for` generations on average and fresh agents confirm it, or after
     `nes.generations`.
 
     Raises InvalidInput for an unknown task or recipe, fewer than one worker, or hyperparameters

@@ -43,7 +43,7 @@ class NESState:
     attempt: int = 0  # how often the run has begun again from other random SEs
     attempt_began: int = 0  # the generation in which it did last
     race: StartRace | None = None  # while the start of the attempt is being chosen
-    solved_streak: int = 0  # generations solved in a row, up to the last one
+    judged: int = 0  # generations up to the last confirmation, or the attempt's begin
     real_env_steps: int = 0  # steps on the real task so far
     confirmation: Confirmation | None = None  # while one is under way
     confirmed: bool = False  # solved for long enough, and confirmed
@@ -128,9 +128,12 @@ class NESState:
         )
 
     def solved_for_long(self, nes: NESHyperparameters) -> bool:
-        """Whether the last generations, `nes.solved_for` of them or a multiple, all solved it."""
-        streak = self.solved_streak
-        return nes.solved_for > 0 and streak > 0 and streak % nes.solved_for == 0
+        """Whether the last `nes.solved_for` generations, none of which a confirmation has judged,
+        solve the task on average."""
+        if not 0 < nes.solved_for <= self.generation - self.judged:
+            return False
+        recent = [record.score_mean for record in self.records[-nes.solved_for :]]
+        return float(np.mean(recent)) >= self.task.solved_reward
 
     def with_finalist(self, finalist: Finalist) -> tuple[Finalist, ...]:
         """The finalists when this one has entered."""
@@ -149,7 +152,7 @@ class NESState:
             "attempt": self.attempt,
             "attempt_began": self.attempt_began,
             "race": None if self.race is None else asdict(self.race),
-            "solved_streak": self.solved_streak,
+            "judged": self.judged,
             "confirmation": None if self.confirmation is None else asdict(self.confirmation),
             "confirmed": self.confirmed,
             "refuted": self.refuted,
@@ -232,7 +235,7 @@ class _Header:
     attempt: int
     attempt_began: int
     race: StartRace | None
-    solved_streak: int
+    judged: int
     confirmation: Confirmation | None
     confirmed: bool
     refuted: int

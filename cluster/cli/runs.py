@@ -27,7 +27,7 @@ from cluster.cli.options import (
 @click.option(
     "--solved-for",
     type=WholeNumber(min=1),
-    help="Stop once the task is solved in this many generations in a row and fresh agents confirm "
+    help="Stop once this many generations have solved the task on average and fresh agents confirm "
     "it (default: the recipe's; paper and authors never stop early).",
 )
 @click.option(

@@ -126,7 +126,7 @@ class NESViews:
             f"{nes.population_size}, step size {nes.step_size:g}, std. dev. {nes.std_dev:g}, "
             f"seed {run.seed}). `real_env_steps` are all steps made on the real task "
             "so far. Per generation: `score_*`, `train_*` and `solved_fraction` are of agents "
-            "trained on the unperturbed SE. The run stops early once the task has been solved "
-            "for several generations in a row and fresh agents confirm it; `final_*` are of fresh "
-            "agents trained on the best SE."
+            "trained on the unperturbed SE. The run stops early once several generations have "
+            "solved the task on average and fresh agents confirm it; `final_*` are of fresh agents "
+            "trained on the best SE."
         )

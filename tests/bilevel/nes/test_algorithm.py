@@ -243,6 +243,20 @@ class TestTell:
                 np.testing.assert_array_equal(state.best.psi, state.se.centre.psi)
         assert finished == [False, False, False, True, True]
 
+    def test_a_confirmation_that_failed_waits_for_generations_of_its_own(
+        self, cartpole: Task, small: Hyperparameters
+    ) -> None:
+        """The mean over generations counts, of those that no confirmation has judged."""
+        nes = NES(cartpole, with_nes(small, solved_for=3, confirming_agents=1, generations=9), 0)
+        state, tried = nes.init(), []
+        for score in (200.0, 190.0, 195.0, 200.0, 200.0, 200.0, 180.0, 200.0):
+            state = nes.tell(state, answers(nes, state, score))
+            if state.confirmation is not None:
+                tried.append(state.generation)
+                state = nes.tell(state, answers(nes, state, 1.0))
+        assert tried == [3, 6]
+        assert state.refuted == 2
+
     @pytest.mark.parametrize(("confirming", "ends"), [(200.0, True), (190.0, False)])
     def test_fresh_agents_confirm_it(
         self, confirming: float, ends: bool, cartpole: Task, small: Hyperparameters
