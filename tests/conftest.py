@@ -1,5 +1,6 @@
 """Shared fixtures: small hyperparameters, so that tests can run real training fast."""
 
+import signal
 from dataclasses import replace
 
 import hypothesis
@@ -12,6 +13,11 @@ from bilevel.tasks import Task, get_task
 # Tests must not fail because the machine is busy.
 hypothesis.settings.register_profile("no-deadline", deadline=None)
 hypothesis.settings.load_profile("no-deadline")
+
+# Tests send these to processes of theirs, which inherit what is ignored: SIGINT by whatever a script
+# starts in the background, SIGHUP under nohup.
+signal.signal(signal.SIGINT, signal.default_int_handler)
+signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def ddqn(hp: Hyperparameters) -> DDQNHyperparameters:
