@@ -14,8 +14,8 @@ from bilevel.tasks import Task, get_task
 hypothesis.settings.register_profile("no-deadline", deadline=None)
 hypothesis.settings.load_profile("no-deadline")
 
-# Tests send these to processes of theirs, which inherit what is ignored: SIGINT by whatever a script
-# starts in the background, SIGHUP under nohup.
+# Tests send these to their processes, which inherit what is ignored: SIGINT where a script runs
+# this suite in the background, SIGHUP under nohup.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
