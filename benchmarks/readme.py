@@ -11,9 +11,10 @@ from benchmarks.agents import tables as agents
 from benchmarks.faults import tables as faults
 from benchmarks.layout import layout
 from benchmarks.machine import NotMeasured, read_result
-from benchmarks.markdown import source
+from benchmarks.markdown import source, table
 from benchmarks.nes import tables as nes
 from benchmarks.speed import tables as speed
+from bilevel.zoo import ENTRIES, card
 
 ROOT = Path(__file__).parent.parent
 
@@ -33,6 +34,24 @@ def inner_loop() -> str:
     return "\n".join(rows)
 
 
+def zoo() -> str:
+    """The cards of the zoo."""
+    head = ["SE", "real steps to learn it", "agents trained on it", "mean return"]
+    rows = [
+        (
+            f"`{told.env_id}`",
+            f"{told.real_env_steps:,}".replace(",", " "),
+            f"{taught.agents} {taught.agent}",
+            f"{taught.mean_return} ± {taught.std_return}",
+            f"{taught.solved_fraction:.0%}",
+            f"{taught.train_steps:.0f}",
+        )
+        for told in map(card, ENTRIES)
+        for taught in told.taught
+    ]
+    return table([*head, "solve the task", "train steps"], rows)
+
+
 #: The documents and their tables, by the names of the markers.
 DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     ROOT / "README.md": {
@@ -44,14 +63,15 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     ROOT / "docs" / "nes.md": nes.TABLES,
     ROOT / "docs" / "speed.md": speed.TABLES,
     ROOT / "docs" / "reliability.md": faults.TABLES,
+    ROOT / "docs" / "zoo.md": {"zoo": zoo},
 }
 
 
 def filled(text: str, tables: dict[str, Callable[[], str]]) -> str:
     """A document's text with all tables regenerated."""
-    for name, table in tables.items():
+    for name, made in tables.items():
         try:
-            content = table()
+            content = made()
         except NotMeasured as missing:
             content = f"*Not measured yet: {missing}*"
         block = f"<!-- {name} -->\n{content}\n<!-- /{name} -->"

@@ -16,15 +16,16 @@ or with an explicit loop:
         state = nes.tell(state, results)
     bilevel.save(state.best, "se.safetensors")
 
-Importing this package registers the gymnasium environment `bilevel/SyntheticEnv-v0`. The other
-names, and with them numba and torch, are imported on first use.
+Importing this package registers gymnasium environments: `bilevel/SyntheticEnv-v0` for any SE file,
+and one for each SE of the zoo (`bilevel/Synthetic-CartPole-v0`, ...). The other names, and with
+them numba and torch, are imported on first use.
 """
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from bilevel import gym, zoo
 from bilevel.errors import InvalidInput
-from bilevel.gym_env import register
 from bilevel.version import __version__
 
 if TYPE_CHECKING:
@@ -67,4 +68,5 @@ def __getattr__(name: str) -> Any:
     return getattr(import_module(module), attribute)
 
 
-register()
+gym.register()
+zoo.register()

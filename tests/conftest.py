@@ -2,13 +2,16 @@
 
 import signal
 from dataclasses import replace
+from pathlib import Path
 
 import hypothesis
 import numpy as np
 import pytest
 
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_recipe
+from bilevel.synthetic_env import save_se
 from bilevel.tasks import Task, get_task
+from tests.ses import make_se
 
 # Tests must not fail because the machine is busy.
 hypothesis.settings.register_profile("no-deadline", deadline=None)
@@ -40,6 +43,14 @@ def cartpole() -> Task:
 @pytest.fixture
 def acrobot() -> Task:
     return get_task("Acrobot-v1")
+
+
+@pytest.fixture
+def se_file(tmp_path: Path, cartpole: Task) -> Path:
+    """A file of a random SE for CartPole."""
+    path = tmp_path / "se.safetensors"
+    save_se(make_se(cartpole), path)
+    return path
 
 
 @pytest.fixture

@@ -9,7 +9,9 @@ from bilevel.errors import InvalidInput
 from cluster.cli.evaluate import evaluate
 from cluster.cli.runs import bohb, nes
 from cluster.cli.services import down, status, ui, up
+from cluster.cli.show import show
 from cluster.cli.studies import studies, sync
+from cluster.cli.zoo import build, zoo
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -25,11 +27,13 @@ def not_empty(context: click.Context, option: click.Parameter, value: Any) -> An
     return value
 
 
-for command in (nes, bohb, evaluate, studies, sync, up, status, down, ui):
-    for option in command.params:
-        if isinstance(option.type, click.types.StringParamType) and option.callback is None:
-            option.callback = not_empty
+COMMANDS = (nes, bohb, evaluate, show, zoo, studies, sync, up, status, down, ui)
+
+for command in COMMANDS:
     cli.add_command(command)
+for option in (option for command in (*COMMANDS, build) for option in command.params):
+    if isinstance(option.type, click.types.StringParamType) and option.callback is None:
+        option.callback = not_empty
 
 
 def main() -> None:

@@ -107,6 +107,13 @@ tracking_option = click.option(
 )
 
 
+address_option = click.option(
+    "--address",
+    help="Ray cluster to join: host:port, ray://host:port, auto, or local for a new one "
+    "(default: $RAY_ADDRESS, else the head of `up`, else local).",
+)
+
+
 def the_tracking_uri(given: str | None, home: Home) -> str:
     """The tracking URI: the option, MLFLOW_TRACKING_URI, the home's server, or its database."""
     from cluster.services.background import join
@@ -126,6 +133,19 @@ def the_address(given: str | None, home: Home) -> str | None:
     return None if named == "local" else named
 
 
+def the_place(home: Path, tracking_uri: str | None, address: str | None) -> "Place":
+    """Home, MLflow and Ray cluster: those of the options, or the services of `up`.
+
+    Must be called before any import of Ray, which reads the environment set here.
+    """
+    in_home = Home(home)
+    uri, cluster = the_tracking_uri(tracking_uri, in_home), the_address(address, in_home)
+
+    from cluster.session.place import Place
+
+    return Place(in_home, uri, cluster)
+
+
 def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
     """Options of all commands that train agents."""
     options = [
@@ -143,11 +163,7 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "`bohb` draw one of several, `evaluate` trains each (default: the recipe's, ddqn).",
         ),
         agent_file_option,
-        click.option(
-            "--address",
-            help="Ray cluster to join: host:port, ray://host:port, auto, or local for a new one "
-            "(default: $RAY_ADDRESS, else the head of `up`, else local).",
-        ),
+        address_option,
         tracking_option,
         home_option,
         click.option(
@@ -282,14 +298,5 @@ class RunOptions:
         return f"-{recipe}{agents}" + (f"-{self.vary}" if self.vary else "")
 
     def the_place(self) -> "Place":
-        """Home, MLflow and Ray cluster: those of the options, or the services of `up`.
-
-        Must be called before any import of Ray, which reads the environment set here.
-        """
-        home = Home(self.home)
-        tracking_uri = the_tracking_uri(self.tracking_uri, home)
-        address = the_address(self.address, home)
-
-        from cluster.session.place import Place
-
-        return Place(home, tracking_uri, address)
+        """See `the_place`."""
+        return the_place(self.home, self.tracking_uri, self.address)

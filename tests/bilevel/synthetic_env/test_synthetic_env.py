@@ -1,27 +1,21 @@
 import contextlib
 import json
 import pickle
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 import safetensors.numpy
 import torch
-from gymnasium.utils.env_checker import check_env
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bilevel import InvalidInput
-from bilevel.hyperparameters import ACTIVATIONS, SEHyperparameters
+from bilevel.hyperparameters import ACTIVATIONS
 from bilevel.kernels.synthetic_env import step
 from bilevel.synthetic_env import (
-    SE,
-    Architecture,
-    StoredSE,
     load_se,
     save_se,
     se_bytes,
@@ -29,27 +23,7 @@ from bilevel.synthetic_env import (
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task, get_task
 from tests.documents import documented_code
-
-
-def make_se(task: Task, layers: int = 1, activation: Any = "lrelu", seed: int = 0) -> StoredSE:
-    hp = SEHyperparameters(
-        structure="plain",
-        hidden_layers=layers,
-        hidden_size=12,
-        activation=activation,
-        step_limit=0,
-    )
-    architecture = Architecture.of(task, hp)
-    psi = architecture.initialize(np.random.default_rng(seed))
-    info = {"score_mean": 12.5}
-    return StoredSE(SE(architecture, psi), task.id, task.step_limit, task.solved_reward, info)
-
-
-@pytest.fixture
-def se_file(tmp_path: Path, cartpole: Task) -> Path:
-    path = tmp_path / "se.safetensors"
-    save_se(make_se(cartpole), path)
-    return path
+from tests.ses import make_se
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)
@@ -213,58 +187,3 @@ def test_the_documented_reader(
     clear = np.abs(expected[2].numpy() - 0.5) > 1e-3
     ends = np.array([f[2] for f in found])
     np.testing.assert_array_equal(ends[clear], expected[2].numpy()[clear] > 0.5)
-
-
-class TestGymEnv:
-    def test_an_action_that_it_does_not_have_is_refused(self, se_file: Path) -> None:
-        env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file).unwrapped
-        env.reset(seed=0)
-        with pytest.raises(
-            InvalidInput, match="action 2 is not allowed: allowed are the integers 0 to 1"
-        ):
-            env.step(2)
-
-    @pytest.mark.filterwarnings("ignore:.*Box observation space.*infinity:UserWarning")
-    def test_passes_gymnasiums_own_check(self, se_file: Path) -> None:
-        env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file).unwrapped
-        check_env(env, skip_render_check=True)
-
-    def test_a_module_that_a_file_names_is_not_imported(self, tmp_path: Path) -> None:
-        (tmp_path / "bomb_of_an_se.py").write_text("raise SystemExit('executed')")
-        se = replace(make_se(get_task("CartPole-v0")), task_id="bomb_of_an_se:Bomb-v0")
-        save_se(se, tmp_path / "se.safetensors")
-        sys.path.insert(0, str(tmp_path))
-        try:
-            with pytest.raises(InvalidInput, match="unknown task 'Bomb-v0'"):
-                gymnasium.make("bilevel/SyntheticEnv-v0", path=tmp_path / "se.safetensors")
-        finally:
-            sys.path.remove(str(tmp_path))
-        assert "bomb_of_an_se" not in sys.modules
-
-    def test_follows_the_se(self, se_file: Path) -> None:
-        env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file)
-        module = SEModule(load_se(se_file))
-        state, _ = env.reset(seed=1)
-        assert abs(state).max() <= 0.05  # CartPole's reset distribution
-        for t in range(1, 201):
-            expected, reward, done = module(torch.from_numpy(state), torch.tensor(t % 2))
-            state, got_reward, terminated, truncated, info = env.step(np.int64(t % 2))
-            np.testing.assert_allclose(state, expected, rtol=1e-4, atol=1e-5)
-            assert got_reward == pytest.approx(float(reward), rel=1e-3, abs=1e-4)
-            assert terminated == (info["done"] > 0.5)
-            assert truncated == (t == 200)
-            if terminated:
-                break
-        assert done is not None
-
-    def test_its_episodes_may_be_shorter_than_the_tasks(
-        self, cartpole: Task, tmp_path: Path
-    ) -> None:
-        se = make_se(cartpole)
-        short = replace(se.architecture, step_limit=4)
-        psi = np.zeros(short.parameter_count, np.float32)  # nothing ever ends
-        save_se(replace(se, se=SE(short, psi)), tmp_path / "short.safetensors")
-        env = gymnasium.make("bilevel/SyntheticEnv-v0", path=tmp_path / "short.safetensors")
-        env.reset(seed=1)
-        ends = [env.step(np.int64(0))[2:4] for _ in range(4)]
-        assert ends == [(False, False)] * 3 + [(False, True)]

@@ -6,12 +6,13 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.error import ResetNeeded
 from gymnasium.utils import seeding
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from bilevel.errors import InvalidInput
-from bilevel.gym_env import SyntheticEnv
+from bilevel.gym.env import SyntheticEnv
 from bilevel.kernels.synthetic_env import step_all
 from bilevel.tasks import checked_action
 
@@ -42,6 +43,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._states = np.zeros((num_envs, single.se.architecture.state_size), np.float32)
         self._steps = np.zeros(num_envs, np.int64)
         self._over = np.zeros(num_envs, bool)
+        self._begun = False
 
     def reset(
         self,
@@ -68,6 +70,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             if seeds[i] is not None:
                 self._sources[i], _ = seeding.np_random(seeds[i])
         self._begin(np.flatnonzero(mask))
+        self._begun = True
         self._over &= ~mask
         return self._states.copy(), {}
 
@@ -81,7 +84,12 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         dict[str, Any],
     ]:
         """Take one step of every copy with actions (N,): next observations (N, S), rewards (N,),
-        terminated (N,), truncated (N,), info. Raises InvalidInput for a wrong action."""
+        terminated (N,), truncated (N,), info.
+
+        Raises InvalidInput for a wrong action, and ResetNeeded before the first reset.
+        """
+        if not self._begun:
+            raise ResetNeeded("call reset before step")
         if len(actions) != self.num_envs:
             raise InvalidInput(f"{len(actions)} actions for {self.num_envs} copies of the SE")
         resetting = self._over

@@ -1,0 +1,67 @@
+"""The command `zoo`."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cluster.cli.options import (
+    Folder,
+    WholeNumber,
+    address_option,
+    home_option,
+    the_place,
+    tracking_option,
+)
+
+
+@click.group(invoke_without_command=True)
+@click.pass_context
+def zoo(context: click.Context) -> None:
+    """List the SEs that come with this package; `zoo build` makes one anew."""
+    if context.invoked_subcommand is not None:
+        return
+    from bilevel.zoo import ENTRIES, card
+    from cluster.zoo.table import print_zoo
+
+    print_zoo(card(name) for name in ENTRIES)
+    click.echo('use one with `import bilevel, gymnasium; gymnasium.make("bilevel/Synthetic-...")`')
+
+
+@zoo.command()
+@click.argument("name")
+@click.option(
+    "--folder",
+    type=Folder(),
+    default=".",
+    show_default=True,
+    help="Folder in which NAME.safetensors and its card NAME.json are written.",
+)
+@click.option(
+    "--agents",
+    type=WholeNumber(min=1),
+    default=50,
+    show_default=True,
+    help="Fresh agents of each kind that are trained on it for the card.",
+)
+@click.option(
+    "--workers", type=WholeNumber(min=1), help="Actors (default: one per core of the run's share)."
+)
+@address_option
+@tracking_option
+@home_option
+def build(name: str, folder: Path, agents: int, workers: int | None, **where: Any) -> None:
+    """Make the SE called NAME and its card: an NES run, and fresh agents trained on its SE.
+
+    The same command resumes after an interruption.
+    """
+    from bilevel.zoo import get_entry
+
+    entry, place = get_entry(name), the_place(**where)
+
+    from cluster.zoo.build import BuildCommand
+    from cluster.zoo.build import build as make
+    from cluster.zoo.table import print_zoo
+
+    print_zoo([make(BuildCommand(entry, place, folder, agents, workers))])
+    click.echo(f"written: {folder / name}.safetensors and its card, .json")

@@ -1,0 +1,177 @@
+"""What an SE looks like, in numbers: fields over two of its observations, and episodes."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from bilevel.seeds import Purpose, derive
+from bilevel.synthetic_env import StoredSE
+from bilevel.synthetic_env.storage import DONE
+from bilevel.synthetic_env.torch_module import SEModule
+from bilevel.tasks import Task
+
+Floats = NDArray[np.float32]
+
+#: By task: the two observations (numbers, names) over which fields are drawn.
+_AXES = {
+    "CartPole": ((2, "pole angle (rad)"), (3, "angular velocity of the pole (rad/s)")),
+    "Acrobot": (
+        (4, "angular velocity of link 1 (rad/s)"),
+        (5, "angular velocity of link 2 (rad/s)"),
+    ),
+    "MountainCar": ((0, "position"), (1, "velocity")),
+}
+#: By task: names of the actions.
+_ACTIONS = {
+    "CartPole": ("push left", "push right"),
+    "Acrobot": ("torque -1", "torque 0", "torque +1"),
+    "MountainCar": ("push left", "no push", "push right"),
+}
+#: Points of the grid in each direction; half-width of the fields, in standard deviations of the
+#: observations; episodes.
+GRID, WIDTH, EPISODES = 61, 2.5, 10
+
+
+@dataclass(frozen=True)
+class Plane:
+    """Two observations of a task, the others being held at their means."""
+
+    indices: tuple[int, int]
+    names: tuple[str, str]
+    mean: Floats  # (S,)
+    deviation: Floats  # (S,)
+
+    @classmethod
+    def of(cls, task: Task) -> "Plane":
+        """The plane of a task, scaled by some episodes of random actions."""
+        scale = task.observation_scale(derive(0, Purpose.OBSERVATIONS))
+        usual = ((0, "observation 0"), (1 % task.state_size, f"observation {1 % task.state_size}"))
+        (i, across), (j, up) = _AXES.get(task.id.partition("-")[0], usual)
+        return cls((i, j), (across, up), scale.mean, scale.deviation)
+
+    @cached_property
+    def axes(self) -> tuple[Floats, Floats]:
+        """The values (GRID,) of both observations."""
+        steps = np.linspace(-WIDTH, WIDTH, GRID)
+        i, j = self.indices
+        across, up = (self.mean[k] + self.deviation[k] * steps for k in (i, j))
+        return across.astype(np.float32), up.astype(np.float32)
+
+    @property
+    def states(self) -> Floats:
+        """The observations (GRID * GRID, S), row by row."""
+        states = np.tile(self.mean, (GRID * GRID, 1))
+        across, up = np.meshgrid(*self.axes)
+        states[:, self.indices[0]], states[:, self.indices[1]] = across.ravel(), up.ravel()
+        return states
+
+
+@dataclass(frozen=True)
+class Episode:
+    """One episode: observations (T, S), actions (T,), and the return."""
+
+    states: Floats
+    actions: NDArray[np.int64]
+    total: float
+
+
+@dataclass(frozen=True)
+class Portrait:
+    """An SE in numbers."""
+
+    se: StoredSE
+    plane: Plane
+
+    @classmethod
+    def of(cls, se: StoredSE) -> "Portrait":
+        """The portrait of an SE. Raises InvalidInput if gymnasium does not know its task."""
+        return cls(se, Plane.of(se.task()))
+
+    @cached_property
+    def actions(self) -> tuple[str, ...]:
+        """Names of the actions."""
+        numbers = range(self.se.architecture.n_actions)
+        usual = tuple(f"action {number}" for number in numbers)
+        return _ACTIONS.get(self.se.task_id.partition("-")[0], usual)
+
+    @cached_property
+    def _module(self) -> SEModule:
+        return SEModule(self.se)
+
+    def answers(self, states: Floats) -> tuple[Floats, Floats, Floats]:
+        """Next states (A, n, S), rewards (A, n) and raw done (A, n) of states (n, S)."""
+        rows = torch.from_numpy(states)
+        found = [
+            self._module(rows, torch.full((len(states),), action))
+            for action in range(self.se.architecture.n_actions)
+        ]
+        following, rewards, dones = (
+            np.stack([o.numpy() for o in part]) for part in zip(*found, strict=True)
+        )
+        return following, rewards, dones
+
+    @cached_property
+    def fields(self) -> tuple[Floats, Floats, Floats]:
+        """The same over the plane."""
+        return self.answers(self.plane.states)
+
+    def rewarded(self, state: Floats) -> int:
+        """The action of the highest reward in a state (S,)."""
+        return int(self.answers(state[None])[1][:, 0].argmax())
+
+    @cached_property
+    def synthetic(self) -> list[Episode]:
+        """Episodes on the SE, taking the action of the highest reward."""
+        rng = np.random.default_rng(derive(0, Purpose.EVALUATION))
+        task, found = self.se.task(), []
+        for physics in task.initial_physics(rng, EPISODES):
+            state, states, actions, total = task.observe(physics), [], [], 0.0
+            for _ in range(self.se.architecture.step_limit):
+                following, rewards, dones = self.answers(state[None])
+                action = int(rewards[:, 0].argmax())
+                states.append(state)
+                actions.append(action)
+                total += float(rewards[action, 0])
+                state = following[action, 0]
+                if dones[action, 0] > DONE:
+                    break
+            found.append(Episode(np.stack([*states, state]), np.array(actions), total))
+        return found
+
+    @cached_property
+    def real(self) -> list[Episode]:
+        """Episodes on the real task, taking the action that the SE rewards most."""
+        env, found = self.se.task().make(), []
+        for number in range(EPISODES):
+            state, _ = env.reset(seed=number)
+            states, actions, total, over = [state], [], 0.0, False
+            while not over:
+                actions.append(self.rewarded(np.asarray(state, np.float32)))
+                start = int(env.action_space.start)  # type: ignore[attr-defined]
+                state, reward, terminated, truncated, _ = env.step(np.int64(start + actions[-1]))
+                states.append(state)
+                total += float(reward)
+                over = terminated or truncated
+            found.append(Episode(np.array(states, np.float32), np.array(actions), total))
+        env.close()
+        return found
+
+    @property
+    def told(self) -> list[str]:
+        """What the picture shows, in sentences."""
+        lengths = [len(episode.actions) for episode in self.synthetic]
+        taken = np.concatenate([episode.actions for episode in self.synthetic])
+        shares = ", ".join(
+            f"{name} in {np.mean(taken == number):.0%}" for number, name in enumerate(self.actions)
+        )
+        returns = [episode.total for episode in self.real]
+        return [
+            f"episodes on the SE last {np.mean(lengths):.0f} steps "
+            f"({min(lengths)} to {max(lengths)})",
+            f"of the states that they visit, its rewards prefer {shares}",
+            f"taking the action that it rewards most earns {np.mean(returns):.1f} on "
+            f"{self.se.task_id} ({min(returns):.1f} to {max(returns):.1f} in {EPISODES} episodes)",
+        ]

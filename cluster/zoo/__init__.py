@@ -1,0 +1,1 @@
+"""Making SEs of the zoo anew, and listing them."""

@@ -1,0 +1,82 @@
+"""The picture of an SE shows what the SE says."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from bilevel.synthetic_env import load_se, save_se
+from bilevel.tasks import get_task
+from cluster.show.picture import picture
+from cluster.show.portrait import GRID, Portrait
+from tests.commands import run_bilevel
+from tests.ses import make_se
+
+
+@pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"])
+def test_fields_and_episodes_are_the_ses(task_id: str) -> None:
+    task = get_task(task_id)
+    portrait = Portrait.of(make_se(task))
+    assert len(portrait.actions) == task.n_actions
+    following, rewards, dones = portrait.fields
+    assert following.shape == (task.n_actions, GRID * GRID, task.state_size)
+    assert rewards.shape == dones.shape == (task.n_actions, GRID * GRID)
+    across, up = portrait.plane.axes
+    i, j = portrait.plane.indices
+    corner = portrait.plane.states[-1]
+    assert (corner[i], corner[j]) == (across[-1], up[-1])
+    for episode in portrait.synthetic:
+        for state, action, after in zip(
+            episode.states[:-1], episode.actions, episode.states[1:], strict=True
+        ):
+            answers = portrait.answers(state[None])
+            assert action == answers[1][:, 0].argmax()
+            np.testing.assert_array_equal(after, answers[0][action, 0])
+        assert len(episode.actions) <= portrait.se.architecture.step_limit
+    for episode in portrait.real:
+        assert len(episode.states) == len(episode.actions) + 1 <= task.step_limit + 1
+        assert portrait.rewarded(episode.states[3]) == episode.actions[3]
+    drawn = picture(portrait, "title")
+    assert [axes.get_title() for axes in drawn.axes][:2] == [
+        "the action it rewards most (pale: by little)",
+        "where it goes next; hatched: the episode ends",
+    ]
+
+
+def test_the_command(se_file: Path, tmp_path: Path) -> None:
+    shown = run_bilevel("show", se_file, "--out", tmp_path / "se.svg", cwd=tmp_path)
+    assert shown.returncode == 0, shown.stderr
+    assert "taking the action that it rewards most earns" in shown.stdout
+    assert shown.stdout.endswith(f"picture: {tmp_path / 'se.svg'}\n")
+    assert b"<svg" in (tmp_path / "se.svg").read_bytes()
+    usual = run_bilevel("show", "CartPole-v0", cwd=tmp_path)
+    assert usual.returncode == 0, usual.stderr
+    assert (tmp_path / "CartPole-v0.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (("nothing.safetensors",), "no SE file at 'nothing.safetensors'"),
+        (("SE", "--out", "se.bmp"), "cannot draw 'se.bmp': allowed are files .png, .svg, .pdf"),
+        (("SE", "--out", "none/se.png"), "cannot write 'none/se.png': No such file"),
+    ],
+)
+def test_bad_input_is_one_line(
+    words: tuple[str, ...], told: str, se_file: Path, tmp_path: Path
+) -> None:
+    given = [str(se_file) if word == "SE" else word for word in words]
+    result = run_bilevel("show", *given, cwd=tmp_path)
+    assert result.returncode == 2
+    assert told in result.stderr
+    assert result.stderr.count("\n") == 1
+
+
+def test_an_se_of_a_task_that_gymnasium_does_not_know(tmp_path: Path) -> None:
+    se = make_se(get_task("CartPole-v0"))
+    unknown = type(se)(se.se, "Nowhere-v0", se.step_limit, se.solved_reward)
+    save_se(unknown, tmp_path / "se.safetensors")
+    assert load_se(tmp_path / "se.safetensors").task_id == "Nowhere-v0"
+    result = run_bilevel("show", tmp_path / "se.safetensors", cwd=tmp_path)
+    assert result.returncode == 2
+    assert "unknown task 'Nowhere-v0'" in result.stderr
