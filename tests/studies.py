@@ -15,9 +15,9 @@ from cluster.bohb.journal import Journal
 from cluster.bohb.profiles import get_profile, sized
 from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.study import Study
-from cluster.nes.final import FinalScore, hand_over
 from cluster.nes.run import STATE_FILE
-from cluster.storage.run_folder import Standing, locked_settings
+from cluster.nes.selection import FinalScore, export_best
+from cluster.storage.run_folder import RunStatus, locked_settings
 from search_spaces import Space
 
 
@@ -76,6 +76,6 @@ def make_study(
         state = run.load()
         assert state is not None
         final = FinalScore(np.array([score - 10, score + 10]), np.array([400, 600]), 195.0)
-        hand_over(state.candidates[0], final, folder, len(Journal(folder).results))
-        Standing("FINISHED", time.time(), brackets).save(folder)
+        export_best(state.candidates[0], final, folder, len(Journal(folder).results))
+        RunStatus("FINISHED", time.time(), brackets).save(folder)
     return study

@@ -15,7 +15,7 @@ from bilevel.hyperparameters import AgentHyperparameters, load_recipe
 from bilevel.tasks import get_task
 from cluster.evaluate.command import EvaluateCommand, run_evaluate
 from cluster.evaluate.report import Group, as_json
-from cluster.session.place import Place
+from cluster.session.context import RunContext
 from cluster.storage.home import Home
 
 #: Mean and standard deviation of train steps and mean test return on the real task, 40
@@ -63,7 +63,7 @@ def main() -> None:
         "all",
         0,
         "baseline",
-        Place(home, home.database_uri),
+        RunContext(home, home.database_uri),
     )
     groups = run_evaluate(command)
     rows = as_json(groups)

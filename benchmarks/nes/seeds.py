@@ -25,8 +25,8 @@ from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import load_recipe
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import load_se
-from cluster.nes.final import BEST_FILE
 from cluster.nes.run import STATE_FILE, NESRun
+from cluster.nes.selection import BEST_FILE
 from cluster.storage.run_folder import finals
 
 #: Kinds of agents that are trained on an SE, and how each is drawn from the paper's ranges.

@@ -17,22 +17,22 @@ from cluster.bohb.study import RECIPE_FILE, Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.tuning import run_trials
 from cluster.bohb.view import StudyViews
-from cluster.nes.final import (
+from cluster.nes.run import start_of
+from cluster.nes.selection import (
     RACERS,
     Contender,
     agents_needed,
     choose_best,
-    hand_over,
+    evaluate_holdout,
+    export_best,
     race,
-    score_anew,
 )
-from cluster.nes.run import start_of
 from cluster.ray.connection import Capacity, require_server_for_nodes
 from cluster.ray.pool import EvaluationPool
-from cluster.session.place import Place
+from cluster.session.context import RunContext
 from cluster.session.session import Session
 from cluster.session.terminal import count, duration
-from cluster.storage.run_folder import Standing
+from cluster.storage.run_folder import RunStatus
 from cluster.tracking import Mirror
 from cluster.tracking.registry import model_address
 
@@ -48,7 +48,7 @@ class StudyCommand:
     """A study, and how and where this command runs it."""
 
     study: Study
-    place: Place
+    context: RunContext
     brackets: int
     time_budget: float | None  # seconds; None runs all brackets
     final_agents: int  # trained on the best SE at the end, with fresh seeds
@@ -66,15 +66,15 @@ class StudyCommand:
 
 
 def brackets_to_reach(
-    journal: Journal, schedule: Schedule, more: int, standing: Standing | None
+    journal: Journal, schedule: Schedule, more: int, run_status: RunStatus | None
 ) -> int:
     """Number of brackets that the study should have.
 
     An unfinished study completes its planned and open brackets; a complete one gets `more`.
     """
     begun = max((line.id[0] for line in journal.configs), default=-1) + 1
-    if standing is not None and standing.status != "FINISHED":
-        return max(standing.target, begun, more)
+    if run_status is not None and run_status.status != "FINISHED":
+        return max(run_status.target, begun, more)
     done = {(line.id, line.budget) for line in journal.results}
     rungs = schedule.brackets(begun)
     complete = len(done) >= sum(rung.configurations for rung in rungs)
@@ -88,14 +88,16 @@ def run_study(command: StudyCommand) -> int:
     """
     study = command.study
     with (
-        command.place.entered(command.workers_per_trial, command.concurrent_trials or 1) as driver,
+        command.context.connected(
+            command.workers_per_trial, command.concurrent_trials or 1
+        ) as driver,
         driver.session(study.folder, study.task.id, study.settings()) as session,
     ):
-        return _UnderWay(command, session).go()
+        return _Runner(command, session).run()
 
 
-class _UnderWay:
-    """A study in progress."""
+class _Runner:
+    """Runs a study to its end."""
 
     def __init__(self, command: StudyCommand, session: Session) -> None:
         self.command = command
@@ -104,25 +106,25 @@ class _UnderWay:
         self.live: set[str] = set()  # names of configurations
         study = command.study
         self.journal = Journal(study.folder)
-        standing = Standing.load(study.folder)
-        self._unfinished = standing is not None and standing.status != "FINISHED"
+        run_status = RunStatus.load(study.folder)
+        self._unfinished = run_status is not None and run_status.status != "FINISHED"
         self.brackets = brackets_to_reach(
-            self.journal, study.schedule, self.command.brackets, standing
+            self.journal, study.schedule, self.command.brackets, run_status
         )
         self.search = BracketSearch.of(study, self.journal, self.brackets)
 
-    def go(self) -> int:
+    def run(self) -> int:
         """Run to the end; return the exit code."""
         study = self.command.study
         self._introduce()
-        views = StudyViews(study, self.session.begun, self.live)
+        views = StudyViews(study, self.session.identity, self.live)
         goes_on = "run the same command again to resume"
         with self.session.live(views, self.brackets, goes_on) as mirror:
             try:
                 code = self._to_the_end(views, mirror)
             except KeyboardInterrupt:
                 with suppress(StorageFailure):
-                    self._hand_over_unfinished()
+                    self._export_unfinished()
                 raise
             finally:
                 self.live.clear()
@@ -155,7 +157,7 @@ class _UnderWay:
         command, line = self.command, self.terminal.line
 
         def trials() -> int:
-            require_server_for_nodes(command.place.tracking_uri)  # a node may have joined
+            require_server_for_nodes(command.context.tracking_uri)  # a node may have joined
             return command.trials
 
         budget = math.inf if command.time_budget is None else command.time_budget
@@ -210,17 +212,19 @@ class _UnderWay:
             self.terminal.bar("retesting", 0, agents_needed(len(contenders), rounds), "tests")
             step = self.terminal.step
             best = choose_best(study.task, contenders, (study.seed,), pool, step, rounds)
-            score = score_anew(study.task, best, self.command.final_agents, (study.seed,), pool)
-        path = hand_over(best.se, score, study.folder, len(self.journal.results))
+            score = evaluate_holdout(
+                study.task, best, self.command.final_agents, (study.seed,), pool
+            )
+        path = export_best(best.se, score, study.folder, len(self.journal.results))
         (study.folder / INCUMBENT_FILE).unlink(missing_ok=True)  # of an interruption before
         incumbent = self._say_incumbent()
         line(str(score))
         if incumbent is not None:
-            call = self.command.place.home.hint(f"nes {study.task.id} --recipe {study.name}")
+            call = self.command.context.home.hint(f"nes {study.task.id} --recipe {study.name}")
             line(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE by it with {call}")
         model = model_address(study.task.id, "newest")
         line(f"best SE: {path}  ({model} in MLflow's model registry)")
-        line(f"results: {self.session.shown_at(self.session.begun.identity)}")
+        line(f"results: {self.session.shown_at(self.session.identity.uuid)}")
         line("run the same command again to add brackets")
         return 0 if any(result.loss is not None for result in self.journal.results) else 1
 
@@ -251,7 +255,7 @@ class _UnderWay:
         found.sort(key=lambda pair: pair[0], reverse=True)
         return [contender for _, contender in found[:RACERS]]
 
-    def _hand_over_unfinished(self) -> None:
+    def _export_unfinished(self) -> None:
         """Say what the interrupted search has found, and save its best SE."""
         incumbent = self._say_incumbent()
         if incumbent is None:

@@ -66,7 +66,7 @@ def dry_run(command: StudyCommand) -> None:
     The time is estimated from a few evaluations of random configurations on one core. Raises
     InvalidInput where the study itself would.
     """
-    capacity = command.place.capacity()
+    capacity = command.context.capacity()
     trials = command.trials_on(capacity)
     capacity.require(command.workers_per_trial, trials)
     with Terminal() as terminal:

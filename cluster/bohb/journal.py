@@ -11,7 +11,7 @@ from typing import Annotated, Any, NamedTuple
 
 from pydantic import Field, FiniteFloat, PositiveInt
 
-from cluster.storage.lines import Lines
+from cluster.storage.jsonl_log import JsonlLog
 
 _Number = Annotated[int, Field(ge=0, lt=10**6)]
 ConfigId = tuple[_Number, _Number, _Number]  # bracket, rung it entered at, number in that rung
@@ -89,8 +89,8 @@ class Journal:
     """
 
     def __init__(self, folder: Path) -> None:
-        self._config_file = Lines(folder / "configs.json")
-        self._result_file = Lines(folder / "results.json")
+        self._config_file = JsonlLog(folder / "configs.json")
+        self._result_file = JsonlLog(folder / "results.json")
         self.configs = self._config_file.decoded(ConfigLine)
         self.results = [row.line for row in self._result_file.decoded(_ResultRow)]
         _require_once(self._config_file, [line.id for line in self.configs])
@@ -117,7 +117,7 @@ class Journal:
         self.results.append(line)
 
 
-def _require_once(file: Lines, keys: Sequence[object]) -> None:
+def _require_once(file: JsonlLog, keys: Sequence[object]) -> None:
     """Raises InvalidInput for a line whose key an earlier one has."""
     seen: set[object] = set()
     for index, key in enumerate(keys):

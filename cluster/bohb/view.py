@@ -10,10 +10,11 @@ from bilevel.errors import InvalidInput
 from bilevel.synthetic_env import se_bytes
 from cluster.bohb import pictures
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
+from cluster.bohb.profiles import ENDLESS
 from cluster.bohb.study import KIND, RECIPE_FILE, Study, configuration_name
 from cluster.bohb.summary import StudySummary
-from cluster.nes.final import BEST_FILE
 from cluster.nes.run import start_of
+from cluster.nes.selection import BEST_FILE
 from cluster.nes.view import (
     edition,
     generation_points,
@@ -21,11 +22,9 @@ from cluster.nes.view import (
     run_documents,
 )
 from cluster.session.terminal import last_line
-from cluster.storage.run_folder import Begun, Standing, finals
-from cluster.tracking import Document, Point, RunView
+from cluster.storage.run_folder import RunIdentity, RunStatus, finals
+from cluster.tracking import Document, Point, Progress, RunView
 from cluster.tracking.pictures import png
-
-__all__ = ["KIND", "StudyViews"]
 
 
 @dataclass(frozen=True)
@@ -34,13 +33,13 @@ class StudyViews:
     process works on the study."""
 
     study: Study
-    begun: Begun
+    identity: RunIdentity
     live: Container[str] | None
 
     @classmethod
     def of(cls, folder: Path) -> "StudyViews":
         """Views of a study that no process works on. Raises InvalidInput if it is damaged."""
-        return cls(Study.read(folder), Begun.read(folder), None)
+        return cls(Study.read(folder), RunIdentity.read(folder), None)
 
     @property
     def task_id(self) -> str:
@@ -50,7 +49,7 @@ class StudyViews:
     @property
     def parent(self) -> str:
         """Key of the study's own run."""
-        return self.begun.identity
+        return self.identity.uuid
 
     def key(self, name: str) -> str:
         """Key of a configuration's run."""
@@ -76,9 +75,9 @@ class StudyViews:
 
     def _study(self, journal: Journal) -> RunView:
         study, ends = self.study, finals(self.study.folder)
-        standing = Standing.load(study.folder) or Standing("KILLED", self.begun.time, 0)
-        over = self.live is None or standing.status != "RUNNING"
-        summary = StudySummary(journal, study.schedule.brackets(standing.target))
+        run_status = RunStatus.load(study.folder) or RunStatus("KILLED", self.identity.began, 0)
+        over = self.live is None or run_status.status != "RUNNING"
+        summary = StudySummary(journal, study.schedule.brackets(run_status.target))
         tags = {"bilevel.kind": KIND}
         incumbent = summary.incumbent
         if incumbent is not None:
@@ -99,9 +98,9 @@ class StudyViews:
         return RunView(
             self.parent,
             study.name,
-            standing.ended_as if over else "RUNNING",
-            self.begun.time,
-            standing.since if over else None,
+            run_status.ended_as if over else "RUNNING",
+            self.identity.began,
+            run_status.since if over else None,
             {
                 "task": study.task.id,
                 "seed": study.seed,
@@ -115,7 +114,7 @@ class StudyViews:
             (*points, *(Point.of_final(end) for end in ends)),
             tuple(self._documents(journal, summary, bool(ends))),
             model=registered(study.folder, study.task.id, ends[-1]) if ends else None,
-            author=self.begun.by,
+            author=self.identity.author,
             description=self._description(),
         )
 
@@ -183,7 +182,7 @@ class StudyViews:
             if r.objective is not None
         ]
         times = [point.time for point in points] + [result.finished for result in results]
-        started = self.begun.time if results else time.time()
+        started = self.identity.began if results else time.time()
         if state is not None and state.records:
             started = state.records[0].finished - state.records[0].generation_seconds
         return RunView(
@@ -198,7 +197,7 @@ class StudyViews:
             tuple(documents),
             parent=self.parent,
             edition=edition(state),
-            author=self.begun.by,
+            author=self.identity.author,
             description=f"Configuration {name} of the study `{study.name}`.",
         )
 
@@ -209,3 +208,17 @@ def _status(results: list[ResultLine], generations: int) -> str:
         return "FAILED"
     reached = max((result.budget for result in results), default=0)
     return "FINISHED" if reached > 0 and generations <= reached else "KILLED"
+
+
+def study_progress(folder: Path, brackets: int) -> Progress:
+    """Number of results, and the incumbent's objective, of a study of so many brackets. Raises
+    InvalidInput."""
+    journal = Journal(folder)
+    rungs = Study.read(folder).schedule.brackets(brackets)
+    incumbent = StudySummary(journal, rungs).incumbent
+    best = "" if incumbent is None else f"{incumbent.objective:.1f}"
+    results = len(journal.results)
+    if brackets >= ENDLESS:
+        return Progress(f"{results} results", best)
+    total = max(sum(rung.configurations for rung in rungs), results)
+    return Progress(f"{results}/{total} results", best)

@@ -1,27 +1,48 @@
-"""The kinds of runs, and the MLflow views of their folders."""
+"""The registry of kinds of runs."""
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 
 from bilevel.errors import one_of
-from cluster.bohb.study import KIND as STUDY_KIND
-from cluster.bohb.view import StudyViews
-from cluster.evaluate.view import KIND as EVALUATION_KIND
-from cluster.evaluate.view import EvaluationViews
-from cluster.nes.run import KIND as NES_KIND
-from cluster.nes.view import NESViews
+from cluster.bohb.study import KIND as STUDY
+from cluster.bohb.view import StudyViews, study_progress
+from cluster.evaluate.run import KIND as EVALUATION
+from cluster.evaluate.view import EvaluationViews, evaluation_progress
+from cluster.nes.run import KIND as NES
+from cluster.nes.view import NESViews, nes_progress
 from cluster.storage.run_folder import read_settings
-from cluster.tracking import Views
+from cluster.tracking import Progress, Views
+
+
+@dataclass(frozen=True)
+class Kind:
+    """How the folder of a run of one kind is read while no process works on it.
+
+    Both functions raise InvalidInput for a damaged folder; `progress` also takes the run's target.
+    """
+
+    views: Callable[[Path], Views]
+    progress: Callable[[Path, int], Progress]
+
+
+#: All kinds by the name that a run's settings give.
+KINDS = {
+    STUDY: Kind(StudyViews.of, study_progress),
+    NES: Kind(NESViews.of, nes_progress),
+    EVALUATION: Kind(EvaluationViews.of, evaluation_progress),
+}
+
+
+def kind_of(folder: Path) -> str:
+    """Name of the kind of run in a folder. Raises InvalidInput for a damaged folder, or for a kind
+    that this version does not know."""
+    kind = str(read_settings(folder).get("kind"))
+    if kind not in KINDS:
+        raise one_of("kind of run", kind, KINDS)
+    return kind
 
 
 def views_of(folder: Path) -> Views:
-    """The views of a folder that no process works on. Raises InvalidInput for a damaged folder."""
-    kinds: dict[str, Callable[[Path], Views]] = {
-        STUDY_KIND: StudyViews.of,
-        NES_KIND: NESViews.of,
-        EVALUATION_KIND: EvaluationViews.of,
-    }
-    kind = str(read_settings(folder).get("kind"))
-    if kind not in kinds:
-        raise one_of("kind of run", kind, kinds)
-    return kinds[kind](folder)
+    """Views of a folder that no process works on. Raises InvalidInput for a damaged folder."""
+    return KINDS[kind_of(folder)].views(folder)

@@ -1,4 +1,4 @@
-"""`bilevel studies`: what lies in a home, how it stands, how good it is."""
+"""`bilevel studies`: all runs in a home with their state, progress and best score."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -6,21 +6,10 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from bilevel.errors import InvalidInput, one_of
-from bilevel.hyperparameters import SEHyperparameters
-from bilevel.nes import NESState
-from cluster.bohb.journal import Journal
-from cluster.bohb.profiles import ENDLESS
-from cluster.bohb.study import KIND as STUDY_KIND
-from cluster.bohb.study import Study
-from cluster.bohb.summary import StudySummary
-from cluster.evaluate.view import KIND as EVALUATION_KIND
-from cluster.evaluate.view import RESULTS_FILE, EvaluationSettings
-from cluster.nes.run import KIND as NES_KIND
-from cluster.nes.run import STATE_FILE, NESSettings
+from bilevel.errors import InvalidInput
+from cluster.catalog.kinds import KINDS, kind_of
 from cluster.storage.home import Home
-from cluster.storage.lines import Lines
-from cluster.storage.run_folder import Standing, finals, is_held, read_settings
+from cluster.storage.run_folder import RunStatus, finals, is_held
 
 _STATES = {"FINISHED": "finished", "KILLED": "stopped", "FAILED": "failed", "RUNNING": "killed"}
 
@@ -65,44 +54,15 @@ def print_overview(lines: list[Line], console: Console) -> None:
 def _line(folder: Path) -> Line:
     task, name = folder.parent.name, folder.name
     try:
-        kind = str(read_settings(folder).get("kind"))
-        kinds = {STUDY_KIND: _study, NES_KIND: _nes, EVALUATION_KIND: _evaluation}
-        if kind not in kinds:
-            raise one_of("kind of run", kind, kinds)
-        standing = Standing.load(folder)
-        state = "running" if is_held(folder) else _STATES[standing.status if standing else "KILLED"]
-        target = 0 if standing is None else standing.target
-        progress, best = kinds[kind](folder, target)
+        kind = kind_of(folder)
+        run_status = RunStatus.load(folder)
+        state = (
+            "running" if is_held(folder) else _STATES[run_status.status if run_status else "KILLED"]
+        )
+        target = 0 if run_status is None else run_status.target
+        progress = KINDS[kind].progress(folder, target)
         scores = [end.metrics.get("final_score_mean") for end in finals(folder)]
         final = f"{scores[-1]:.1f}" if scores and scores[-1] is not None else ""
     except (InvalidInput, OSError) as error:
         return Line(task, name, "", "damaged", str(error), "", "")
-    return Line(task, name, kind, state, progress, best, final)
-
-
-def _study(folder: Path, brackets: int) -> tuple[str, str]:
-    journal = Journal(folder)
-    rungs = Study.read(folder).schedule.brackets(brackets)
-    incumbent = StudySummary(journal, rungs).incumbent
-    best = "" if incumbent is None else f"{incumbent.objective:.1f}"
-    results = len(journal.results)
-    total = max(sum(rung.configurations for rung in rungs), results)
-    return f"{results} results" if brackets >= ENDLESS else f"{results}/{total} results", best
-
-
-def _nes(folder: Path, generations: int) -> tuple[str, str]:
-    path = folder / STATE_FILE
-    if not path.exists():
-        return f"0/{generations} generations", ""
-    # The agents of the run, which may be a user's own, need not be known here.
-    settings = NESSettings.read(folder)
-    state = NESState.load(path, settings.task, SEHyperparameters(**settings.se))
-    if not state.records:
-        return f"0/{generations} generations", ""
-    return f"{state.generation}/{generations} generations", f"{state.best_score:.1f}"
-
-
-def _evaluation(folder: Path, agents: int) -> tuple[str, str]:
-    settings = EvaluationSettings.read(folder)
-    total = agents * len(settings.sources) * len(settings.kinds)
-    return f"{len(Lines(folder / RESULTS_FILE).values)}/{total} agents", ""
+    return Line(task, name, kind, state, progress.done, progress.best, final)

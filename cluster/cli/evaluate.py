@@ -98,7 +98,7 @@ def evaluate(
     varied = "" if vary == "no" else f"-{vary}"
     among = "-".join(hp.agent for hp in kinds)
     suffix = f"-{among}{varied}-seed{common.seed}"
-    place = common.the_place()
+    context = common.the_context()
 
     from cluster.evaluate.command import EvaluateCommand, run_evaluate
 
@@ -111,7 +111,7 @@ def evaluate(
             vary,
             common.seed,
             name or f"evaluate-{'-'.join(sources)}"[: LONGEST_NAME - len(suffix)] + suffix,
-            place,
+            context,
             workers,
         )
     )

@@ -15,7 +15,7 @@ from cluster.storage.home import DEFAULT_HOME, Home
 
 if TYPE_CHECKING:
     from bilevel.hyperparameters import Hyperparameters
-    from cluster.session.place import Place
+    from cluster.session.context import RunContext
 
 _SECONDS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
 
@@ -133,7 +133,7 @@ def the_address(given: str | None, home: Home) -> str | None:
     return None if named == "local" else named
 
 
-def the_place(home: Path, tracking_uri: str | None, address: str | None) -> "Place":
+def the_context(home: Path, tracking_uri: str | None, address: str | None) -> "RunContext":
     """Home, MLflow and Ray cluster: those of the options, or the services of `up`.
 
     Must be called before any import of Ray, which reads the environment set here.
@@ -141,9 +141,9 @@ def the_place(home: Path, tracking_uri: str | None, address: str | None) -> "Pla
     in_home = Home(home)
     uri, cluster = the_tracking_uri(tracking_uri, in_home), the_address(address, in_home)
 
-    from cluster.session.place import Place
+    from cluster.session.context import RunContext
 
-    return Place(in_home, uri, cluster)
+    return RunContext(in_home, uri, cluster)
 
 
 def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
@@ -297,6 +297,6 @@ class RunOptions:
         agents = "" if self.agents is None else "-" + self.agents.replace(",", "-").replace(" ", "")
         return f"-{recipe}{agents}" + (f"-{self.vary}" if self.vary else "")
 
-    def the_place(self) -> "Place":
-        """See `the_place`."""
-        return the_place(self.home, self.tracking_uri, self.address)
+    def the_context(self) -> "RunContext":
+        """See `the_context`."""
+        return the_context(self.home, self.tracking_uri, self.address)

@@ -51,14 +51,14 @@ def nes(
     hp = replace(hp, nes=replace(hp.nes, **changes))
     name = name or f"nes{common.suffix(hp.recipe)}-seed{common.seed}"
 
-    place = common.the_place()
-    folder = place.home.run_folder(task.id, name)
+    context = common.the_context()
+    folder = context.home.run_folder(task.id, name)
 
     from cluster.nes.command import NESCommand, run_nes
     from cluster.nes.run import NESRun
 
     run = NESRun(task, hp, common.seed, folder)
-    run_nes(NESCommand(run, place, workers))
+    run_nes(NESCommand(run, context, workers))
 
 
 @click.command()
@@ -153,11 +153,11 @@ def bohb(
             "the space 'full' needs plain SEs (--recipe paper, authors or distilled); "
             f"the recipe {hp.recipe!r} has {hp.se.structure} SEs"
         )
-    place = common.the_place()
+    context = common.the_context()
     name = (
         study or f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"
     )
-    folder = place.home.run_folder(task.id, name)
+    folder = context.home.run_folder(task.id, name)
 
     from cluster.bohb.brackets import Schedule
     from cluster.bohb.command import StudyCommand, run_study
@@ -175,7 +175,7 @@ def bohb(
             hp,
             method,
         ),
-        place,
+        context,
         size.brackets,
         size.time_budget,
         size.final_agents,

@@ -20,12 +20,12 @@ def studies(home: Path) -> None:
     from cluster.session.terminal import Terminal
     from cluster.storage.home import Home
 
-    place = Home(home)
-    lines = overview(place)
+    where = Home(home)
+    lines = overview(where)
     if lines:
         print_overview(lines, Terminal().console)
     else:
-        start = place.hint("nes CartPole-v0", "nes-cartpole")
+        start = where.hint("nes CartPole-v0", "nes-cartpole")
         click.echo(f"no runs in {str(home)!r} yet: start with {start}")
 
 
@@ -48,6 +48,6 @@ def sync(study: str, home: Path, tracking_uri: str | None, agent_files: tuple[Pa
     load_plugins()
     for file in agent_files:
         load_agent_file(file)
-    place = Home(home)
-    folder = place.find(study)
-    write(folder, place, the_tracking_uri(tracking_uri, place), Terminal())
+    where = Home(home)
+    folder = where.find(study)
+    write(folder, where, the_tracking_uri(tracking_uri, where), Terminal())

@@ -10,7 +10,7 @@ from cluster.cli.options import (
     WholeNumber,
     address_option,
     home_option,
-    the_place,
+    the_context,
     tracking_option,
 )
 
@@ -57,11 +57,11 @@ def build(name: str, folder: Path, agents: int, workers: int | None, **where: An
     """
     from bilevel.zoo import get_entry
 
-    entry, place = get_entry(name), the_place(**where)
+    entry, context = get_entry(name), the_context(**where)
 
     from cluster.zoo.build import BuildCommand
     from cluster.zoo.build import build as make
     from cluster.zoo.table import print_zoo
 
-    print_zoo([make(BuildCommand(entry, place, folder, agents, workers))])
+    print_zoo([make(BuildCommand(entry, context, folder, agents, workers))])
     click.echo(f"written: {folder / name}.safetensors and its card, .json")

@@ -23,18 +23,14 @@ from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
-from cluster.evaluate.report import Group, as_json, as_table, picture
-from cluster.evaluate.view import (
-    KIND,
-    PICTURE_FILE,
-    REPORT_FILE,
-    RESULTS_FILE,
-    EvaluationViews,
-)
+from cluster.evaluate import pictures
+from cluster.evaluate.report import Group, as_json, as_table
+from cluster.evaluate.run import KIND, PICTURE_FILE, REPORT_FILE, RESULTS_FILE
+from cluster.evaluate.view import EvaluationViews
 from cluster.ray.pool import EvaluationPool
-from cluster.session.place import Place
+from cluster.session.context import RunContext
 from cluster.session.session import Session
-from cluster.storage.lines import Lines
+from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import Final, add_final
 from cluster.tracking.pictures import png
 
@@ -50,7 +46,7 @@ class EvaluateCommand:
     vary: str  # of VARIATIONS
     seed: int
     name: str
-    place: Place
+    context: RunContext
     workers: int | None = None  # actors; None: one a core of the cluster
 
     def settings(self) -> dict[str, Any]:
@@ -79,17 +75,17 @@ def run_evaluate(command: EvaluateCommand) -> list[Group]:
     Results are on disk as they come: the same command again goes on. Raises
     InvalidInput before anything is written.
     """
-    folder = command.place.home.run_folder(command.task.id, command.name)
+    folder = command.context.home.run_folder(command.task.id, command.name)
     with (
-        command.place.entered(command.workers or 1) as driver,
+        command.context.connected(command.workers or 1) as driver,
         EvaluationPool.on_cluster(command.workers) as pool,
         driver.session(folder, command.task.id, command.settings()) as session,
     ):
-        return _UnderWay(command, session, pool).go()
+        return _Runner(command, session, pool).run()
 
 
-class _UnderWay:
-    """An evaluation under way."""
+class _Runner:
+    """Runs one evaluation."""
 
     def __init__(self, command: EvaluateCommand, session: Session, pool: EvaluationPool) -> None:
         self.command = command
@@ -98,16 +94,16 @@ class _UnderWay:
         self.folder = session.folder
         self.pool = pool
 
-    def go(self) -> list[Group]:
-        """From what is on disk to the report."""
+    def run(self) -> list[Group]:
+        """Evaluate the agents that are missing, then report."""
         command = self.command
         self.session.introduce(
             f"{command.agents} fresh {_list(hp.agent for hp in command.kinds)} agents on "
             f"{_list(command.sources)}, tested on {command.task.id}; {self.pool.size} worker(s), "
             f"seed {command.seed}"
         )
-        views = EvaluationViews(self.folder, self.session.begun, live=True)
-        goes_on = "the same command goes on with the agents that are missing"
+        views = EvaluationViews(self.folder, self.session.identity, live=True)
+        goes_on = "run the same command again to add the missing agents"
         with self.session.live(views, command.agents, goes_on):
             groups = self._groups()
             self._report(groups)
@@ -115,7 +111,7 @@ class _UnderWay:
 
     def _groups(self) -> list[Group]:
         command = self.command
-        file = Lines(self.folder / RESULTS_FILE)
+        file = JsonlLog(self.folder / RESULTS_FILE)
         results = dict(self._stored(file))
         total = len(command.sources) * len(command.kinds) * command.agents
         self.terminal.bar("evaluating", len(results), total, "agents")
@@ -134,8 +130,8 @@ class _UnderWay:
                 self.terminal.step()
 
             numbered = [
-                EvaluationRequest(**{**vars(requests[key]), "index": place})
-                for place, key in enumerate(missing)
+                EvaluationRequest(**{**vars(requests[key]), "index": index})
+                for index, key in enumerate(missing)
             ]
             self.pool.run(command.task, se.se if se else None, numbered, keep)
         return [
@@ -149,8 +145,8 @@ class _UnderWay:
             for hp in command.kinds
         ]
 
-    def _stored(self, file: Lines) -> Iterator[tuple[tuple[str, str, int], EvaluationResult]]:
-        """What an earlier call has left. Raises InvalidInput if damaged."""
+    def _stored(self, file: JsonlLog) -> Iterator[tuple[tuple[str, str, int], EvaluationResult]]:
+        """Results of earlier calls. Raises InvalidInput if damaged."""
         for label, agent, i, result in file.decoded(tuple[str, str, int, EvaluationResult]):
             if label in self.command.sources and i < self.command.agents:
                 yield (label, agent, i), result
@@ -162,7 +158,8 @@ class _UnderWay:
         report = as_json(groups)
         write_aside(self.folder / REPORT_FILE, json.dumps(report, indent=2).encode())
         write_aside(
-            self.folder / PICTURE_FILE, png(picture(groups, self.command.task, self.folder.name))
+            self.folder / PICTURE_FILE,
+            png(pictures.returns(groups, self.command.task, self.folder.name)),
         )
         # One metric a group: MLflow offers every metric of any run as a column of all runs.
         metrics = {
@@ -171,7 +168,7 @@ class _UnderWay:
         }
         add_final(self.folder, Final(self.command.agents, time.time(), metrics))
         line(f"report: {self.folder / REPORT_FILE}; picture: {self.folder / PICTURE_FILE}")
-        line(f"MLflow {self.session.shown_at(self.session.begun.identity)}")
+        line(f"MLflow {self.session.shown_at(self.session.identity.uuid)}")
 
 
 def _list(names: Any) -> str:

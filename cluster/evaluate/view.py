@@ -2,45 +2,32 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
 
-from bilevel.decode import decode
-from cluster.storage.run_folder import Begun, Settings, Standing, finals, read_settings
-from cluster.tracking import Document, Point, RunView
-
-#: The kind of run that `settings.json` tells.
-KIND = "evaluate"
-
-RESULTS_FILE, REPORT_FILE, PICTURE_FILE = "results.jsonl", "report.json", "returns.png"
-
-
-@dataclass(frozen=True, kw_only=True)
-class EvaluationSettings(Settings):
-    """What `settings.json` holds of an evaluation."""
-
-    vary: str
-    sources: dict[str, str]  # label: digest of the SE, or "real"
-    kinds: dict[str, dict[str, Any]]  # hyperparameters by the agent's name
-
-    @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Of the evaluation in a folder. Raises InvalidInput."""
-        return decode(cls, read_settings(folder), f"{str(folder)!r} holds no evaluation")
+from cluster.evaluate.run import (
+    KIND,
+    PICTURE_FILE,
+    REPORT_FILE,
+    RESULTS_FILE,
+    EvaluationSettings,
+)
+from cluster.storage.jsonl_log import JsonlLog
+from cluster.storage.run_folder import RunIdentity, RunStatus, finals
+from cluster.tracking import Document, Point, Progress, RunView
 
 
 @dataclass(frozen=True)
 class EvaluationViews:
-    """The one run that an evaluation is shown as."""
+    """The MLflow run of an evaluation; `live` while a process works on it."""
 
     folder: Path
-    begun: Begun
+    identity: RunIdentity
     live: bool
 
     @classmethod
     def of(cls, folder: Path) -> "EvaluationViews":
-        """Of an evaluation that nobody works on. Raises InvalidInput."""
+        """View of an evaluation that no process works on. Raises InvalidInput if it is damaged."""
         EvaluationSettings.read(folder)
-        return cls(folder, Begun.read(folder), False)
+        return cls(folder, RunIdentity.read(folder), False)
 
     @property
     def task_id(self) -> str:
@@ -49,26 +36,34 @@ class EvaluationViews:
 
     def keys(self) -> list[str]:
         """The evaluation's identity."""
-        return [self.begun.identity]
+        return [self.identity.uuid]
 
     def view(self, key: str) -> RunView:
         """The run as it is on disk. Raises InvalidInput."""
         settings, ends = EvaluationSettings.read(self.folder), finals(self.folder)
-        standing = Standing.load(self.folder) or Standing("KILLED", self.begun.time, 0)
-        over = not (self.live and standing.status == "RUNNING")
+        run_status = RunStatus.load(self.folder) or RunStatus("KILLED", self.identity.began, 0)
+        over = not (self.live and run_status.status == "RUNNING")
         sources, task = ", ".join(settings.sources), settings.task.id
-        note = f"{standing.target} fresh agents of each kind on {sources}, tested on {task}."
+        note = f"{run_status.target} fresh agents of each kind on {sources}, tested on {task}."
         files = [self.folder / name for name in (REPORT_FILE, PICTURE_FILE, RESULTS_FILE)]
         return RunView(
             key,
             self.folder.name,
-            standing.ended_as if over else "RUNNING",
-            self.begun.time,
-            standing.since if over else None,
+            run_status.ended_as if over else "RUNNING",
+            self.identity.began,
+            run_status.since if over else None,
             {"agents": settings.kinds, "vary": settings.vary, "seed": settings.seed, "task": task},
             {"bilevel.kind": KIND},
             tuple(Point.of_final(end) for end in ends),
             tuple(Document.of_file(path) for path in files if over and path.exists()),
-            author=self.begun.by,
+            author=self.identity.author,
             description=note,
         )
+
+
+def evaluation_progress(folder: Path, agents: int) -> Progress:
+    """Number of agents trained so far, of `agents` for each source and kind. Raises
+    InvalidInput."""
+    settings = EvaluationSettings.read(folder)
+    total = agents * len(settings.sources) * len(settings.kinds)
+    return Progress(f"{len(JsonlLog(folder / RESULTS_FILE).values)}/{total} agents")

@@ -11,17 +11,17 @@ from bilevel.nes.confirmation import FINAL_AGENTS, Confirmation, solving_share
 from bilevel.nes.start import StartRace
 from bilevel.synthetic_env import save_se
 from cluster.nes import pictures
-from cluster.nes.final import (
+from cluster.nes.run import NESRun, start_of
+from cluster.nes.selection import (
     LAST_FILE,
     Contender,
     choose_best,
-    hand_over,
-    score_anew,
+    evaluate_holdout,
+    export_best,
 )
-from cluster.nes.run import NESRun, start_of
 from cluster.nes.view import NESViews
 from cluster.ray.pool import EvaluationPool
-from cluster.session.place import Place
+from cluster.session.context import RunContext
 from cluster.session.session import Session
 from cluster.session.terminal import count, duration, generation_line
 from cluster.tracking.pictures import png
@@ -33,7 +33,7 @@ class NESCommand:
     """An NES run, and how and where this command runs it."""
 
     run: NESRun
-    place: Place
+    context: RunContext
     workers: int | None = None  # actors; None: one per core of this run's share
 
 
@@ -45,15 +45,15 @@ def run_nes(command: NESCommand) -> NESState:
     """
     run = command.run
     with (
-        command.place.entered(command.workers or 1) as driver,
+        command.context.connected(command.workers or 1) as driver,
         EvaluationPool.on_cluster(command.workers) as pool,
         driver.session(run.folder, run.task.id, run.settings()) as session,
     ):
-        return _UnderWay(run, session, pool).go()
+        return _Runner(run, session, pool).run_to_the_end()
 
 
-class _UnderWay:
-    """An NES run in progress."""
+class _Runner:
+    """Runs NES from the last checkpoint to the end."""
 
     def __init__(self, run: NESRun, session: Session, pool: EvaluationPool) -> None:
         self.run = run
@@ -61,7 +61,7 @@ class _UnderWay:
         self.terminal = session.terminal
         self.pool = pool
 
-    def go(self) -> NESState:
+    def run_to_the_end(self) -> NESState:
         """Run from the last checkpoint to the end."""
         run, nes = self.run, self.run.hp.nes
         self.session.introduce(
@@ -69,7 +69,7 @@ class _UnderWay:
             f"SE structure {run.hp.se.structure}, population {nes.population_size}, at most "
             f"{nes.generations} generations, {self.pool.size} worker(s), seed {run.seed}"
         )
-        views = NESViews(run, self.session.begun, live=True)
+        views = NESViews(run, self.session.identity, live=True)
         goes_on = "run the same command again to resume after the last finished generation"
         with self.session.live(views, nes.generations, goes_on) as mirror:
             state = self._evolved(self._open(), lambda: mirror.mark(views.keys()))
@@ -116,7 +116,7 @@ class _UnderWay:
         return self.run.advance(state, self.pool, told)
 
     def _chosen(self, state: NESState, race: StartRace) -> NESState:
-        """The state once the start of this attempt is chosen."""
+        """Choose the start of this attempt."""
         if state.attempt:
             self.terminal.line(
                 f"no new best SE for {self.run.hp.nes.restart_after} generations: attempt "
@@ -130,7 +130,7 @@ class _UnderWay:
         return state
 
     def _confirmed(self, state: NESState, confirmation: Confirmation) -> NESState:
-        """The state after a round of a confirmation."""
+        """Train the agents of one round of a confirmation, and tell its result."""
         begun = confirmation.coming.start
         self.terminal.bar("confirming", begun, confirmation.agents, "agents")
         scores: list[float] = []
@@ -163,7 +163,7 @@ class _UnderWay:
         )
         before = self.pool.real_env_steps
         best = Contender(state.best, run.hp) if state.confirmed else self._best(state)
-        score = score_anew(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
+        score = evaluate_holdout(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
         real_steps = state.real_env_steps + self.pool.real_env_steps - before
         line(f"{real_steps} steps on the real task, nearly all of them in tests")
         se = replace(best.se, info={**best.se.info, "real_env_steps": real_steps})
@@ -171,11 +171,11 @@ class _UnderWay:
         title = f"{run.folder.name} on {run.task.id}"
         figure = pictures.learning_curve(state.records, run.task, title)
         write_aside(run.folder / "learning_curve.png", png(figure))
-        path = hand_over(se, score, run.folder, state.generation)
+        path = export_best(se, score, run.folder, state.generation)
         line(str(score))
         model = model_address(run.task.id, "newest")
         line(f"best SE: {path}  ({model} in MLflow's model registry)")
-        line(f"learning curve: {self.session.shown_at(self.session.begun.identity)}")
+        line(f"learning curve: {self.session.shown_at(self.session.identity.uuid)}")
         line("load the SE with")
         line(
             f'  import bilevel, gymnasium; gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")'

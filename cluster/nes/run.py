@@ -13,7 +13,7 @@ from bilevel.hyperparameters import Hyperparameters, NESHyperparameters, StoredH
 from bilevel.nes import NES, NESState
 from bilevel.tasks import Task
 from cluster.ray.pool import EvaluationPool
-from cluster.storage.run_folder import Settings, Standing, read_settings
+from cluster.storage.run_folder import RunStatus, Settings, read_settings
 
 STATE_FILE = "state.safetensors"
 
@@ -65,8 +65,8 @@ class NESRun:
     @classmethod
     def read(cls, folder: Path) -> "NESRun":
         """The run in a folder, as it was begun. Raises InvalidInput."""
-        settings, standing = NESSettings.read(folder), Standing.load(folder)
-        generations = 1 if standing is None else standing.target
+        settings, run_status = NESSettings.read(folder), RunStatus.load(folder)
+        generations = 1 if run_status is None else run_status.target
         whole = replace(settings, nes={**settings.nes, "generations": generations})
         try:
             return cls(settings.task, whole.checked(), settings.seed, folder)

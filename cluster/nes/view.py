@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 
+from bilevel.hyperparameters import SEHyperparameters
 from bilevel.nes import NESState
 from bilevel.synthetic_env import se_bytes
 from cluster.nes import pictures
-from cluster.nes.final import BEST_FILE, LAST_FILE
-from cluster.nes.run import NESRun, start_of
-from cluster.storage.run_folder import Begun, Final, Standing, finals
-from cluster.tracking import Document, Point, RegisteredSE, RunView
+from cluster.nes.run import STATE_FILE, NESRun, NESSettings, start_of
+from cluster.nes.selection import BEST_FILE, LAST_FILE
+from cluster.storage.run_folder import Final, RunIdentity, RunStatus, finals
+from cluster.tracking import Document, Point, Progress, RegisteredSE, RunView
 from cluster.tracking.pictures import png
 
 
@@ -55,13 +56,13 @@ class NESViews:
     """The MLflow run of an NES run; `live` while a process works on it."""
 
     run: NESRun
-    begun: Begun
+    identity: RunIdentity
     live: bool
 
     @classmethod
     def of(cls, folder: Path) -> "NESViews":
         """View of a run that no process works on. Raises InvalidInput if it is damaged."""
-        return cls(NESRun.read(folder), Begun.read(folder), False)
+        return cls(NESRun.read(folder), RunIdentity.read(folder), False)
 
     @property
     def task_id(self) -> str:
@@ -70,14 +71,14 @@ class NESViews:
 
     def keys(self) -> list[str]:
         """The run's identity."""
-        return [self.begun.identity]
+        return [self.identity.uuid]
 
     def view(self, key: str) -> RunView:
         """The run as it is on disk. Raises InvalidInput."""
         run, ends = self.run, finals(self.run.folder)
         state = run.load_if_sound()
-        standing = Standing.load(run.folder) or Standing("KILLED", self.begun.time, 0)
-        over = not (self.live and standing.status == "RUNNING")
+        run_status = RunStatus.load(run.folder) or RunStatus("KILLED", self.identity.began, 0)
+        over = not (self.live and run_status.status == "RUNNING")
         points = generation_points(state)
         for end in ends:
             if state is not None and end.step <= state.generation:
@@ -100,16 +101,16 @@ class NESViews:
         return RunView(
             key,
             self.name,
-            standing.ended_as if over else "RUNNING",
-            self.begun.time,
-            standing.since if over else None,
+            run_status.ended_as if over else "RUNNING",
+            self.identity.began,
+            run_status.since if over else None,
             {**run.hp.to_dict(), "seed": run.seed, "task": run.task.id},
             {"bilevel.kind": "nes"},
             tuple(points),
             tuple(documents),
             edition=edition(state),
             model=registered(run.folder, run.task.id, ends[-1]) if ends else None,
-            author=self.begun.by,
+            author=self.identity.author,
             description=self._description(),
         )
 
@@ -130,3 +131,17 @@ class NESViews:
             "solved the task on average and fresh agents confirm it; `final_*` are of fresh agents "
             "trained on the best SE."
         )
+
+
+def nes_progress(folder: Path, generations: int) -> Progress:
+    """Number of generations, of so many, and the best score of an NES run. Raises InvalidInput.
+
+    The run's agents may be a user's own, which need not be known here.
+    """
+    path = folder / STATE_FILE
+    if not path.exists():
+        return Progress(f"0/{generations} generations")
+    settings = NESSettings.read(folder)
+    state = NESState.load(path, settings.task, SEHyperparameters(**settings.se))
+    best = f"{state.best_score:.1f}" if state.records else ""
+    return Progress(f"{state.generation}/{generations} generations", best)

@@ -10,7 +10,7 @@ from bilevel.errors import StorageFailure
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
-from cluster.storage.run_folder import Begun, Standing, Status
+from cluster.storage.run_folder import RunIdentity, RunStatus, Status
 from cluster.tracking import Mirror, Tracker, Views
 
 #: Where the UI answers if no other port is asked for.
@@ -23,7 +23,7 @@ class Session:
 
     home: Home
     folder: Path
-    begun: Begun
+    identity: RunIdentity
     tracker: Tracker
     terminal: Terminal
     guard: InterruptGuard
@@ -73,10 +73,10 @@ class Session:
                     f"{self.home.hint(f'sync {self.folder.name}')} once MLflow is reachable"
                 )
             elif ended_as == "KILLED":
-                self.terminal.line(f"MLflow {self.shown_at(self.begun.identity)}")
+                self.terminal.line(f"MLflow {self.shown_at(self.identity.uuid)}")
 
     def _stand(self, status: Status, target: int) -> None:
-        Standing(status, time.time(), target).save(self.folder)
+        RunStatus(status, time.time(), target).save(self.folder)
 
 
 def shown_at(home: Home, tracker: Tracker, key: str | None = None) -> str:

@@ -1,7 +1,7 @@
-"""The folder of a study or an NES run: what it is, how it stands, who works on it.
+"""The folder of a run: its settings, its status, and the lock of the process that works on it.
 
-settings.json   what must stay the same, and the run's identity
-standing.json   how far it is meant to go, and how its last process ended
+settings.json   settings that must stay the same, and the run's identity
+standing.json   its target, and how its last process ended
 finals.json     a line each time it ended: fresh agents' scores of its best SE
 .lock           held by the process that works on it
 """
@@ -23,9 +23,9 @@ from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.tasks import Task
 from cluster.storage.author import Author
-from cluster.storage.lines import Lines
+from cluster.storage.jsonl_log import JsonlLog
 
-#: What a run may stand at; the names are MLflow's.
+#: Status of a run; the names are MLflow's.
 Status = Literal["RUNNING", "FINISHED", "KILLED", "FAILED"]
 
 #: Seconds until a folder counts as taken: long enough for someone who just looks.
@@ -33,16 +33,16 @@ _LOCK_TIMEOUT = 1.0
 
 
 @dataclass(frozen=True)
-class Standing:
-    """How far a run is meant to go, and how its last process ended."""
+class RunStatus:
+    """Target of a run, and how the last process that worked on it ended."""
 
-    status: Status  # RUNNING if it was never written again: the process was killed
+    status: Status  # RUNNING if that process was killed
     since: FiniteFloat  # unix time, seconds
     target: int  # brackets of a study, generations of an NES run
 
     @classmethod
-    def load(cls, folder: Path) -> "Standing | None":
-        """What the folder says, if it says anything. Raises InvalidInput if damaged."""
+    def load(cls, folder: Path) -> "RunStatus | None":
+        """Read the status; None if the run has none yet. Raises InvalidInput if damaged."""
         path = folder / "standing.json"
         return decode_file(cls, path) if path.exists() else None
 
@@ -52,39 +52,37 @@ class Standing:
 
     @property
     def ended_as(self) -> Status:
-        """How it stands when nobody works on it."""
+        """Status while no process holds the run's lock."""
         return "KILLED" if self.status == "RUNNING" else self.status
 
 
 @dataclass(frozen=True)
-class Begun:
-    """Which run it is: what is shown elsewhere under its name belongs to it only if it
-    carries the identity too."""
+class RunIdentity:
+    """UUID, creation time and author of a run. MLflow runs belong to it if they carry its UUID."""
 
-    # 32 hexadecimal digits, made up when it was begun.
-    identity: Annotated[str, Field(pattern="^[0-9a-f]{32}$")]
-    time: FiniteFloat  # unix time, seconds
-    by: Author | None = None  # unknown of runs that an early version began
+    uuid: Annotated[str, Field(pattern="^[0-9a-f]{32}$")]
+    began: FiniteFloat  # unix time, seconds
+    author: Author | None = None  # unknown for runs of early versions
 
     @classmethod
-    def read(cls, folder: Path) -> "Begun":
-        """What the folder says. Raises InvalidInput."""
+    def read(cls, folder: Path) -> "RunIdentity":
+        """Read it from a run's folder. Raises InvalidInput."""
         return cls.of(read_settings(folder), f"damaged settings in {str(folder)!r}")
 
     @classmethod
-    def of(cls, settings: dict[str, Any], what: str) -> "Begun":
-        """What settings say. Raises InvalidInput, in a line that begins with `what`."""
-        told = {name: settings.get(key) for name, key in _BEGUN.items()}
+    def of(cls, settings: dict[str, Any], what: str) -> "RunIdentity":
+        """Read it from settings. Raises InvalidInput, in a line that begins with `what`."""
+        told = {name: settings.get(key) for name, key in _IDENTITY.items()}
         return decode(cls, told, what)
 
 
-#: Where `settings.json` holds what is known of a run's beginning.
-_BEGUN = {"identity": "identity", "time": "begun", "by": "by"}
+#: Keys of `settings.json` by field.
+_IDENTITY = {"uuid": "identity", "began": "begun", "author": "by"}
 
 
 @dataclass(frozen=True)
 class Final:
-    """The end of a run: what fresh agents scored on its best SE."""
+    """Scores of fresh agents on a run's best SE, each time that the run ended."""
 
     step: int  # results of a study, generations of an NES run until then
     time: float  # unix time, seconds
@@ -92,19 +90,19 @@ class Final:
 
 
 def finals(folder: Path) -> list[Final]:
-    """The ends of the run so far. Raises InvalidInput if damaged."""
-    return Lines(folder / "finals.json").decoded(Final)
+    """Read the scores of all ends so far. Raises InvalidInput if damaged."""
+    return JsonlLog(folder / "finals.json").decoded(Final)
 
 
 def add_final(folder: Path, final: Final) -> None:
-    """Append an end, unless a process that was killed just after has done so."""
+    """Append an end, unless an earlier process did so just before it was killed."""
     if all(before.step != final.step for before in finals(folder)):
-        Lines(folder / "finals.json").append(asdict(final))
+        JsonlLog(folder / "finals.json").append(asdict(final))
 
 
 @contextlib.contextmanager
-def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[Begun]:
-    """Hold a run's folder for this process alone, and its settings to what they were.
+def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdentity]:
+    """Lock a run's folder, and create its settings or check that they are unchanged.
 
     Raises InvalidInput if another process holds the folder, or if the run was begun
     with other settings; StorageFailure if the folder cannot be written.
@@ -119,10 +117,10 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[Begun]:
         now = json.loads(json.dumps(settings))
         for name, then, value in _differences({name: before.get(name) for name in now}, now):
             raise InvalidInput(
-                f"{folder.name!r} was begun with {name} = {then}, not {value}: give it that, or "
-                "another name"
+                f"{folder.name!r} was begun with {name} = {then}, not {value}: use that value, or "
+                "another --name"
             )
-        yield Begun.of(before, "damaged settings")
+        yield RunIdentity.of(before, "damaged settings")
 
 
 def _differences(then: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
@@ -137,7 +135,7 @@ def _differences(then: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any
 
 @contextlib.contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Hold a folder for this process alone; the kernel lets go when it dies.
+    """Lock a folder for this process; the kernel releases the lock when the process dies.
 
     Raises InvalidInput if another process holds it, StorageFailure if it cannot be
     written.
@@ -172,12 +170,12 @@ def is_held(folder: Path) -> bool:
 
 
 def read_settings(folder: Path) -> dict[str, Any]:
-    """What a run was begun with. Raises InvalidInput if that is missing or damaged."""
+    """Read a run's settings. Raises InvalidInput if they are missing or damaged."""
     path, damaged = folder / "settings.json", "damaged settings"
     if not path.exists():
         raise InvalidInput(f"no run in {str(folder)!r}")
     settings = decode_file(dict[str, Any], path, damaged)
-    Begun.of(settings, f"{damaged} {str(path)!r}")
+    RunIdentity.of(settings, f"{damaged} {str(path)!r}")
     return settings
 
 
@@ -194,7 +192,7 @@ def stored_task(facts: Any) -> Task:
 
 @dataclass(frozen=True, kw_only=True)
 class Settings:
-    """What `settings.json` tells of every kind of run; each adds its own."""
+    """Settings that every kind of run has; each kind adds its own."""
 
     identity: str
     begun: float  # unix time, seconds

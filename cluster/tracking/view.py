@@ -43,6 +43,14 @@ class Point:
 
 
 @dataclass(frozen=True)
+class Progress:
+    """Progress of a run, in words."""
+
+    done: str
+    best: str = ""  # best objective of a study, or score of an NES run, so far
+
+
+@dataclass(frozen=True)
 class Document:
     """An artifact of the run; `content` is called only if MLflow lacks this version."""
 

@@ -13,9 +13,9 @@ from bilevel.zoo import Card, Entry, Taught
 from cluster.evaluate.command import EvaluateCommand, run_evaluate
 from cluster.evaluate.report import Group
 from cluster.nes.command import NESCommand, run_nes
-from cluster.nes.final import BEST_FILE
 from cluster.nes.run import NESRun
-from cluster.session.place import Place
+from cluster.nes.selection import BEST_FILE
+from cluster.session.context import RunContext
 
 #: Kinds of agents that are trained on an SE of the zoo, and the number of each.
 KINDS, AGENTS = ("ddqn", "dueling-ddqn", "td3"), 50
@@ -26,7 +26,7 @@ class BuildCommand:
     """An SE of the zoo, and how and where this command makes it."""
 
     entry: Entry
-    place: Place
+    context: RunContext
     folder: Path  # for the SE and its card
     agents: int = AGENTS  # of each kind
     workers: int | None = None  # actors; None: one per core of this run's share
@@ -37,10 +37,10 @@ def build(command: BuildCommand) -> Card:
 
     Raises InvalidInput before anything is written.
     """
-    entry, place = command.entry, command.place
+    entry, context = command.entry, command.context
     task, hp = get_task(entry.task), load_recipe(entry.recipe, entry.task)
-    run_folder = place.home.run_folder(task.id, f"zoo-{entry.name}")
-    run_nes(NESCommand(NESRun(task, hp, entry.seed, run_folder), place, command.workers))
+    run_folder = context.home.run_folder(task.id, f"zoo-{entry.name}")
+    run_nes(NESCommand(NESRun(task, hp, entry.seed, run_folder), context, command.workers))
     se = load_se(run_folder / BEST_FILE)
     kinds = load_recipe("paper", "", KINDS).agents
     groups = run_evaluate(
@@ -52,7 +52,7 @@ def build(command: BuildCommand) -> Card:
             "all",
             0,
             f"zoo-{entry.name}-agents",
-            place,
+            context,
             command.workers,
         )
     )

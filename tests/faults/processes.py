@@ -11,7 +11,7 @@ from pathlib import Path
 import psutil
 
 from cluster.storage.home import Home
-from cluster.storage.run_folder import Standing
+from cluster.storage.run_folder import RunStatus
 from tests.faults.outcome import Outcome
 from tests.faults.row import Row
 from tests.faults.stage import ACTOR, ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
@@ -55,9 +55,9 @@ def _stopped_again_and_again(
         code = study.live(stage.chance.uniform(earliest, 9.0), *signals)
         assert code in (0, -signals[0], 130), f"exit code {code}: see {study.log}"
         stopped += code != 0
-        standing = Standing.load(study.folder)  # None if it had not come so far
-        if signals == (signal.SIGINT,) and standing is not None:
-            assert standing.status != "RUNNING", f"left running: see {study.log}"
+        run_status = RunStatus.load(study.folder)  # None if it had not come so far
+        if signals == (signal.SIGINT,) and run_status is not None:
+            assert run_status.status != "RUNNING", f"left running: see {study.log}"
     return stopped
 
 

@@ -13,7 +13,7 @@ from cluster.catalog.kinds import views_of
 from cluster.services.mlflow_server import mlflow_server
 from cluster.services.ports import free_port, listening
 from cluster.storage.home import Home
-from cluster.storage.run_folder import Begun
+from cluster.storage.run_folder import RunIdentity
 from cluster.tracking import RunView
 from cluster.tracking.tracker import KEY
 
@@ -26,7 +26,7 @@ def disagreements(folder: Path, tracking_uri: str) -> list[str]:
     if experiment is None:
         return ["no experiment"]
     views, found = views_of(folder), []
-    identity = Begun.read(folder).identity
+    identity = RunIdentity.read(folder).uuid
     keys = views.keys()
     for key in keys:
         view = views.view(key)

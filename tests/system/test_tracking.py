@@ -24,7 +24,7 @@ from cluster.catalog.sync import sync
 from cluster.session.session import shown_at
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
-from cluster.storage.run_folder import Begun, held
+from cluster.storage.run_folder import RunIdentity, held
 from cluster.tracking import Mirror, Tracker
 from cluster.tracking.tracker import _IMPORT, KEY
 from tests.studies import make_study
@@ -214,7 +214,7 @@ def test_sync_leaves_a_study_alone_that_is_being_run(home: Home, folder: Path) -
 
 def mirror_of(folder: Path, tracker: Tracker, told: list[str]) -> tuple[Mirror, list[str]]:
     views = StudyViews.of(folder)
-    assert views.begun == Begun.read(folder)
+    assert views.identity == RunIdentity.read(folder)
     return Mirror(tracker, views.view, told.append), views.keys()
 
 

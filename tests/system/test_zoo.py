@@ -9,7 +9,7 @@ from bilevel.durable import checksum
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.synthetic_env import load_se
 from bilevel.zoo import ENTRIES, Entry, env_id
-from cluster.session.place import Place
+from cluster.session.context import RunContext
 from cluster.storage.home import Home
 from cluster.zoo.build import BuildCommand, build
 from tests.commands import run_bilevel
@@ -36,7 +36,10 @@ def test_an_se_and_its_card_are_made(
     monkeypatch.setattr("cluster.zoo.build.load_recipe", lambda name, *_: small_hp)
     home, folder = Home(tmp_home), tmp_home / "made"
     command = BuildCommand(
-        Entry("tiny", "CartPole-v0", 7), Place(home, home.database_uri, address), folder, agents=2
+        Entry("tiny", "CartPole-v0", 7),
+        RunContext(home, home.database_uri, address),
+        folder,
+        agents=2,
     )
     card = build(command)
     path = folder / "tiny.safetensors"

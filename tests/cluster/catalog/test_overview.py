@@ -7,7 +7,7 @@ from rich.console import Console
 from cluster.bohb.profiles import ENDLESS
 from cluster.catalog.overview import overview, print_overview
 from cluster.storage.home import Home
-from cluster.storage.run_folder import Standing, held
+from cluster.storage.run_folder import RunStatus, held
 from tests.studies import make_study, new_study
 
 
@@ -23,9 +23,9 @@ def test_nothing_yet(home: Home) -> None:
 def test_states_progress_and_scores(home: Home) -> None:
     for name in ("ended", "stopped", "killed", "running"):
         make_study(home.run_folder("CartPole-v0", name))
-    Standing("KILLED", 0.0, 4).save(home.run_folder("CartPole-v0", "stopped"))
+    RunStatus("KILLED", 0.0, 4).save(home.run_folder("CartPole-v0", "stopped"))
     for name in ("killed", "running"):
-        Standing("RUNNING", 0.0, 2).save(home.run_folder("CartPole-v0", name))
+        RunStatus("RUNNING", 0.0, 2).save(home.run_folder("CartPole-v0", name))
     with held(home.run_folder("CartPole-v0", "running")):
         lines = {line.name: line for line in overview(home)}
     assert {name: line.state for name, line in lines.items()} == {
@@ -36,7 +36,7 @@ def test_states_progress_and_scores(home: Home) -> None:
     }
     assert lines["ended"].progress == "6/6 results"
     assert lines["stopped"].progress == "6/12 results"
-    Standing("KILLED", 0.0, ENDLESS).save(home.run_folder("CartPole-v0", "stopped"))
+    RunStatus("KILLED", 0.0, ENDLESS).save(home.run_folder("CartPole-v0", "stopped"))
     assert {line.name: line for line in overview(home)}["stopped"].progress == "6 results"
     assert lines["ended"].final == "100.0"
     assert 0 < float(lines["ended"].best) < 100

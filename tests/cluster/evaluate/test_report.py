@@ -8,7 +8,8 @@ from matplotlib.collections import PolyCollection
 
 from bilevel.evaluation import EvaluationResult
 from bilevel.tasks import Task
-from cluster.evaluate.report import VIOLIN_FROM, Group, as_table, picture
+from cluster.evaluate.pictures import VIOLIN_FROM, returns
+from cluster.evaluate.report import Group, as_table
 from cluster.tracking.pictures import png
 
 
@@ -25,7 +26,7 @@ def group(agents: int, source: str = "my_se", spread: float = 10.0) -> Group:
 def test_a_violin_needs_enough_agents(agents: int, violins: int, cartpole: Task) -> None:
     """Of every agent there is a point, in scores and in train steps."""
     found = group(agents)
-    figure = picture([found], cartpole, "few")
+    figure = returns([found], cartpole, "few")
     drawn = [one for axes in figure.axes for one in axes.collections]
     assert sum(isinstance(one, PolyCollection) for one in drawn) == violins
     points = [np.asarray(one.get_offsets()) for one in figure.axes[0].collections]
@@ -37,7 +38,7 @@ def test_a_violin_needs_enough_agents(agents: int, violins: int, cartpole: Task)
 
 
 def test_one_agent_and_equal_scores_are_drawn_too(cartpole: Task) -> None:
-    assert png(picture([group(1), group(30, "other", spread=0.0)], cartpole, "few"))
+    assert png(returns([group(1), group(30, "other", spread=0.0)], cartpole, "few"))
 
 
 def test_the_table_fits_80_columns() -> None:

@@ -7,9 +7,9 @@ import pytest
 
 from bilevel import InvalidInput
 from cluster.storage.run_folder import (
-    Begun,
     Final,
-    Standing,
+    RunIdentity,
+    RunStatus,
     add_final,
     finals,
     held,
@@ -87,12 +87,12 @@ def test_the_lock_of_a_killed_process_is_free(tmp_path: Path) -> None:
 
 
 def test_standing_round_trip(tmp_path: Path) -> None:
-    assert Standing.load(tmp_path) is None
-    standing = Standing("RUNNING", 12.5, 3)
-    standing.save(tmp_path)
-    assert Standing.load(tmp_path) == standing
-    assert standing.ended_as == "KILLED"
-    assert Standing("FINISHED", 0.0, 1).ended_as == "FINISHED"
+    assert RunStatus.load(tmp_path) is None
+    run_status = RunStatus("RUNNING", 12.5, 3)
+    run_status.save(tmp_path)
+    assert RunStatus.load(tmp_path) == run_status
+    assert run_status.ended_as == "KILLED"
+    assert RunStatus("FINISHED", 0.0, 1).ended_as == "FINISHED"
 
 
 @pytest.mark.parametrize(
@@ -109,7 +109,7 @@ def test_standing_round_trip(tmp_path: Path) -> None:
 def test_damaged_standing_is_told(content: str, tmp_path: Path) -> None:
     (tmp_path / "standing.json").write_text(content)
     with pytest.raises(InvalidInput, match=r"damaged|unknown status"):
-        Standing.load(tmp_path)
+        RunStatus.load(tmp_path)
 
 
 def test_an_end_is_written_once(tmp_path: Path) -> None:
@@ -129,7 +129,7 @@ def test_what_a_killed_process_was_writing_is_removed(tmp_path: Path) -> None:
 
 def test_begun_stays_the_same(tmp_path: Path) -> None:
     with locked_settings(tmp_path / "run", {"seed": 1}) as begun:
-        assert Begun.read(tmp_path / "run") == begun
+        assert RunIdentity.read(tmp_path / "run") == begun
 
 
 def test_a_stored_task_asks_gymnasium_for_nothing(tmp_path: Path) -> None:

@@ -11,7 +11,8 @@ from bilevel import InvalidInput
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.tasks import Task
 from cluster.bohb.study import Study
-from cluster.evaluate.view import EvaluationSettings, EvaluationViews
+from cluster.evaluate.run import EvaluationSettings
+from cluster.evaluate.view import EvaluationViews
 from cluster.nes.run import NESRun
 from cluster.services.background import services
 from cluster.storage.home import Home

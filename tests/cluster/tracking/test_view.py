@@ -8,8 +8,8 @@ from bilevel import InvalidInput
 from cluster.bohb.journal import Journal
 from cluster.bohb.study import configuration_name
 from cluster.catalog.kinds import views_of
-from cluster.nes.final import BEST_FILE
-from cluster.storage.run_folder import Begun, Standing
+from cluster.nes.selection import BEST_FILE
+from cluster.storage.run_folder import RunIdentity, RunStatus
 from tests.studies import make_study
 
 
@@ -20,7 +20,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_every_run_tells_who_began_it_and_how(folder: Path) -> None:
-    views, by = views_of(folder), Begun.read(folder).by
+    views, by = views_of(folder), RunIdentity.read(folder).author
     assert by is not None
     assert by.command
     assert {views.view(key).author for key in views.keys()} == {by}  # noqa: SIM118
@@ -39,7 +39,7 @@ def test_a_stopped_study_says_that_it_can_go_on(folder: Path) -> None:
     key = next(iter(views.keys()))
     assert "resumes" not in views.view(key).note
     assert "Begun by `" in views.view(key).note
-    Standing("KILLED", 0.0, 4).save(folder)
+    RunStatus("KILLED", 0.0, 4).save(folder)
     note = views.view(key).note
     assert note.startswith("**Stopped, and nothing is lost:** ")
     assert "the same command resumes it." in note

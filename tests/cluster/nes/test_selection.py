@@ -11,13 +11,13 @@ from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE
 from bilevel.tasks import Task
-from cluster.nes.final import (
+from cluster.nes.selection import (
     Contender,
     Round,
     agents_needed,
     choose_best,
+    evaluate_holdout,
     race,
-    score_anew,
 )
 from cluster.ray.pool import EvaluationPool
 from tests.conftest import ddqn
@@ -139,7 +139,7 @@ def test_the_final_score_has_seeds_of_its_own(cartpole: Task, small_hp: Hyperpar
     best = choose_best(cartpole, contenders(cartpole, small_hp, 2), (1,), pool)
     chosen_by = set(by_hand.seeds)
     by_hand.asked.clear()
-    score = score_anew(cartpole, best, 5, (1,), pool)
+    score = evaluate_holdout(cartpole, best, 5, (1,), pool)
     assert (score.scores == 60.0).all()
     assert (score.train_steps == 2000).all()
     assert len(by_hand.seeds) == 5
@@ -154,7 +154,7 @@ def test_agents_of_the_final_score_are_drawn_from_all_of_the_papers_ranges(
     hp = replace(small_hp, vary_agent="small", nes=replace(small_hp.nes, patient_episodes=99))
     (contender,) = contenders(cartpole, hp, 1)
     by_hand = ByHand((60.0, 2000))
-    score_anew(cartpole, contender, 40, (1,), cast(EvaluationPool, by_hand))
+    evaluate_holdout(cartpole, contender, 40, (1,), cast(EvaluationPool, by_hand))
     agents = [ddqn(replace(hp, agents=(request.agent,))) for request in by_hand.asked]
     assert {agent.max_episodes for agent in agents} == {ddqn(small_hp).max_episodes}
     assert {agent.early_out_difference for agent in agents} == {0.01}

@@ -1,4 +1,4 @@
-"""Home, MLflow and Ray cluster of one command."""
+"""The context of a run: its home, MLflow and Ray cluster."""
 
 import contextlib
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ from cluster.tracking.tracker import check_tracking_uri, mlflow_imported_meanwhi
 
 
 @dataclass(frozen=True)
-class Place:
+class RunContext:
     """Home, MLflow and Ray cluster; a resumed run may change all but the home."""
 
     home: Home
@@ -33,8 +33,8 @@ class Place:
     address: str | None = None  # of a Ray cluster to join; None: start a local one
 
     @contextlib.contextmanager
-    def entered(self, workers_per_trial: int = 1, trials: int = 1) -> Iterator["Driver"]:
-        """Within the block this process is a driver of the cluster; nothing is written.
+    def connected(self, workers_per_trial: int = 1, trials: int = 1) -> Iterator["Driver"]:
+        """Connect to Ray, and check MLflow, for the block; nothing is written.
 
         Raises InvalidInput for an invalid or unreachable MLflow or cluster, for a cluster that
         cannot place that many trials of so many one-core workers each, and for SQLite on several
@@ -57,12 +57,12 @@ class Place:
                 yield Driver(self, terminal, guard)
 
     def capacity(self) -> Capacity:
-        """What a run would find here; a cluster of its own is not started for that. Raises
-        InvalidInput as `entered` does."""
+        """Cores and nodes that a run could use; no local cluster is started to find out. Raises
+        InvalidInput as `connected` does."""
         if is_own(self.address):
             check_tracking_uri(self.tracking_uri)
             return Capacity.of_own()
-        with self.entered():
+        with self.connected():
             return Capacity.of_cluster()
 
 
@@ -70,7 +70,7 @@ class Place:
 class Driver:
     """This process as a driver of the cluster."""
 
-    place: Place
+    context: RunContext
     terminal: Terminal
     guard: InterruptGuard
 
@@ -81,8 +81,8 @@ class Driver:
         Raises InvalidInput if the home cannot be written, if another process holds the lock,
         or if the run was begun with other settings.
         """
-        home = self.place.home
+        home = self.context.home
         home.prepare()
-        tracker = Tracker(self.place.tracking_uri, task_id, home.artifacts)
-        with locked_settings(folder, settings) as begun:
-            yield Session(home, folder, begun, tracker, self.terminal, self.guard)
+        tracker = Tracker(self.context.tracking_uri, task_id, home.artifacts)
+        with locked_settings(folder, settings) as identity:
+            yield Session(home, folder, identity, tracker, self.terminal, self.guard)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from bilevel import InvalidInput
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
-from cluster.storage.lines import Lines
+from cluster.storage.jsonl_log import JsonlLog
 from tests.small_disk import on_small_disk, small_disks
 
 json_values = st.recursive(
@@ -41,16 +41,16 @@ def test_whole_lines_survive_a_cut(
 ) -> None:
     path = tmp_path_factory.mktemp("lines") / "file"
     for value in values:
-        Lines(path).append(value)
+        JsonlLog(path).append(value)
     content = path.read_bytes() if values else b""
     kept = content[: max(len(content) - cut, 0)]
     path.write_bytes(kept)
     whole = [json.loads(line) for line in kept.split(b"\n")[:-1]]
-    lines = Lines(path)
+    lines = JsonlLog(path)
     assert repr(lines.values) == repr(whole)
     assert path.read_bytes() == kept
     lines.append("next")
-    assert repr(Lines(path).values) == repr([*whole, "next"])
+    assert repr(JsonlLog(path).values) == repr([*whole, "next"])
 
 
 @given(data=st.data())
@@ -135,16 +135,16 @@ def test_a_full_disk_adds_nothing(tmp_path: Path) -> None:
     script = f"""{sys.executable} - <<'END'
 from pathlib import Path
 from bilevel.errors import StorageFailure
-from cluster.storage.lines import Lines
-lines = Lines(Path({str(disk)!r}) / "file")
+from cluster.storage.jsonl_log import JsonlLog
+lines = JsonlLog(Path({str(disk)!r}) / "file")
 lines.append("first")
 try:
     lines.append("x" * 100_000)
 except StorageFailure as failure:
     print(failure)
-assert Lines(lines.path).values == lines.values == ["first"]
+assert JsonlLog(lines.path).values == lines.values == ["first"]
 lines.append("second")
-assert Lines(lines.path).values == ["first", "second"]
+assert JsonlLog(lines.path).values == ["first", "second"]
 END"""
     result = on_small_disk(disk, "64k", script)
     assert result.returncode == 0, result.stderr

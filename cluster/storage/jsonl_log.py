@@ -18,7 +18,7 @@ from bilevel.errors import InvalidInput, StorageFailure
 _T = TypeVar("_T")
 
 
-class Lines:
+class JsonlLog:
     """A JSON lines file: `values` are those read at the start and those appended since.
 
     Raises InvalidInput for a complete line that is not JSON. Reading does not change the file,

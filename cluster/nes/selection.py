@@ -141,7 +141,7 @@ def choose_best(
     return tried[0][0]
 
 
-def score_anew(
+def evaluate_holdout(
     task: Task, contender: Contender, agents: int, seed: Seed, pool: EvaluationPool
 ) -> FinalScore:
     """Score the SE with `agents` fresh agents, whose seeds took part in no choice.
@@ -191,7 +191,7 @@ def _tested(
     )
 
 
-def hand_over(se: StoredSE, score: FinalScore, folder: Path, step: int) -> Path:
+def export_best(se: StoredSE, score: FinalScore, folder: Path, step: int) -> Path:
     """Save the SE with its final score in a run's folder; return the file's path.
 
     `step` is the number of generations, or of a study's results. Raises StorageFailure.

@@ -10,7 +10,7 @@ import ray
 
 from cluster.ray.connection import Capacity, sharing
 from cluster.ray.pool import EvaluationPool
-from cluster.session.place import Place
+from cluster.session.context import RunContext
 from cluster.storage.home import Home
 
 pytestmark = pytest.mark.timeout(120)
@@ -20,7 +20,7 @@ def test_termination_stops_it_as_ctrl_c_does(tmp_path: Path, address: str) -> No
     home = Home(tmp_path / "home")
 
     def terminated() -> None:
-        with Place(home, home.database_uri, address).entered():
+        with RunContext(home, home.database_uri, address).connected():
             with sharing():  # a second run
                 capacity = Capacity.of_cluster()
                 assert capacity.runs == 2
