@@ -25,6 +25,16 @@ class StorageFailure(InvalidInput):
         return cls(f"cannot write {str(path)!r}: {error.strerror or error}")
 
 
+class OtherVersion(InvalidInput):
+    """A version of this package with another format wrote a file."""
+
+    def __init__(self, what: str, written: object, known: int) -> None:
+        super().__init__(
+            f"{what} has format {written}, this version reads format {known}: resume with the "
+            "version that began it, or begin anew under another --name"
+        )
+
+
 def first_line(error: BaseException) -> str:
     """The first line of an error's message, or its type."""
     lines = str(error).strip().splitlines()

@@ -19,6 +19,7 @@ from bilevel.agents.checked import CheckedAgent
 from bilevel.agents.environments import GymnasiumEnvironment, KernelEnvironment
 from bilevel.agents.training import TrainingEnvironment, returns_converged, task_solved
 from bilevel.agents.training import train as train_in_python
+from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.kernels import training
 from bilevel.kernels.blas import one_blas_thread
@@ -98,7 +99,8 @@ def evaluate(
     """TrainAgent, then EvaluateAgent (paper, Algorithm 1).
 
     `se` is one SE, for requests on `Centre`, or a distribution that the request draws its SE from;
-    it may be None for training on the real task.
+    it may be None for training on the real task. Raises InvalidInput for a request that `se`
+    cannot serve.
     """
     started = time.perf_counter()
     outcome = train_and_test(task, requested_se(se, request.on), request.agent, request.seed)
@@ -107,13 +109,14 @@ def evaluate(
 
 
 def requested_se(se: SE | SEDistribution | None, on: TrainedOn) -> SE | None:
-    """The SE that a request asks for, None for the real task."""
+    """The SE that a request asks for, None for the real task. Raises InvalidInput if `se` does not
+    hold it."""
     if isinstance(on, RealTask):
         return None
-    if isinstance(se, SE):
-        assert isinstance(on, Centre)
+    if isinstance(se, SE) and isinstance(on, Centre):
         return se
-    assert se is not None
+    if not isinstance(se, SEDistribution):
+        raise InvalidInput(f"training on {on} needs a distribution of SEs; got {se!r:.40}")
     if isinstance(on, Perturbed):
         return se.perturbed(on.seed, on.sign)
     if isinstance(on, Initialized):

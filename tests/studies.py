@@ -9,6 +9,7 @@ import numpy as np
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import load_recipe
+from bilevel.nes.checkpoint import save_state
 from bilevel.tasks import get_task
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal
@@ -51,7 +52,7 @@ def run_job(study: Study, job: Job) -> float:
         state = nes.tell(state, [made_up(request) for request in nes.ask(state)])
         if state.generation > before:
             state = state.timed(0.5, 1, time.time())
-        state.save(run.folder / STATE_FILE)
+        save_state(state, run.folder / STATE_FILE)
     return state.objective
 
 

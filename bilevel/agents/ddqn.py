@@ -29,7 +29,7 @@ from bilevel.agents.replay import ReplayBuffer
 from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.networks import initial_parameters
 from bilevel.splitmix import SplitMix64
-from bilevel.synthetic_env.torch_module import activation_module
+from bilevel.torch_activations import activation_module
 
 
 class MLP(nn.Module):

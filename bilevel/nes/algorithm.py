@@ -11,36 +11,38 @@
 
 Beside the members some agents are trained on the unperturbed SE, whose scores are the run's
 learning curve: on theta itself, or, with `nes.averaging`, on a moving average of it. theta are
-the coordinates of psi (`bilevel.synthetic_env.coordinates`); in the paper they are psi itself. A
-run that does not get going begins again from other random SEs.
+the coordinates of psi (`bilevel.synthetic_env.coordinates`); in the paper they are psi itself.
 
-Every random number is derived from (run seed, purpose, attempt, generation, member), so a request
-is the same whoever asks for it, and nothing random needs to be stored.
+Two things are not in the paper. A run that does not get going begins again from other random SEs,
+and one that solves the task is confirmed by fresh agents before it ends (bilevel.nes.confirmation).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from bilevel.agents.variation import draw_agent
 from bilevel.errors import InvalidInput
-from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, Perturbed
-from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters, NESHyperparameters
+from bilevel.evaluation import EvaluationRequest, EvaluationResult
+from bilevel.hyperparameters import Hyperparameters
+from bilevel.nes.archive import Finalist, admitted
+from bilevel.nes.checkpoint import load_state
 from bilevel.nes.confirmation import Confirmation
-from bilevel.nes.records import Finalist
+from bilevel.nes.records import GenerationRecord
+from bilevel.nes.requests import Requests
 from bilevel.nes.rules import RULES, MemberScores, UpdateRule
 from bilevel.nes.start import StartRace
 from bilevel.nes.state import NESState
+from bilevel.nes.steps import StepControl
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import SEDistribution, coordinates
 from bilevel.tasks import Task
 from bilevel.version import __version__
 
-#: Numbers of failed confirmations that refine the steps, and the average (`nes.refinement`).
-FINEST_STEP, FINEST_AVERAGE = 5, 2
+#: Evaluates requests, in any order, on a distribution of SEs.
+EvaluateAll = Callable[[SEDistribution, list[EvaluationRequest]], Sequence[EvaluationResult]]
 
 
 @dataclass(frozen=True)
@@ -72,10 +74,31 @@ class NES:
         return RULES[self.hp.nes.update]
 
     @property
+    def requests(self) -> Requests:
+        """The evaluations of this run."""
+        return Requests(self.hp, self.seed)
+
+    @property
     def provenance(self) -> dict[str, Any]:
-        """What the files of the run's SEs tell of it."""
+        """Hyperparameters, seed and version, which the run's SE files hold."""
         hp = self.hp.to_dict()
         return {"hyperparameters": hp, "seed": self.seed, "bilevel_version": __version__}
+
+    # -- the loop ------------------------------------------------------------------
+
+    def run(
+        self,
+        evaluate_all: EvaluateAll,
+        on_generation: Callable[[GenerationRecord], None] = lambda record: None,
+    ) -> NESState:
+        """Run to the end; `on_generation` is called with the record of each generation."""
+        state = self.init()
+        while not state.finished:
+            generation = state.generation
+            state = self.tell(state, evaluate_all(state.se, self.ask(state)))
+            if state.generation > generation:
+                on_generation(state.records[-1])
+        return state
 
     # -- init ----------------------------------------------------------------------
 
@@ -108,15 +131,13 @@ class NES:
         return self._started(state, attempt=0)
 
     def load(self, path: Path) -> NESState:
-        """A state of this run that `NESState.save` wrote; a run that was out of generations goes
-        on if there are more now. Raises InvalidInput."""
-        return self._ended(NESState.load(path, self.task, self.hp.se, self.provenance))
+        """Read a checkpoint of this run (`bilevel.nes.checkpoint`); a run that was out of
+        generations goes on if there are more now. Raises InvalidInput."""
+        return self._ended(load_state(path, self.task, self.hp.se, self.provenance))
 
     def _started(self, state: NESState, attempt: int) -> NESState:
-        """The state with the candidates of an attempt, or, of one alone, at that."""
-        candidates = self.hp.nes.start_candidates
-        seeds = [derive(self.seed, Purpose.INITIAL, attempt, i) for i in range(candidates)]
-        race = StartRace.of(seeds)
+        """Begin an attempt: choose its start among random SEs, or take the only one."""
+        race = StartRace.of(self.requests.candidates(attempt))
         state = replace(
             state,
             attempt=attempt,
@@ -128,6 +149,7 @@ class NES:
         return self._at_winner(state)
 
     def _at_winner(self, state: NESState) -> NESState:
+        """The state at the chosen start, or unchanged while several candidates are left."""
         assert state.race is not None
         winner = state.race.winner
         if winner is None:
@@ -140,83 +162,12 @@ class NES:
 
     def ask(self, state: NESState) -> list[EvaluationRequest]:
         """The evaluations that come next: a round of the choice of a start or of a confirmation,
-        or a generation: agents on the unperturbed SE, n_p on theta + eps_i, and with mirrored
-        sampling n_p on theta - eps_i."""
+        or a generation."""
         if state.race is not None:
-            return self._ask_race(state, state.race)
+            return self.requests.start(state, state.race)
         if state.confirmation is not None:
-            return self._ask_confirmation(state, state.confirmation)
-        nes, when = self.hp.nes, (state.attempt, state.generation)
-        vary = self._variation(state)
-        requests = [
-            self._request(i, Purpose.CENTRE, (*when, i), i, Centre(), vary)
-            for i in range(nes.centre_agents)
-        ]
-        for sign in (1, -1) if nes.mirrored_sampling else (1,):
-            for member, seed in enumerate(self._perturbations(state)):
-                on = Perturbed(seed, sign)
-                own = () if nes.shared_agent else (member, int(sign > 0))
-                requests.append(
-                    self._request(
-                        len(requests), Purpose.MEMBER, (*when, *own), state.generation, on, vary
-                    )
-                )
-        return requests
-
-    def _perturbations(self, state: NESState) -> list[int]:
-        """Seeds of this generation's z, one a member."""
-        path = (Purpose.PERTURBATION, state.attempt, state.generation)
-        return [derive(self.seed, *path, i) for i in range(self.hp.nes.population_size)]
-
-    def _ask_race(self, state: NESState, race: StartRace) -> list[EvaluationRequest]:
-        paths = [(state.attempt, race.round, i) for i in range(race.agents)]
-        return race.requests(
-            [
-                (
-                    derive(self.seed, Purpose.START, *path),
-                    as_turn(
-                        self._agent(Purpose.START, path, self.hp.vary_agent), self.hp.nes, path[-1]
-                    ),
-                )
-                for path in paths
-            ]
-        )
-
-    def _ask_confirmation(
-        self, state: NESState, confirmation: Confirmation
-    ) -> list[EvaluationRequest]:
-        paths = [(state.generation, number) for number in confirmation.coming]
-        vary = "no" if self.hp.vary_agent == "no" else "narrowed"
-        return [
-            EvaluationRequest(
-                index,
-                derive(self.seed, Purpose.CONFIRM, *path),
-                self._agent(Purpose.CONFIRM, path, vary),
-            )
-            for index, path in enumerate(paths)
-        ]
-
-    def _variation(self, state: NESState) -> str:
-        """How a generation draws its agents. Small ones are the quickest to learn an SE for; once a
-        confirmation has failed, they have little left to tell, and narrowed ones go on."""
-        vary = self.hp.vary_agent
-        return "narrowed" if vary == "small" and state.refuted else vary
-
-    def _request(
-        self,
-        index: int,
-        purpose: Purpose,
-        path: tuple[int, ...],
-        turn: int,
-        on: Centre | Perturbed,
-        vary: str,
-    ) -> EvaluationRequest:
-        agent = as_turn(self._agent(purpose, path, vary), self.hp.nes, turn)
-        return EvaluationRequest(index, derive(self.seed, purpose, *path), agent, on)
-
-    def _agent(self, purpose: Purpose, path: tuple[int, ...], vary: str) -> AgentHyperparameters:
-        seed = derive(self.seed, Purpose.AGENT, int(purpose), *path)
-        return draw_agent(self.hp.agents, vary, seed)
+            return self.requests.confirmation(state, state.confirmation)
+        return self.requests.generation(state)
 
     # -- tell ----------------------------------------------------------------------
 
@@ -229,22 +180,22 @@ class NES:
         if state.race is not None:
             return self._at_winner(replace(state, race=state.race.after(ordered)))
         if state.confirmation is not None:
-            scores_of_fresh = [result.score for result in ordered]
-            return self._judged(state, state.confirmation.after(scores_of_fresh))
-        nes, se = self.hp.nes, state.se
+            scores = [result.score for result in ordered]
+            return self._judged(state, state.confirmation.after(scores))
+        return self._evolved(state, ordered)
+
+    def _evolved(self, state: NESState, ordered: Sequence[EvaluationResult]) -> NESState:
+        """The state after a generation."""
+        nes, se, control = self.hp.nes, state.se, StepControl(self.hp.nes, state.refuted)
+        z = np.stack([se.noise(seed) for seed in self.requests.perturbations(state)])
         scores = self._member_scores(ordered)
-        z = np.stack([se.noise(seed) for seed in self._perturbations(state)])
-        finer, slower = (
-            nes.refinement ** min(state.refuted, most) for most in (FINEST_STEP, FINEST_AVERAGE)
-        )
-        step = np.float32(finer) * self.rule.step(nes, se.std_dev, z, scores)
+        step = control.refined(self.rule.step(nes, se.std_dev, z, scores))
         record = state.record_of(ordered, nes.centre_agents, step)
-        generation = state.generation + 1
         state = replace(
             state,
-            se=se.moved(step, 1 - slower * (1 - nes.averaging)),
-            generation=generation,
-            finalists=state.with_finalist(Finalist.of(se.average, record)),
+            se=se.moved(step, control.averaging),
+            generation=state.generation + 1,
+            finalists=admitted(state.finalists, Finalist.of(se.average, record)),
             records=(*state.records, record),
         )
         if state.solved_for_long(nes):
@@ -286,13 +237,3 @@ class NES:
         if len(attempt) - 1 - int(np.argmax(attempt)) < limit:
             return state
         return self._started(state, state.attempt + 1)
-
-
-def as_turn(
-    agent: AgentHyperparameters, nes: NESHyperparameters, turn: int
-) -> AgentHyperparameters:
-    """The agent as it trains in a turn of that number: in odd ones patiently, whatever its
-    returns, if `nes` has patient agents."""
-    if not nes.patient_episodes or turn % 2 == 0:
-        return agent
-    return replace(agent, max_episodes=nes.patient_episodes, early_out_difference=0.0)

@@ -6,11 +6,11 @@ from contextlib import AbstractContextManager, nullcontext
 from functools import partial
 
 from bilevel.errors import InvalidInput
-from bilevel.evaluation import evaluate
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.hyperparameters import Hyperparameters, load_recipe
 from bilevel.nes.algorithm import NES
 from bilevel.nes.records import GenerationRecord
-from bilevel.synthetic_env import StoredSE
+from bilevel.synthetic_env import SEDistribution, StoredSE
 from bilevel.tasks import Task, get_task
 
 
@@ -21,7 +21,7 @@ def learn(
     seed: int = 0,
     workers: int = 1,
     executor: Executor | None = None,
-    on_generation: Callable[[GenerationRecord], None] | None = None,
+    on_generation: Callable[[GenerationRecord], None] = lambda record: None,
 ) -> StoredSE:
     """Learn an SE for a task by NES, and return the best one.
 
@@ -38,15 +38,14 @@ def learn(
     hp = load_recipe(recipe, task.id) if isinstance(recipe, str) else recipe
     nes = NES(task, hp, seed)
     with _executor(workers, executor) as running:
-        evaluate_all = map if running is None else running.map
-        state = nes.init()
-        while not state.finished:
-            requests = nes.ask(state)
-            results = list(evaluate_all(partial(evaluate, task, state.se), requests))
-            before, state = state.generation, nes.tell(state, results)
-            if on_generation is not None and state.generation > before:
-                on_generation(state.records[-1])
-    return state.best
+        mapped = map if running is None else running.map
+
+        def evaluate_all(
+            ses: SEDistribution, requests: list[EvaluationRequest]
+        ) -> list[EvaluationResult]:
+            return list(mapped(partial(evaluate, task, ses), requests))
+
+        return nes.run(evaluate_all, on_generation).best
 
 
 def _executor(workers: int, given: Executor | None) -> AbstractContextManager[Executor | None]:

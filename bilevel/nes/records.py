@@ -1,9 +1,7 @@
-"""Records of generations, and the best SEs of a run."""
+"""Records of generations."""
 
 from dataclasses import dataclass, replace
 from typing import Self
-
-from bilevel.synthetic_env.coordinates import Theta
 
 
 @dataclass(frozen=True)
@@ -40,27 +38,3 @@ class GenerationRecord:
         time `finished`."""
         used = self.evaluation_seconds / max(seconds * cores, 1e-9)
         return replace(self, generation_seconds=seconds, core_utilisation=used, finished=finished)
-
-
-#: Number of best SEs that a run keeps.
-FINALISTS = 4
-
-
-@dataclass(frozen=True)
-class Finalist:
-    """One of the best SEs of a run, with its scores in its generation."""
-
-    theta: Theta  # (D,)
-    generation: int
-    score_mean: float
-    perturbed_score_mean: float
-
-    @classmethod
-    def of(cls, theta: Theta, record: GenerationRecord) -> Self:
-        """The unperturbed SE of a generation."""
-        return cls(theta, record.generation, record.score_mean, record.perturbed_score_mean)
-
-    @property
-    def rank(self) -> tuple[float, float]:
-        """Sort key, higher is better; ties go to the SE whose perturbations score higher."""
-        return self.score_mean, self.perturbed_score_mean

@@ -2,22 +2,22 @@
 
 The tensors have torch's names (`reward.0.weight`: network, layer, kind); the header holds task,
 architecture, what else a reader must know, hyperparameters, scores and versions (docs/se-files.md).
-Reading a file executes no code and checks
-names, shapes, types, ranges and a checksum.
+Reading a file executes no code, and checks names, shapes, types, ranges and a checksum.
 """
 
 import json
-import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import safetensors.numpy
 from numpy.typing import NDArray
+from pydantic import Field, FiniteFloat
 from safetensors import SafetensorError, safe_open
 
+from bilevel.decode import decode, decode_json
 from bilevel.durable import checksum, write_aside
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
@@ -28,15 +28,11 @@ from bilevel.tasks import MAX_STEP_LIMIT, Task, get_task
 #: The done output above which an episode ends.
 DONE = 0.5
 
-#: Exceptions that an invalid header may cause.
-_DAMAGE = (AttributeError, KeyError, TypeError, ValueError, OverflowError, RecursionError)
-
 #: Maximum numbers of state dimensions and actions in a file.
 MAX_SPACE = 65536
 
 FORMAT = "bilevel-synthetic-environment"
-#: Version 1, which stored the step limit as a share of the task's and a scale of rewards, is still
-#: read.
+#: Version 1 is still read.
 FORMAT_VERSION = 2
 
 
@@ -128,49 +124,71 @@ def load_se(path: Path | str) -> StoredSE:
     if "se" not in metadata:
         raise InvalidInput(f"{str(path)!r} holds tensors of something else than an SE")
     try:
-        header = json.loads(metadata["se"])
-        given = header.pop("sha256", None)  # files of other tools have none
-        if header["format"] != FORMAT or header["version"] not in (1, FORMAT_VERSION):
-            raise ValueError(f"format {header['format']!r}, version {header['version']!r}")
-        step_limit, solved_reward = int(header["step_limit"]), float(header["solved_reward"])
-        if not (1 <= step_limit <= MAX_STEP_LIMIT and math.isfinite(solved_reward)):
-            raise ValueError(f"step limit {step_limit}, solved reward {solved_reward}")
-        architecture = _architecture(dict(header["architecture"]), header["version"], step_limit)
+        told = decode_json(dict[str, Any], metadata["se"], "header")
+        given = told.pop("sha256", None)  # files of other tools have none
+        header = decode(_Header, told, "header")
+        architecture = header.architecture.checked(header.step_limit)
         psi = _flat(architecture, tensors)
-        expected = checksum(json.dumps(header).encode(), psi.tobytes())
+        expected = checksum(json.dumps(told).encode(), psi.tobytes())
         if given not in (None, expected):
-            raise ValueError("its checksum is wrong")
-        return StoredSE(
-            SE(architecture, psi),
-            str(header["task"]),
-            step_limit,
-            solved_reward,
-            dict(header["info"]),
-        )
-    except _DAMAGE as error:
-        reason = str(error) or type(error).__name__
-        raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {reason}") from None
-
-
-def _architecture(sizes: dict[str, Any], version: int, task_limit: int) -> Architecture:
-    """The validated architecture of a header. Raises one of `_DAMAGE`."""
-    if version == 1:
-        share = float(sizes.pop("step_limit_share", 1.0))
-        sizes.pop("reward_scale", None)
-        sizes["step_limit"] = max(1, round(share * task_limit))
-    SEHyperparameters(
-        structure="plain",
-        hidden_layers=sizes["hidden_layers"],
-        hidden_size=sizes["hidden_size"],
-        activation=sizes["activation"],
-        step_limit=sizes["step_limit"],
+            raise InvalidInput("its checksum is wrong")
+    except InvalidInput as error:
+        raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {error}") from None
+    return StoredSE(
+        SE(architecture, psi), header.task, header.step_limit, header.solved_reward, header.info
     )
-    for name in ("state_size", "n_actions", "step_limit"):
-        if type(sizes[name]) is not int or not 1 <= sizes[name] <= MAX_STEP_LIMIT:
-            raise ValueError(f"{name} {sizes[name]!r}")
-    if max(sizes["state_size"], sizes["n_actions"]) > MAX_SPACE:
-        raise ValueError(f"{sizes['state_size']} states, {sizes['n_actions']} actions")
-    return Architecture(**sizes)
+
+
+_StepLimit = Annotated[int, Field(ge=1, le=MAX_STEP_LIMIT)]
+_Size = Annotated[int, Field(ge=1, le=MAX_SPACE)]
+
+
+@dataclass(frozen=True)
+class _Sizes:
+    """The architecture as a header holds it."""
+
+    state_size: _Size
+    n_actions: _Size
+    hidden_layers: int
+    hidden_size: int
+    activation: Literal["tanh", "relu", "lrelu", "prelu"]
+    step_limit: _StepLimit | None = None
+    # Fields of version 1: the step limit as a share of the task's, and a scale of rewards.
+    step_limit_share: Annotated[float, Field(gt=0, le=1)] = 1.0
+    reward_scale: FiniteFloat = 1.0
+
+    def checked(self, task_limit: int) -> Architecture:
+        """The architecture of an SE of a task with that step limit. Raises InvalidInput."""
+        limit = self.step_limit or max(1, round(self.step_limit_share * task_limit))
+        SEHyperparameters(
+            structure="plain",
+            hidden_layers=self.hidden_layers,
+            hidden_size=self.hidden_size,
+            activation=self.activation,
+            step_limit=limit,
+        )
+        return Architecture(
+            self.state_size,
+            self.n_actions,
+            self.hidden_layers,
+            self.hidden_size,
+            self.activation,
+            limit,
+        )
+
+
+@dataclass(frozen=True)
+class _Header:
+    """The header of an SE file."""
+
+    format: Literal["bilevel-synthetic-environment"]
+    version: Literal[1, 2]
+    task: str
+    step_limit: _StepLimit
+    solved_reward: FiniteFloat
+    architecture: _Sizes
+    info: dict[str, Any]
+    reading: dict[str, Any] = field(default_factory=dict)
 
 
 def _tensors(
@@ -189,10 +207,10 @@ def _flat(architecture: Architecture, tensors: Mapping[str, NDArray[Any]]) -> ND
     psi = np.zeros(architecture.parameter_count, np.float32)
     views = _tensors(architecture, psi)
     if tensors.keys() != views.keys():
-        raise ValueError(f"tensors {sorted(tensors.keys() ^ views.keys())[:3]} do not fit")
+        raise InvalidInput(f"tensors {sorted(tensors.keys() ^ views.keys())[:3]} do not fit")
     for name, view in views.items():
         tensor = tensors[name]
         if tensor.dtype != np.float32 or tensor.shape != view.shape:
-            raise ValueError(f"tensor {name} is {tensor.dtype}{list(tensor.shape)}")
+            raise InvalidInput(f"tensor {name} is {tensor.dtype}{list(tensor.shape)}")
         view[...] = tensor
     return psi

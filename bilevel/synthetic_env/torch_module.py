@@ -5,17 +5,7 @@ from torch import Tensor, nn
 
 from bilevel.synthetic_env.architecture import NETWORKS, Architecture
 from bilevel.synthetic_env.storage import StoredSE
-
-
-def activation_module(name: str) -> nn.Module:
-    """A new torch module for the activation `name`."""
-    modules: dict[str, type[nn.Module]] = {
-        "tanh": nn.Tanh,
-        "relu": nn.ReLU,
-        "lrelu": nn.LeakyReLU,
-        "prelu": nn.PReLU,
-    }
-    return modules[name]()
+from bilevel.torch_activations import activation_module
 
 
 class SEModule(nn.Module):

@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 from rich.table import Table
 
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, OtherVersion
 from cluster.catalog.kinds import KINDS, kind_of
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus, finals, is_held
@@ -25,7 +25,7 @@ class Line:
     task: str
     name: str
     kind: str
-    state: str  # running, finished, stopped, killed, failed, damaged
+    state: str  # running, finished, stopped, killed, failed, damaged; old: of another format
     progress: str
     best: str  # best objective (study) or score (NES run) so far
     final: str  # mean score of fresh agents on the best SE
@@ -63,6 +63,8 @@ def _line(folder: Path) -> Line:
         progress = KINDS[kind].progress(folder, target)
         scores = [end.metrics.get("final_score_mean") for end in finals(folder)]
         final = f"{scores[-1]:.1f}" if scores and scores[-1] is not None else ""
+    except OtherVersion as error:
+        return Line(task, name, "", "old", str(error), "", "")
     except (InvalidInput, OSError) as error:
         return Line(task, name, "", "damaged", str(error), "", "")
     return Line(task, name, kind, state, progress.done, progress.best, final)

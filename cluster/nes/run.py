@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any, Self
 
 from bilevel.decode import decode
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, OtherVersion
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import Hyperparameters, NESHyperparameters, StoredHyperparameters
 from bilevel.nes import NES, NESState
+from bilevel.nes.checkpoint import save_state
 from bilevel.tasks import Task
 from cluster.ray.pool import EvaluationPool
 from cluster.storage.run_folder import RunStatus, Settings, read_settings
@@ -32,11 +33,11 @@ def start_of(nes: NESHyperparameters) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class NESSettings(Settings, StoredHyperparameters):
-    """What `settings.json` holds of an NES run: hyperparameters without `nes.generations`."""
+    """The settings of an NES run: its hyperparameters without `nes.generations`."""
 
     @classmethod
     def read(cls, folder: Path) -> Self:
-        """Of the run in a folder. Raises InvalidInput."""
+        """Read the settings of the run in a folder. Raises InvalidInput."""
         return decode(cls, read_settings(folder), f"{str(folder)!r} holds no NES run")
 
 
@@ -93,12 +94,14 @@ class NESRun:
     def open(self, tell: Callable[[str], None] = lambda line: None) -> NESState:
         """The state on disk, or a new one.
 
-        A damaged checkpoint is set aside, which is told, and the run begins anew:
-        it comes to the same state again.
+        A damaged checkpoint is set aside, with a message, and the run begins anew: it comes to
+        the same state again. Raises OtherVersion for a checkpoint of another version.
         """
         state = None
         try:
             state = self.load()
+        except OtherVersion:
+            raise
         except InvalidInput as error:
             path = self.folder / STATE_FILE
             aside = path.with_suffix(".damaged")
@@ -106,7 +109,7 @@ class NESRun:
             tell(f"{error}; it is now {aside.name!r}, and its generations are run again")
         if state is None:
             state = self.nes.init()
-            state.save(self.folder / STATE_FILE)
+            save_state(state, self.folder / STATE_FILE)
         return state
 
     def advance(
@@ -123,7 +126,7 @@ class NESRun:
         state = nes.tell(state, results)
         if state.generation > before:
             state = state.timed(time.perf_counter() - started, pool.size, time.time())
-        state.save(self.folder / STATE_FILE)
+        save_state(state, self.folder / STATE_FILE)
         return state
 
     def reach(

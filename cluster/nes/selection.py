@@ -10,11 +10,10 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import EvaluationRequest
-from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
-from bilevel.nes.algorithm import as_turn
-from bilevel.seeds import Purpose, derive
+from bilevel.hyperparameters import Hyperparameters
+from bilevel.nes.requests import Trial, as_turn, fresh_agent
+from bilevel.seeds import Purpose
 from bilevel.synthetic_env import StoredSE, save_se
 from bilevel.tasks import Task
 from cluster.ray.pool import EvaluationPool
@@ -156,31 +155,26 @@ def evaluate_holdout(
     return _tested(task, contender.se, drawn, pool)
 
 
-#: An agent's hyperparameters, and the seed of its evaluation.
-Drawn = tuple[AgentHyperparameters, int]
-
-
 def _agents(
     hp: Hyperparameters, vary: str, numbers: range, purpose: Purpose, seed: Seed
-) -> list[Drawn]:
+) -> list[Trial]:
     """The fresh agents with these numbers; if NES has patient agents, every second one is."""
     root, *when = seed
     drawn = []
     for number in numbers:
-        chosen_by = derive(root, Purpose.AGENT, int(purpose), *when, number)
-        agent = as_turn(draw_agent(hp.agents, vary, chosen_by), hp.nes, number)
-        drawn.append((agent, derive(root, purpose, *when, number)))
+        word, agent = fresh_agent(hp.agents, vary, root, purpose, *when, number)
+        drawn.append((word, as_turn(agent, hp.nes, number)))
     return drawn
 
 
 def _tested(
     task: Task,
     se: StoredSE,
-    agents: Sequence[Drawn],
+    agents: Sequence[Trial],
     pool: EvaluationPool,
     on_test: Callable[[], None] = lambda: None,
 ) -> FinalScore:
-    requests = [EvaluationRequest(i, seed, agent) for i, (agent, seed) in enumerate(agents)]
+    requests = [EvaluationRequest(i, *trial) for i, trial in enumerate(agents)]
     results = pool.run(task, se.se, requests, lambda result: on_test())
     results = sorted(results, key=lambda result: result.index)
     return FinalScore(

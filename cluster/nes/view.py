@@ -8,6 +8,7 @@ import numpy as np
 
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.nes import NESState
+from bilevel.nes.checkpoint import load_state
 from bilevel.synthetic_env import se_bytes
 from cluster.nes import pictures
 from cluster.nes.run import STATE_FILE, NESRun, NESSettings, start_of
@@ -142,6 +143,6 @@ def nes_progress(folder: Path, generations: int) -> Progress:
     if not path.exists():
         return Progress(f"0/{generations} generations")
     settings = NESSettings.read(folder)
-    state = NESState.load(path, settings.task, SEHyperparameters(**settings.se))
+    state = load_state(path, settings.task, SEHyperparameters(**settings.se))
     best = f"{state.best_score:.1f}" if state.records else ""
     return Progress(f"{state.generation}/{generations} generations", best)

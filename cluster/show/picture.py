@@ -94,4 +94,4 @@ def _episodes(axes: Axes, portrait: Portrait, episodes: list[Episode]) -> None:
         axes.plot(path[:, i], path[:, j], color=GREY, lw=0.6, alpha=0.6)
         colours = [_colour(action) for action in episode.actions]
         axes.scatter(path[:-1, i], path[:-1, j], c=colours, s=6, zorder=3)
-        axes.scatter(*path[0, [i, j]], marker="o", s=30, fc="none", ec="black", zorder=4)
+        axes.scatter(path[0, i], path[0, j], marker="o", s=30, fc="none", ec="black", zorder=4)

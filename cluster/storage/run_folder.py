@@ -20,8 +20,9 @@ from pydantic import Field, FiniteFloat, NonNegativeInt, PlainValidator
 
 from bilevel.decode import decode, decode_file
 from bilevel.durable import write_aside
-from bilevel.errors import InvalidInput, StorageFailure
+from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
 from bilevel.tasks import Task
+from bilevel.version import RUN_FORMAT
 from cluster.storage.author import Author
 from cluster.storage.jsonl_log import JsonlLog
 
@@ -111,7 +112,8 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdent
     with held(folder):
         if not path.exists():
             by = asdict(Author.of_this_process())
-            identified = {"identity": uuid.uuid4().hex, "begun": time.time(), "by": by, **settings}
+            identity = {"identity": uuid.uuid4().hex, "begun": time.time(), "by": by}
+            identified = {**identity, "format": RUN_FORMAT, **settings}
             write_aside(path, json.dumps(identified, indent=2).encode())
         before = read_settings(folder)
         now = json.loads(json.dumps(settings))
@@ -170,12 +172,15 @@ def is_held(folder: Path) -> bool:
 
 
 def read_settings(folder: Path) -> dict[str, Any]:
-    """Read a run's settings. Raises InvalidInput if they are missing or damaged."""
+    """Read a run's settings. Raises InvalidInput if they are missing or damaged, OtherVersion if
+    they have another format."""
     path, damaged = folder / "settings.json", "damaged settings"
     if not path.exists():
         raise InvalidInput(f"no run in {str(folder)!r}")
     settings = decode_file(dict[str, Any], path, damaged)
     RunIdentity.of(settings, f"{damaged} {str(path)!r}")
+    if (written := settings.get("format", 1)) != RUN_FORMAT:
+        raise OtherVersion(f"{folder.name!r}", written, RUN_FORMAT)
     return settings
 
 
@@ -197,6 +202,7 @@ class Settings:
     identity: str
     begun: float  # unix time, seconds
     by: Author | None = None
+    format: int
     kind: str
     task: Annotated[Task, PlainValidator(stored_task)]
     seed: NonNegativeInt

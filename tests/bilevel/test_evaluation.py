@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bilevel.errors import InvalidInput
 from bilevel.evaluation import (
     Centre,
     EvaluationRequest,
@@ -63,6 +64,9 @@ def test_what_a_request_asks_for(cartpole: Task, small_hp: Hyperparameters) -> N
     assert one.digest == same.digest != other.digest
     assert requested_se(ses, RealTask()) is None
     assert requested_se(centre, Centre()) is centre
+    for se in (None, centre):
+        with pytest.raises(InvalidInput, match="training on Initialized"):
+            requested_se(se, Initialized(1))
 
 
 def test_steps_on_the_real_task_are_counted(cartpole: Task, small_hp: Hyperparameters) -> None:

@@ -16,6 +16,7 @@ import mlflow
 import pytest
 
 from bilevel import InvalidInput
+from bilevel.nes.checkpoint import save_state
 from cluster.bohb.journal import Journal
 from cluster.bohb.study import Study
 from cluster.bohb.view import StudyViews
@@ -176,7 +177,7 @@ def test_a_configuration_that_was_run_again_replaces_what_mlflow_has(
     state = Study.read(folder).run(line.id, line.configuration).load()
     assert state is not None
     later = tuple(replace(r, finished=r.finished + 9, generation_seconds=7) for r in state.records)
-    replace(state, records=later).save(path)
+    save_state(replace(state, records=later), path)
     assert disagreements(folder, home.database_uri) != []
     sync(folder, home, home.database_uri, Terminal())
     assert disagreements(folder, home.database_uri) == []

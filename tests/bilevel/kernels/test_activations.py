@@ -4,7 +4,7 @@ import torch
 
 from bilevel.activations import CODES, TANH
 from bilevel.kernels.activations import activate, activate_rows, activate_rows_backward
-from bilevel.synthetic_env.torch_module import activation_module
+from bilevel.torch_activations import activation_module
 
 SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": 0.01, "prelu": 0.25}
 

@@ -11,7 +11,7 @@ from bilevel.kernels import ddqn
 from bilevel.kernels.offline import fit, learn_offline, regression
 from bilevel.networks import initial_parameters, network
 from bilevel.splitmix import SplitMix64
-from bilevel.synthetic_env.torch_module import activation_module
+from bilevel.torch_activations import activation_module
 
 
 @pytest.mark.parametrize("activation", ["tanh", "relu", "lrelu", "prelu"])

@@ -12,10 +12,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bilevel import InvalidInput
+from bilevel.errors import OtherVersion
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import Hyperparameters, SEHyperparameters, load_recipe
 from bilevel.nes import NES, NESState
-from bilevel.nes.state import _checksum
+from bilevel.nes.checkpoint import _checksum, load_state, save_state
 from bilevel.tasks import Task, get_task
 
 CARTPOLE = get_task("CartPole-v0")
@@ -55,7 +56,7 @@ def saved(default: NES, tmp_path_factory: pytest.TempPathFactory) -> bytes:
     while not state.records:
         state = after(default, state)
     path = tmp_path_factory.mktemp("saved") / "state"
-    state.save(path)
+    save_state(state, path)
     return path.read_bytes()
 
 
@@ -69,7 +70,7 @@ def test_a_loaded_run_goes_on_as_the_other_would(steps: int, default: NES, tmp_p
     state = default.init()
     for _ in range(steps):
         state = after(default, state)
-    state.save(tmp_path / "state")
+    save_state(state, tmp_path / "state")
     loaded = load(tmp_path / "state", default)
     assert default.ask(loaded) == default.ask(state)
     assert (loaded.race, loaded.records) == (state.race, state.records)
@@ -89,13 +90,13 @@ def test_a_confirmation_under_way_is_kept_and_more_generations_go_on(
     nes = NES(cartpole, replace(small_hp, nes=few), seed=4)
     state = nes.tell(nes.init(), [answer(r, 200.0) for r in nes.ask(nes.init())])
     state = nes.tell(state, [answer(r, 200.0) for r in nes.ask(state)])
-    state.save(tmp_path / "state")
+    save_state(state, tmp_path / "state")
     loaded = nes.load(tmp_path / "state")
     assert nes.ask(loaded) == nes.ask(state)
     assert loaded.confirmation == state.confirmation
     over = nes.tell(loaded, [answer(r, 1.0) for r in nes.ask(loaded)])
     assert over.refuted == 1
-    over.save(tmp_path / "state")
+    save_state(over, tmp_path / "state")
     more = NES(cartpole, replace(small_hp, nes=replace(few, generations=2)), seed=4)
     assert nes.load(tmp_path / "state").finished
     assert not more.load(tmp_path / "state").finished
@@ -108,11 +109,22 @@ def test_damage_is_told(content: bytes, tmp_path: Path, nes: NES) -> None:
         load(tmp_path / "state", nes)
 
 
+def test_a_checkpoint_of_another_format_is_refused(
+    default: NES, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is not damaged, and to begin anew would hide that the run is another one now."""
+    monkeypatch.setattr("bilevel.nes.checkpoint.RUN_FORMAT", 1)
+    save_state(default.init(), tmp_path / "state")
+    monkeypatch.undo()
+    with pytest.raises(OtherVersion, match="has format 1, this version reads format"):
+        load(tmp_path / "state", default)
+
+
 def test_a_checkpoint_of_other_ses_is_refused(saved: bytes, default: NES, tmp_path: Path) -> None:
     (tmp_path / "state").write_bytes(saved)
     other: SEHyperparameters = replace(default.hp.se, hidden_size=9)
     with pytest.raises(InvalidInput, match="parts do not fit together"):
-        NESState.load(tmp_path / "state", default.task, other)
+        load_state(tmp_path / "state", default.task, other)
 
 
 @given(data=st.data())

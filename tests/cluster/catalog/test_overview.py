@@ -1,4 +1,5 @@
 import io
+import json
 from pathlib import Path
 
 import pytest
@@ -49,6 +50,16 @@ def test_a_damaged_study_is_listed_as_such(home: Home) -> None:
     (line,) = overview(home)
     assert line.state == "damaged"
     assert "results.json', line 1" in line.progress
+
+
+def test_a_study_of_another_format_is_listed_as_such(home: Home) -> None:
+    folder = home.run_folder("CartPole-v0", "ancient")
+    make_study(folder)
+    settings = json.loads((folder / "settings.json").read_text())
+    (folder / "settings.json").write_text(json.dumps({**settings, "format": 1}))
+    (line,) = overview(home)
+    assert line.state == "old"
+    assert "'ancient' has format 1" in line.progress
 
 
 def test_table(home: Home, capsys: pytest.CaptureFixture[str]) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import pytest
 
 from bilevel import InvalidInput
+from bilevel.errors import OtherVersion
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.tasks import Task
 from cluster.bohb.study import Study
@@ -43,6 +44,21 @@ def test_of_an_nes_run(cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
         ({"colour": "red"}, "holds no NES run: unknown 'colour'"),
     ):
         refused(NESRun.read, tmp_path, settings, told)
+
+
+def test_of_another_format(cartpole: Task, small_hp: Hyperparameters, tmp_path: Path) -> None:
+    """What an incompatible version began is neither resumed nor taken for damaged."""
+    run = NESRun(cartpole, small_hp, 3, tmp_path)
+    with locked_settings(tmp_path, run.settings()):
+        pass
+    told = "has format 1, this version reads format [0-9]+: resume with the version that began it"
+    refused(NESRun.read, tmp_path, {"format": 1}, told)
+    path = tmp_path / "settings.json"
+    settings = json.loads(path.read_text())
+    del settings["format"]  # as before there were formats
+    path.write_text(json.dumps(settings))
+    with pytest.raises(OtherVersion, match=told), locked_settings(tmp_path, run.settings()):
+        pass
 
 
 def test_of_a_study(tmp_path: Path) -> None:

@@ -1,0 +1,140 @@
+"""Checkpoints of NES runs: one safetensors file with a JSON header."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
+from typing import Any
+
+import safetensors.numpy
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+
+from bilevel.decode import decode, decode_json
+from bilevel.durable import checksum, write_aside
+from bilevel.errors import InvalidInput, OtherVersion
+from bilevel.hyperparameters import SEHyperparameters
+from bilevel.nes.archive import Finalist
+from bilevel.nes.confirmation import Confirmation
+from bilevel.nes.records import GenerationRecord
+from bilevel.nes.start import StartRace
+from bilevel.nes.state import NESState
+from bilevel.synthetic_env import SEDistribution, coordinates
+from bilevel.tasks import ObservationScale, Task
+from bilevel.version import RUN_FORMAT
+
+#: The tensors of a checkpoint, besides those of the finalists.
+_TENSORS = ("theta", "std_dev", "average", "observation_mean", "observation_deviation")
+
+
+def save_state(state: NESState, path: Path) -> None:
+    """Write a checkpoint durably. Raises StorageFailure."""
+    header: dict[str, Any] = {
+        "format": RUN_FORMAT,
+        "generation": state.generation,
+        "attempt": state.attempt,
+        "attempt_began": state.attempt_began,
+        "race": None if state.race is None else asdict(state.race),
+        "judged": state.judged,
+        "confirmation": None if state.confirmation is None else asdict(state.confirmation),
+        "confirmed": state.confirmed,
+        "refuted": state.refuted,
+        "real_env_steps": state.real_env_steps,
+        "scale_steps": state.scale.real_env_steps,
+        "finished": state.finished,
+        "finalists": [
+            {f.name: getattr(finalist, f.name) for f in fields(Finalist) if f.name != "theta"}
+            for finalist in state.finalists
+        ],
+        "records": [asdict(record) for record in state.records],
+    }
+    tensors = {
+        "theta": state.se.mean,
+        "std_dev": state.se.std_dev,
+        "average": state.se.average,
+        "observation_mean": state.scale.mean,
+        "observation_deviation": state.scale.deviation,
+    }
+    tensors |= {f"finalist_{i}": f.theta for i, f in enumerate(state.finalists)}
+    header["sha256"] = _checksum(json.dumps(header), tensors)
+    # One entry: safetensors writes several in any order.
+    write_aside(path, safetensors.numpy.save(tensors, {"nes": json.dumps(header)}))
+
+
+def load_state(
+    path: Path, task: Task, hp: SEHyperparameters, provenance: Mapping[str, Any] | None = None
+) -> NESState:
+    """Read a checkpoint of a run on `task` with such SEs (see also `NES.load`).
+
+    Raises InvalidInput for a damaged file, and OtherVersion for one of another format.
+    """
+    try:
+        with safetensors.safe_open(path, framework="numpy") as file:
+            metadata = file.metadata() or {}
+            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        told = decode_json(dict[str, Any], metadata.get("nes", ""), "header")
+        if told.pop("sha256", None) != _checksum(json.dumps(told), tensors):
+            raise InvalidInput("its checksum is wrong")
+        if (written := told.pop("format", 1)) != RUN_FORMAT:
+            raise OtherVersion(f"checkpoint {str(path)!r}", written, RUN_FORMAT)
+        header = decode(_Header, told, "header")
+        finalists = [f"finalist_{i}" for i in range(len(header.finalists))]
+        if tensors.keys() != {*_TENSORS, *finalists}:
+            raise InvalidInput("its parts do not fit together")
+        theta, std_dev, average, mean, deviation = (tensors[name] for name in _TENSORS)
+        scale = ObservationScale(mean, deviation, header.scale_steps)
+        space = coordinates(task, hp, scale)
+        shapes = {tensors[name].shape for name in ("theta", "std_dev", "average", *finalists)}
+        if header.generation != len(header.records) or shapes != {(space.size,)}:
+            raise InvalidInput("its parts do not fit together")
+        same = vars(header) | {
+            "finalists": tuple(
+                Finalist(theta=tensors[name], **vars(finalist))
+                for name, finalist in zip(finalists, header.finalists, strict=True)
+            )
+        }
+        del same["scale_steps"]
+        se = SEDistribution(space, theta, std_dev, average)
+        return NESState(task=task, se=se, scale=scale, provenance=provenance or {}, **same)
+    except OtherVersion:
+        raise
+    except (SafetensorError, OSError, ValueError, TypeError) as error:
+        reason = " ".join(str(error).split()) or type(error).__name__
+        raise InvalidInput(f"damaged checkpoint {str(path)!r}: {reason}") from None
+
+
+@dataclass(frozen=True)
+class _Finalist:
+    """The fields of a `Finalist` that are no tensors."""
+
+    generation: int
+    score_mean: float
+    perturbed_score_mean: float
+
+
+@dataclass(frozen=True)
+class _Header:
+    """The fields of a `NESState` that are no tensors."""
+
+    generation: int
+    attempt: int
+    attempt_began: int
+    race: StartRace | None
+    judged: int
+    confirmation: Confirmation | None
+    confirmed: bool
+    refuted: int
+    real_env_steps: int
+    scale_steps: int  # of the scale of observations
+    finished: bool
+    finalists: tuple[_Finalist, ...]
+    records: tuple[GenerationRecord, ...]
+
+
+def _checksum(text: str, tensors: Mapping[str, NDArray[Any]]) -> str:
+    """Checksum of a header and of tensors, dtypes and shapes included."""
+    parts = [text.encode()]
+    for name in sorted(tensors):
+        tensor = tensors[name]
+        parts += [f"{name} {tensor.dtype} {tensor.shape}".encode(), tensor.tobytes()]
+    return checksum(*parts)
