@@ -21,7 +21,7 @@ _TOLD = 80
 
 
 def decode(kind: type[_T], value: Any, what: str) -> _T:
-    """A value that JSON holds, as read by `json`, as that type.
+    """Decode a value, as `json` reads it, as `kind`.
 
     An int will do for a float, and that is all. Raises InvalidInput, in one line that begins with
     `what`, for anything else, also for a field that the type does not have.
@@ -35,7 +35,7 @@ def decode(kind: type[_T], value: Any, what: str) -> _T:
 
 
 def decode_json(kind: type[_T], text: str | bytes, what: str) -> _T:
-    """The same of JSON itself; other text is an InvalidInput too."""
+    """Decode JSON text as `kind`, as `decode` does; raises InvalidInput also for other text."""
     try:
         decoded: _T = _adapter(kind).validate_json(text, strict=True, extra="forbid")
         return decoded
@@ -44,7 +44,7 @@ def decode_json(kind: type[_T], text: str | bytes, what: str) -> _T:
 
 
 def decode_file(kind: type[_T], path: Path, what: str = "damaged") -> _T:
-    """The same of a file of JSON, which the message names after `what`."""
+    """Decode a JSON file as `kind`; messages name the file after `what`. Raises InvalidInput."""
     try:
         text = path.read_bytes()
     except OSError as error:
@@ -53,13 +53,13 @@ def decode_file(kind: type[_T], path: Path, what: str = "damaged") -> _T:
 
 
 def first_fault(error: ValidationError) -> ErrorDetails:
-    """The first thing that is wrong: if a name is, that, and not what is missing for it."""
+    """The first error; unknown names come before missing ones, which they often stand for."""
     faults = error.errors(include_url=False)
     return min(faults, key=lambda fault: fault["type"] != "unexpected_keyword_argument")
 
 
 def reason(error: ValidationError) -> str:
-    """What is wrong first, in one line."""
+    """The first error in one line."""
     first = first_fault(error)
     parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"])
     place = "".join(parts).removeprefix(".")

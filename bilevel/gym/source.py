@@ -1,4 +1,4 @@
-"""Where an SE file comes from: this machine, or MLflow."""
+"""Finding an SE file on this machine or in MLflow."""
 
 import re
 from pathlib import Path

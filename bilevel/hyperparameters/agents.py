@@ -24,7 +24,7 @@ _BY_NAME: dict[str, type["AgentHyperparameters"]] = {}
 
 @hyperparameters
 class AgentHyperparameters:
-    """What every agent has: how long it trains, and is tested.
+    """Hyperparameters of every agent: the length of training and of tests.
 
     A subclass, which is decorated likewise, gives its agent's name, `class
     MyHyperparameters(AgentHyperparameters, agent="mine")`, and adds the agent's own fields.
@@ -67,7 +67,7 @@ def agent_hyperparameters(agent: str) -> type[AgentHyperparameters]:
 
 @hyperparameters
 class _OffPolicy(AgentHyperparameters):
-    """What the three agents of the paper share (Table "Default HPs")."""
+    """Hyperparameters that the three agents of the paper share (Table "Default HPs")."""
 
     batch_size: Annotated[int, Field(ge=1, le=65536)]
     learning_rate: Annotated[float, Field(ge=1e-8, le=1.0)]  # of Adam
@@ -149,7 +149,7 @@ class TD3Hyperparameters(_OffPolicy, agent="td3"):
 
     @property
     def step_cost(self) -> float:
-        """Of the two critics."""
+        """Multiplications per gradient step, of both critics."""
         return 2 * super().step_cost
 
     def networks(self, state_size: int, n_actions: int) -> tuple[Network, Network]:

@@ -154,7 +154,7 @@ class StoredHyperparameters:
     recipe: str
 
     def checked(self) -> Hyperparameters:
-        """All of them. Raises InvalidInput."""
+        """Validate all sections. Raises InvalidInput."""
         return Hyperparameters(
             nes=NESHyperparameters(**self.nes),
             se=SEHyperparameters(**self.se),

@@ -40,7 +40,7 @@ def hyperparameters(cls: type[_T]) -> type[_T]:
 
 
 def _refused(cls: str, fields: Mapping[str, FieldInfo], error: ValidationError) -> InvalidInput:
-    """What is wrong, and what is allowed instead."""
+    """The error for the first wrong value, with what is allowed instead."""
     first = first_fault(error)
     name = str(next(iter(first["loc"]), ""))
     if first["type"] == "unexpected_keyword_argument":

@@ -16,7 +16,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core.types.containers import BaseNamedTuple
+from numba import types
 from numba.extending import overload
 
 from bilevel.kernels.environment import reset, step
@@ -26,7 +26,7 @@ from bilevel.kernels.stopping import CONVERGED, EPISODES_SPENT, NOT_FINITE, conv
 
 
 class Schedule(NamedTuple):
-    """How long an agent trains (see `AgentHyperparameters`)."""
+    """Length of an agent's training (see `AgentHyperparameters`)."""
 
     init_episodes: int
     max_episodes: int
@@ -72,7 +72,7 @@ def implements(
         implementation = implementations[call.__name__]
 
         def resolve(agent: Any, *others: Any) -> Callable[..., Any] | None:
-            named = isinstance(agent, BaseNamedTuple)
+            named = isinstance(agent, (types.NamedTuple, types.NamedUniTuple))
             return implementation if named and agent.instance_class is agent_type else None
 
         overload(call, strict=False)(resolve)

@@ -77,8 +77,8 @@ class Requests:
         ]
 
     def _variation(self, state: NESState) -> str:
-        """How a generation draws its agents. Small ones are the quickest to learn an SE for; once a
-        confirmation has failed, they have little left to tell, and narrowed ones go on."""
+        """The variation of a generation's agents. Small ones are the quickest to learn an SE for;
+        once a confirmation has failed, they have little left to tell, and narrowed ones go on."""
         vary = self.hp.vary_agent
         return "narrowed" if vary == "small" and state.refuted else vary
 

@@ -26,7 +26,7 @@ ROUNDS = ((1, 1.0), (4, 1 / 8), (8, 1 / 32))
 
 @dataclass(frozen=True)
 class StartRace:
-    """A round of the choice, with the initialisation seeds of its candidates."""
+    """One round of the choice of a start, with the initialisation seeds of its candidates."""
 
     seeds: tuple[int, ...]
     candidates: int  # in the first round

@@ -56,7 +56,7 @@ class Coordinates(Protocol):
 
     @property
     def architecture(self) -> Architecture:
-        """Of the SEs."""
+        """Architecture of the SEs."""
 
     @property
     def size(self) -> int:
@@ -148,7 +148,7 @@ class ExogenousCoordinates:
 
     @cached_property
     def _shapes(self) -> dict[str, tuple[int, ...]]:
-        """Of the parts of theta, in their order."""
+        """Shapes of the parts of theta, in their order."""
         arch = self.architecture
         states, n_actions, units = arch.state_size, arch.n_actions, arch.hidden_size
         rewarding = self._reward_units

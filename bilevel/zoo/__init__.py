@@ -19,8 +19,8 @@ _FOLDER = Path(__file__).parent
 
 @dataclass(frozen=True)
 class Taught:
-    """How fresh agents of one kind do that were trained on the SE, with hyperparameters drawn from
-    the paper's ranges (Table "HP variation")."""
+    """Results of fresh agents of one kind, trained on the SE with hyperparameters drawn from the
+    paper's ranges (Table "HP variation")."""
 
     agent: str
     agents: int
@@ -32,7 +32,7 @@ class Taught:
 
 @dataclass(frozen=True)
 class Card:
-    """What is known of an SE of the zoo."""
+    """The card of an SE of the zoo."""
 
     name: str
     task: str
@@ -52,7 +52,7 @@ class Card:
 
 @dataclass(frozen=True)
 class Entry:
-    """How an SE of the zoo is made."""
+    """The run that makes an SE of the zoo."""
 
     name: str
     task: str
@@ -73,7 +73,7 @@ def env_id(name: str) -> str:
 
 
 def get_entry(name: str) -> Entry:
-    """How the SE with that name is made. Raises InvalidInput for another name."""
+    """The entry with that name. Raises InvalidInput for another name."""
     if name not in ENTRIES:
         raise one_of("SE of the zoo", name, ENTRIES)
     return ENTRIES[name]

@@ -39,7 +39,7 @@ class ResultLine:
 
     @property
     def objective(self) -> float | None:
-        """What is maximised: the loss with its sign turned."""
+        """The objective, which is maximised: the negative loss."""
         return None if self.loss is None else -self.loss
 
     @property
@@ -59,7 +59,7 @@ class _Stamps:
 
 @dataclass(frozen=True)
 class _Result:
-    """What came of a job that did not fail."""
+    """Result of a job that did not fail."""
 
     loss: FiniteFloat
     info: dict[str, Any]
@@ -76,7 +76,7 @@ class _ResultRow(NamedTuple):
 
     @property
     def line(self) -> ResultLine:
-        """What it says."""
+        """Convert to a ResultLine."""
         loss, info = (None, {}) if self.result is None else (self.result.loss, self.result.info)
         return ResultLine(self.id, self.budget, loss, info, asdict(self.timestamps), self.exception)
 
@@ -85,7 +85,7 @@ class Journal:
     """Reads the two files once, then appends to them.
 
     Raises InvalidInput for a damaged line, a result of a configuration that was never
-    proposed, or anything that stands there twice.
+    proposed, or a duplicate entry.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -122,5 +122,5 @@ def _require_once(file: JsonlLog, keys: Sequence[object]) -> None:
     seen: set[object] = set()
     for index, key in enumerate(keys):
         if key in seen:
-            raise file.damaged(index, f"{key} stands there twice")
+            raise file.damaged(index, f"duplicate entry {key}")
         seen.add(key)

@@ -1,4 +1,4 @@
-"""What a study is, wherever and however often it is run."""
+"""The definition of a study, which stays the same wherever and however often it is run."""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -37,7 +37,7 @@ def configuration_name(config_id: ConfigId) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class _Settings(Settings):
-    """What `settings.json` holds of a study."""
+    """The settings of a study."""
 
     space: str | Space
     method: str
@@ -94,7 +94,7 @@ class Study:
         return recipe_text(to_hyperparameters(hp, kept), heading)
 
     def settings(self) -> dict[str, Any]:
-        """What `settings.json` holds of it."""
+        """Its settings."""
         return {
             "kind": KIND,
             "task": asdict(self.task),

@@ -17,7 +17,7 @@ from cluster.tracking import Progress, Views
 
 @dataclass(frozen=True)
 class Kind:
-    """How the folder of a run of one kind is read while no process works on it.
+    """Readers of the folders of one kind of runs while no process works on them.
 
     Both functions raise InvalidInput for a damaged folder; `progress` also takes the run's target.
     """

@@ -37,7 +37,7 @@ from cluster.tracking.pictures import png
 
 @dataclass(frozen=True)
 class EvaluateCommand:
-    """What is evaluated: `agents` fresh ones of each kind, on each source."""
+    """An evaluation of `agents` fresh agents of each kind on each source."""
 
     task: Task
     sources: dict[str, StoredSE | None]  # by label; None is the real task
@@ -50,7 +50,7 @@ class EvaluateCommand:
     workers: int | None = None  # actors; None: one a core of the cluster
 
     def settings(self) -> dict[str, Any]:
-        """What must stay the same when it is continued; more agents may be added."""
+        """Settings that must stay the same when it is resumed; more agents may be added."""
         return {
             "kind": KIND,
             "task": asdict(self.task),

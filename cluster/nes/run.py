@@ -23,7 +23,7 @@ KIND = "nes"
 
 
 def start_of(nes: NESHyperparameters) -> str:
-    """What a run starts from, in words."""
+    """The start of a run, in words."""
     if nes.start == "distilled":
         return "from an SE distilled from values of the real task"
     if nes.start_candidates == 1:
@@ -85,7 +85,7 @@ class NESRun:
         return self.nes.load(path) if path.exists() else None
 
     def load_if_sound(self) -> NESState | None:
-        """The same; a damaged one, which will be run again, counts as none till then."""
+        """The state on disk; None if there is none, or it is damaged and will be run again."""
         try:
             return self.load()
         except InvalidInput:

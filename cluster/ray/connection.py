@@ -79,14 +79,14 @@ def _require_reachable(address: str) -> None:
 
 @dataclass(frozen=True)
 class Capacity:
-    """What a cluster offers a run."""
+    """Capacity of a cluster for a run."""
 
     cores: int  # of all nodes together
     runs: int = 1  # that share them
 
     @classmethod
     def of_cluster(cls) -> Self:
-        """Of the cluster that this process is a driver of, now."""
+        """Capacity of the connected cluster, now."""
         groups = placement_group_table().values()
         names = [group["name"] for group in groups if group["state"] != "REMOVED"]
         runs = sum(1 for name in names if name.startswith(_MARK))
@@ -94,7 +94,7 @@ class Capacity:
 
     @classmethod
     def of_own(cls) -> Self:
-        """Of a cluster of a command's own: all cores that this process may use."""
+        """Capacity of a local cluster: all cores that this process may use."""
         return cls(cpu_count())
 
     def fair_share(self, workers_per_trial: int) -> int:

@@ -67,14 +67,14 @@ class Service:
 
 
 def services(home: Home) -> list[Service]:
-    """What `up` started in this home. Raises InvalidInput if the record is damaged."""
+    """The services that `up` started in this home. Raises InvalidInput if the record is damaged."""
     path = _record(home)
     return decode_file(list[Service], path) if path.exists() else []
 
 
 def join(name: str, home: Home) -> str | None:
-    """Where to reach a service of this home, if it is up; from then on this process (and
-    its children) may. To be called before Ray is imported."""
+    """Address of a running service of this home, None if it is not up. Sets the token with which
+    this process and its children may use it. To be called before Ray is imported."""
     for service in services(home):
         if service.name == name and service.state == "up":
             os.environ.update(
@@ -228,7 +228,7 @@ def _answers(url: str) -> bool:
 
 
 def _reachable(host: str) -> str:
-    """Where a server bound to `host` is reached from this machine."""
+    """Address at which this machine reaches a server bound to `host`."""
     return "127.0.0.1" if host in ("0.0.0.0", "::", "localhost") else host
 
 

@@ -37,7 +37,7 @@ class Session:
         self.terminal.line(f"MLflow {self.shown_at()}")
 
     def shown_at(self, key: str | None = None) -> str:
-        """Where MLflow shows the run with that key, or all runs of the task."""
+        """Address at which MLflow shows the run with that key, or all runs of the task."""
         return shown_at(self.home, self.tracker, key)
 
     @contextlib.contextmanager
@@ -80,8 +80,8 @@ class Session:
 
 
 def shown_at(home: Home, tracker: Tracker, key: str | None = None) -> str:
-    """Where MLflow shows the run with that key, or all runs of the task; for a database, also how
-    to serve it."""
+    """Address at which MLflow shows the run with that key, or all runs of the task; for a database,
+    also the command that serves it."""
     page = tracker.page(key)
     if tracker.server is not None:
         return tracker.server + page

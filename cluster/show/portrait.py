@@ -1,4 +1,4 @@
-"""What an SE looks like, in numbers: fields over two of its observations, and episodes."""
+"""The numbers behind a picture of an SE: fields over two of its observations, and episodes."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -115,7 +115,7 @@ class Portrait:
 
     @cached_property
     def fields(self) -> tuple[Floats, Floats, Floats]:
-        """The same over the plane."""
+        """The fields over the plane."""
         return self.answers(self.plane.states)
 
     def rewarded(self, state: Floats) -> int:
@@ -161,7 +161,7 @@ class Portrait:
 
     @property
     def told(self) -> list[str]:
-        """What the picture shows, in sentences."""
+        """The picture's content in sentences."""
         lengths = [len(episode.actions) for episode in self.synthetic]
         taken = np.concatenate([episode.actions for episode in self.synthetic])
         shares = ", ".join(

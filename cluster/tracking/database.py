@@ -39,9 +39,10 @@ def silence_mlflow() -> None:
 
 
 def _create(path: Path) -> None:
-    """A database with MLflow's tables, and without its empty experiment `Default`."""
+    """Make a database with MLflow's tables, and without its empty experiment `Default`."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
+        # Not by MlflowClient, which would keep the file open under its first name.
         from mlflow.store.tracking.sqlalchemy_store import SqlAlchemyStore
     silence_mlflow()
     aside = path.with_name(f".{path.name}.new")

@@ -159,5 +159,4 @@ def test_compiled_test_episodes_equal_gymnasiums(cartpole: Task, small_hp: Hyper
 def test_learning_on_the_real_task_is_possible(cartpole: Task) -> None:
     """DDQN with the paper's default hyperparameters learns CartPole on the real task."""
     agent = replace(load_recipe("paper", "").agents[0], max_episodes=300)
-    outcomes = [train_and_test(cartpole, None, agent, seed) for seed in range(2)]
-    assert max(np.mean(outcome.test_returns) for outcome in outcomes) > 150
+    assert any(train_and_test(cartpole, None, agent, seed).score > 150 for seed in range(5))
