@@ -20,9 +20,10 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@echo "setting up $(VENV), once; on 2 cores it takes 2 minutes or so"
 	@echo "  1 of 2: all packages but PyTorch, some seconds"
 	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
-	@$(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^uv==' constraints.txt)
 	@grep -vE '^torch==' constraints.txt > $(VENV)/others.txt
-	@$(BIN)/uv pip install --quiet --compile-bytecode --python $(BIN)/python --no-deps --requirement $(VENV)/others.txt \
+	@# uv is several times as fast as pip; without it, pip does the same.
+	@command -v uv > /dev/null || $(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^uv==' constraints.txt) || true
+	@$$(command -v uv || echo $(BIN)/uv) pip install --quiet --compile-bytecode --python $(BIN)/python --no-deps --requirement $(VENV)/others.txt \
 		|| $(BIN)/python -m pip install --quiet --no-deps --requirement $(VENV)/others.txt
 	@# As a path: from the folder above, a folder called bilevel would hide what a finder finds.
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --config-settings \
@@ -31,6 +32,9 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@# By pip, whose settings may name a build without CUDA. The kernels do not need it.
 	@$(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^torch==' constraints.txt) & \
 		installing=$$!; $(BIN)/python -m bilevel.compile && wait $$installing
+	@$(BIN)/python -c 'import torch' 2> /dev/null || { \
+		echo "  this build of PyTorch needs CUDA's libraries: installing them, some GB"; \
+		$(BIN)/python -m pip install --quiet $$(grep -E '^torch==' constraints.txt); }
 	@touch $@
 
 lock: $(INSTALLED) ## Resolve the dependencies anew and pin them in constraints.txt

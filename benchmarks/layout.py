@@ -13,6 +13,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from graphlib import TopologicalSorter
 from pathlib import Path
 from typing import Any
 
@@ -27,20 +28,30 @@ BEFORE = "08f9bbe"
 REPEATS = 7
 
 
-def rooms(package: str) -> dict[str, int]:
+def rooms(package: str) -> dict[str, Any]:
     """Rooms and arrows of an importable package."""
     graph = grimp.build_graph(package, cache_dir=None)
     children = sorted(graph.find_children(package))
     for child in children:
         graph.squash_module(child)
-    arrows = {
-        (one, other)
-        for one in children
-        for other in graph.find_modules_directly_imported_by(one)
-        if other in children
+    drawing = {
+        child.rpartition(".")[2]: sorted(
+            other.rpartition(".")[2]
+            for other in graph.find_modules_directly_imported_by(child)
+            if other in children
+        )
+        for child in children
     }
     back = graph.nominate_cycle_breakers(package)
-    return {"rooms": len(children), "arrows": len(arrows), "back up": len(back)}
+    return {
+        "rooms": len(children),
+        "arrows": sum(map(len, drawing.values())),
+        "back up": len(back),
+        "drawing": drawing,
+        "arrows back up": sorted(
+            [one.rpartition(".")[2], other.rpartition(".")[2]] for one, other in back
+        ),
+    }
 
 
 def counted(folder: Path) -> dict[str, Any]:
@@ -92,11 +103,40 @@ def layout() -> str:
     seconds = result["import_seconds"]
     head = ["", "`bilevel` before", "`bilevel` now", "`cluster` before", "`cluster` now"]
     return (
-        f"{table(head, rows)}\n\n"
+        f"{table(head, rows)}\n\n{drawing(result)}\n\n"
         f"All Python files together had {before['lines']} lines before and have {now['lines']} "
         f"now. `import bilevel` takes {seconds['median']:.2f} s ({seconds['low']:.2f} to "
         f"{seconds['high']:.2f}).\n{source(result)}"
     )
+
+
+def drawing(result: dict[str, Any]) -> str:
+    """All arrows, before and now, room by room from the top."""
+    parts = []
+    for package in ("bilevel", "cluster"):
+        for when in ("before", "now"):
+            drawn = result[when][package]["drawing"]
+            back = [tuple(arrow) for arrow in result[when][package]["arrows back up"]]
+            lines = [
+                f"{room:{max(map(len, drawn))}}  ->  "
+                + ", ".join(f"*{o}*" if (room, o) in back else o for o in drawn[room])
+                for room in from_the_top(drawn, back)
+                if drawn[room]
+            ]
+            text = "\n".join(lines)
+            parts.append(
+                f"<details><summary>imports of <code>{package}</code> {when}</summary>\n\n"
+                f"```\n{text}\n```\n</details>"
+            )
+    return "\n\n".join([*parts, "(In asterisks: an arrow back up.)"])
+
+
+def from_the_top(drawn: dict[str, list[str]], back: list[tuple[str, ...]]) -> list[str]:
+    """The rooms, each above those that it imports, except by the arrows `back`."""
+    sorter = TopologicalSorter(
+        {room: [o for o in others if (room, o) not in back] for room, others in drawn.items()}
+    )
+    return list(sorter.static_order())[::-1]
 
 
 def main() -> None:
