@@ -1,10 +1,11 @@
 """Synthetic environments (SEs): three networks that stand in for a real task."""
 
-from bilevel.synthetic_env.architecture import SE, Architecture, Psi
+from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi
 from bilevel.synthetic_env.coordinates import Coordinates, SEDistribution, coordinates
 from bilevel.synthetic_env.storage import StoredSE, load_se, save_se, se_bytes
 
 __all__ = [
+    "NETWORKS",
     "SE",
     "Architecture",
     "Coordinates",

@@ -7,6 +7,7 @@ import click
 
 from bilevel.errors import InvalidInput
 from cluster.cli.evaluate import evaluate
+from cluster.cli.files import export_se, import_se
 from cluster.cli.runs import bohb, nes
 from cluster.cli.services import down, status, ui, up
 from cluster.cli.show import show
@@ -27,7 +28,21 @@ def not_empty(context: click.Context, option: click.Parameter, value: Any) -> An
     return value
 
 
-COMMANDS = (nes, bohb, evaluate, show, zoo, studies, sync, up, status, down, ui)
+COMMANDS = (
+    nes,
+    bohb,
+    evaluate,
+    show,
+    zoo,
+    export_se,
+    import_se,
+    studies,
+    sync,
+    up,
+    status,
+    down,
+    ui,
+)
 
 for command in COMMANDS:
     cli.add_command(command)

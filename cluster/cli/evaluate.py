@@ -8,14 +8,12 @@ from typing import Any
 import click
 
 from bilevel.errors import InvalidInput, one_of
-from cluster.cli.options import RunOptions, WholeNumber, common_options, vary_option
+from cluster.cli.options import RunOptions, SEAddress, WholeNumber, common_options, vary_option
 from cluster.storage.home import LONGEST_NAME
 
 
 @click.command()
-@click.argument(
-    "files", metavar="[SE]...", nargs=-1, type=click.Path(path_type=Path, dir_okay=False)
-)
+@click.argument("files", metavar="[SE]...", nargs=-1, type=SEAddress())
 @click.option(
     "--real", metavar="TASK", help="Also train on this real task (gymnasium id), as the baseline."
 )
@@ -58,8 +56,9 @@ def evaluate(
     name: str | None,
     **options: Any,
 ) -> None:
-    """Train fresh agents on SE files (or on the real task) and test them on the real task.
+    """Train fresh agents on SEs (or on the real task) and test them on the real task.
 
+    An SE is a file, the name of one of the zoo, or MLflow's address (runs:/..., models:/...).
     Several kinds (--agent ddqn,td3) are trained --agents times each.
     """
     from bilevel.hyperparameters import VARIATIONS, load_recipe

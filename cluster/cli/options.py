@@ -64,6 +64,21 @@ class Setting(click.ParamType[tuple[str, Any]]):
             return name, text
 
 
+class SEAddress(click.ParamType):
+    """A file of an SE, given as its path, as a name of the zoo, or as MLflow's address."""
+
+    name = "SE"
+
+    def convert(
+        self, value: Any, param: click.Parameter | None, context: click.Context | None
+    ) -> Path:
+        """The file. Raises InvalidInput if MLflow has none at an address."""
+        from bilevel.gym.source import se_file
+        from bilevel.zoo import ENTRIES, zoo_file
+
+        return zoo_file(value) if value in ENTRIES else se_file(value)
+
+
 class Folder(click.ParamType[Path]):
     """Parses the path of a folder, which need not exist."""
 

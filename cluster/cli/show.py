@@ -5,29 +5,27 @@ from pathlib import Path
 import click
 
 from bilevel.errors import InvalidInput
+from cluster.cli.options import SEAddress
 
 #: Formats of pictures by the file's ending.
 FORMATS = (".png", ".svg", ".pdf")
 
 
 @click.command()
-@click.argument("se", metavar="SE")
+@click.argument("path", metavar="SE", type=SEAddress())
 @click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
     help="File of the picture, *.png, *.svg or *.pdf (default: the SE's name, in this folder).",
 )
-def show(se: str, out: Path | None) -> None:
+def show(path: Path, out: Path | None) -> None:
     """Draw an SE: which action it rewards, where it goes, where episodes end, and episodes on it
     and on the real task.
 
     SE is a file, the name of one of the zoo, or MLflow's address (runs:/..., models:/...).
     """
-    from bilevel.gym.source import se_file
     from bilevel.synthetic_env import load_se
-    from bilevel.zoo import ENTRIES, zoo_file
 
-    path = zoo_file(se) if se in ENTRIES else se_file(se)
     out = out or Path(f"{path.stem}.png")
     if out.suffix not in FORMATS:
         raise InvalidInput(f"cannot draw {str(out)!r}: allowed are files {', '.join(FORMATS)}")

@@ -1,0 +1,63 @@
+"""The commands `export` and `import`: SEs in the formats of other projects."""
+
+from pathlib import Path
+
+import click
+
+from bilevel.errors import InvalidInput, StorageFailure
+from cluster.cli.options import SEAddress
+
+_FORMATS = {".onnx": "ONNX", ".pt2": "torch.export"}
+
+
+@click.command("export")
+@click.argument("path", metavar="SE", type=SEAddress())
+@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
+def export_se(path: Path, out: Path) -> None:
+    """Write an SE as ONNX (OUT ends in .onnx) or as a program of torch.export (.pt2).
+
+    SE is a file, the name of one of the zoo, or MLflow's address (runs:/..., models:/...). Inputs
+    are states (n, S) and actions (n,), outputs next states, rewards, and done, which ends an
+    episode above 0.5.
+    """
+    if out.suffix not in _FORMATS:
+        allowed = ", ".join(f"*{ending} ({name})" for ending, name in _FORMATS.items())
+        raise InvalidInput(f"cannot export to {str(out)!r}: allowed are {allowed}")
+    from bilevel.synthetic_env import load_se
+
+    stored = load_se(path)
+    try:
+        if out.suffix == ".onnx":
+            try:
+                import onnx
+            except ModuleNotFoundError:
+                raise InvalidInput("ONNX is not installed: pip install 'bilevel[onnx]'") from None
+            from bilevel.interop.onnx import onnx_model
+
+            onnx.save(onnx_model(stored), str(out))
+        else:
+            import torch
+
+            from bilevel.interop.torch_program import torch_program
+
+            torch.export.save(torch_program(stored), out)
+    except OSError as error:
+        raise StorageFailure.of(out, error) from None
+    click.echo(f"written: {out}")
+
+
+@click.command("import")
+@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
+@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
+@click.option("--task", metavar="ID", help="Task of gymnasium (default: the one the file names).")
+def import_se(file: Path, out: Path, task: str | None) -> None:
+    """Read an SE that the paper's own code wrote (.pt), and write it as an SE file.
+
+    Only plain values and tensors are read, so that the file cannot run code.
+    """
+    from bilevel.interop.paper_code import read_paper_se
+    from bilevel.synthetic_env import save_se
+
+    stored = read_paper_se(file, task)
+    save_se(stored, out)
+    click.echo(f"written: {out}; evaluate it with `bilevel evaluate {out}`")
