@@ -40,7 +40,7 @@ def onnx_model(se: StoredSE) -> onnx.ModelProto:
         helper.make_node("Squeeze", ["reward.out", "last"], ["reward"]),
         helper.make_node("Squeeze", ["done.out", "last"], ["done"]),
     ]
-    states = ["n", architecture.state_size]
+    states: list[int | str] = ["n", architecture.state_size]
     graph = helper.make_graph(
         nodes,
         "synthetic_environment",

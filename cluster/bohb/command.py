@@ -116,6 +116,7 @@ class _Runner:
     def run(self) -> int:
         """Run to the end; return the exit code."""
         study = self.command.study
+        study.write_space()
         self._introduce()
         views = StudyViews(study, self.session.identity, self.live)
         goes_on = "run the same command again to resume"

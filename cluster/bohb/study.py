@@ -1,10 +1,12 @@
 """The definition of a study, which stays the same wherever and however often it is run."""
 
+import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 from bilevel.decode import decode
+from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters import (
     RECIPES,
@@ -27,6 +29,10 @@ KIND = "study"
 
 #: File of a study with the recipe of its incumbent.
 RECIPE_FILE = "recipe.toml"
+
+#: File of a study with its search space, as ConfigSpace writes it. With it and the journal, which
+#: is hpbandster's, other tools open the study's folder as it is.
+SPACE_FILE = "configspace.json"
 
 
 def configuration_name(config_id: ConfigId) -> str:
@@ -92,6 +98,11 @@ class Study:
         kept = {field: getattr(usual, field.removeprefix("nes.")) for field in SET_BY_SEARCH}
         heading = f"Found by the study {self.name!r}: configuration {configuration_name(config_id)}"
         return recipe_text(to_hyperparameters(hp, kept), heading)
+
+    def write_space(self) -> None:
+        """Write SPACE_FILE. Raises StorageFailure."""
+        content = self.space.build(self.agents).to_serialized_dict()
+        write_aside(self.folder / SPACE_FILE, json.dumps(content, indent=2).encode())
 
     def settings(self) -> dict[str, Any]:
         """Its settings."""

@@ -11,8 +11,9 @@ from bilevel.synthetic_env import se_bytes
 from cluster.bohb import pictures
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.profiles import ENDLESS
-from cluster.bohb.study import KIND, RECIPE_FILE, Study, configuration_name
+from cluster.bohb.study import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.summary import StudySummary
+from cluster.bohb.tables import incumbents_csv, results_csv
 from cluster.nes.run import start_of
 from cluster.nes.selection import BEST_FILE
 from cluster.nes.view import (
@@ -131,8 +132,12 @@ class StudyViews:
         documents += [
             Document("objective_against_cost.png", f"{len(journal.results)} results", picture),
             Document.of_text("brackets.md", summary.bracket_table()),
+            Document.of_text("results.csv", results_csv(summary)),
+            Document.of_text("incumbents.csv", incumbents_csv(summary)),
             *(Document.of_file(path, "journal/") for path in journal.paths),
         ]
+        if (study.folder / SPACE_FILE).exists():
+            documents.append(Document.of_file(study.folder / SPACE_FILE, "journal/"))
         if incumbent is not None:
             values = summary.configuration(incumbent.id)
             documents.append(Document.of_text("incumbent.json", json.dumps(values, indent=2)))

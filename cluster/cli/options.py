@@ -64,7 +64,7 @@ class Setting(click.ParamType[tuple[str, Any]]):
             return name, text
 
 
-class SEAddress(click.ParamType):
+class SEAddress(click.ParamType[Path]):
     """A file of an SE, given as its path, as a name of the zoo, or as MLflow's address."""
 
     name = "SE"

@@ -14,7 +14,7 @@ import pytest
 from bilevel.synthetic_env import load_se
 from cluster.bohb.command import INCUMBENT_FILE
 from cluster.bohb.journal import Journal
-from cluster.bohb.study import Study
+from cluster.bohb.study import SPACE_FILE, Study
 from search_spaces import search_space
 from tests.commands import BILEVEL, run_bilevel
 from tests.system.conftest import client, run_until
@@ -56,6 +56,7 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     assert "drawn at random: ddqn.epsilon_decay 0." in output
     assert "4 fresh agents trained on the best SE score" in output
     assert "of the cores' time while trials ran" in output
+    assert (home / "CartPole-v0" / "smoke" / SPACE_FILE).exists()
     journal = Journal(home / "CartPole-v0" / "smoke")
     assert all(0 < line.info["core_utilisation"] < 1 for line in journal.results)
     study = Study.read(home / "CartPole-v0" / "smoke")

@@ -1,0 +1,54 @@
+"""A study's results as CSV, for readers of their own."""
+
+import csv
+import io
+from collections.abc import Iterable, Sequence
+
+from cluster.bohb.journal import ConfigLine, ResultLine
+from cluster.bohb.study import configuration_name
+from cluster.bohb.summary import StudySummary
+
+_COLUMNS = (
+    "configuration",
+    "bracket",
+    "budget",  # generations
+    "objective",  # empty of a failed job
+    "model_based_pick",
+    "started",  # seconds since the first job was submitted
+    "finished",
+)
+
+
+def results_csv(summary: StudySummary) -> str:
+    """All results in their order, each with its configuration's values."""
+    return _csv(summary, summary.journal.results)
+
+
+def incumbents_csv(summary: StudySummary) -> str:
+    """The result of each change of the incumbent."""
+    return _csv(summary, [line for _, line in summary.incumbents()])
+
+
+def _csv(summary: StudySummary, results: Sequence[ResultLine]) -> str:
+    configs = {line.id: line for line in summary.journal.configs}
+    names = sorted({name for line in configs.values() for name in line.configuration})
+    began = min((line.timestamps["submitted"] for line in summary.journal.results), default=0.0)
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow([*_COLUMNS, *names])
+    for line in results:
+        writer.writerow(_row(line, configs[line.id], began, names))
+    return text.getvalue()
+
+
+def _row(line: ResultLine, config: ConfigLine, began: float, names: Iterable[str]) -> list[object]:
+    times = [round(line.timestamps[event] - began, 3) for event in ("started", "finished")]
+    return [
+        configuration_name(line.id),
+        line.id[0],
+        line.budget,
+        "" if line.objective is None else line.objective,
+        bool(config.info.get("model_based_pick")),
+        *times,
+        *(config.configuration.get(name, "") for name in names),
+    ]
