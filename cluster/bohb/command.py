@@ -2,12 +2,13 @@
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.synthetic_env import save_se
-from cluster.bohb.brackets import Schedule
+from cluster.bohb.brackets import Schedule, configurations_to_begin
 from cluster.bohb.journal import Journal, ResultLine
 from cluster.bohb.report import StudyReport
 from cluster.bohb.search import BracketSearch
@@ -27,7 +28,7 @@ from cluster.nes.selection import (
     export_best,
     race,
 )
-from cluster.ray.connection import Capacity, require_server_for_nodes
+from cluster.ray.connection import Capacity, require_server_for_nodes, scaled_to
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext
 from cluster.session.session import Session
@@ -52,13 +53,31 @@ class StudyCommand:
     brackets: int
     time_budget: float | None  # seconds; None runs all brackets
     final_agents: int  # trained on the best SE at the end, with fresh seeds
-    workers_per_trial: int = 1
+    workers_per_trial: int = 1  # 0: as `placed` on the cluster
     concurrent_trials: int | None = None  # None: as many as the cluster's cores hold
 
     @property
     def trials(self) -> int:
         """Trials at a time on the cluster's current nodes; the number may change during a study."""
         return self.trials_on(Capacity.of_cluster())
+
+    @property
+    def cores_wanted(self) -> int:
+        """Cores that the study can use at a time: for all configurations that begin in one cycle of
+        its brackets."""
+        rungs = self.study.schedule.brackets(min(self.brackets, self.study.schedule.cycle))
+        trials = self.concurrent_trials or configurations_to_begin(rungs)
+        return trials * max(self.workers_per_trial, 1)
+
+    def placed(self, capacity: Capacity) -> Self:
+        """The same with a number of workers per trial: if none is given, 1, or more where the
+        study has fewer configurations than there are cores."""
+        if self.workers_per_trial:
+            return self
+        begun = configurations_to_begin(self.study.schedule.brackets(self.brackets))
+        trials = min(self.concurrent_trials or begun, begun)
+        useful = self.study.base.nes.evaluations
+        return replace(self, workers_per_trial=min(capacity.fair_share(trials), useful))
 
     def trials_on(self, capacity: Capacity) -> int:
         """Trials at a time on such a cluster."""
@@ -86,14 +105,13 @@ def run_study(command: StudyCommand) -> int:
 
     Raises InvalidInput before anything is written, and StorageFailure if the disk is full.
     """
-    study = command.study
+    study, workers = command.study, max(command.workers_per_trial, 1)
     with (
-        command.context.connected(
-            command.workers_per_trial, command.concurrent_trials or 1
-        ) as driver,
+        command.context.connected(workers, command.concurrent_trials or 1) as driver,
+        scaled_to(command.cores_wanted),
         driver.session(study.folder, study.task.id, study.settings()) as session,
     ):
-        return _Runner(command, session).run()
+        return _Runner(command.placed(Capacity.of_cluster()), session).run()
 
 
 class _Runner:

@@ -67,6 +67,7 @@ def dry_run(command: StudyCommand) -> None:
     InvalidInput where the study itself would.
     """
     capacity = command.context.capacity()
+    command = command.placed(capacity)
     trials = command.trials_on(capacity)
     capacity.require(command.workers_per_trial, trials)
     with Terminal() as terminal:

@@ -92,9 +92,8 @@ def nes(
 @click.option(
     "--workers-per-trial",
     type=WholeNumber(min=1),
-    default=1,
-    show_default=True,
-    help="Actors, of one core each, per trial.",
+    help="Actors, of one core each, per trial (default: 1, or more where there are more cores than "
+    "configurations).",
 )
 @click.option(
     "--concurrent-trials",
@@ -117,7 +116,7 @@ def bohb(
     space: str | None,
     brackets: int | None,
     time_budget: float | None,
-    workers_per_trial: int,
+    workers_per_trial: int | None,
     concurrent_trials: int | None,
     method: str,
     dry_run: bool,
@@ -179,7 +178,7 @@ def bohb(
         size.brackets,
         size.time_budget,
         size.final_agents,
-        workers_per_trial,
+        workers_per_trial or 0,
         concurrent_trials,
     )
     if dry_run:

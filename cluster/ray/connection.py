@@ -10,6 +10,7 @@ from typing import Self
 
 import ray
 from loky import cpu_count
+from ray.autoscaler.sdk import request_resources
 from ray.util.placement_group import (
     placement_group,
     placement_group_table,
@@ -110,6 +111,19 @@ class Capacity:
                 f"{concurrent_trials} trial(s) of {workers_per_trial} worker(s) need {wanted} "
                 f"cores: the cluster has {self.cores}"
             )
+
+
+@contextlib.contextmanager
+def scaled_to(cores: int) -> Iterator[None]:
+    """Ask the cluster's autoscaler, if it has one, for so many cores during the block. Ray keeps the
+    request of the driver that asked last.
+    """
+    request_resources(num_cpus=cores)
+    try:
+        yield
+    finally:
+        with contextlib.suppress(Exception):  # the cluster may be gone, and the request with it
+            request_resources(num_cpus=0)
 
 
 @contextlib.contextmanager
