@@ -115,8 +115,8 @@ class Capacity:
 
 @contextlib.contextmanager
 def scaled_to(cores: int) -> Iterator[None]:
-    """Ask the cluster's autoscaler, if it has one, for so many cores during the block. Ray keeps the
-    request of the driver that asked last.
+    """Ask the cluster's autoscaler, if it has one, for so many cores during the block. Ray keeps
+    the request of the driver that asked last.
     """
     request_resources(num_cpus=cores)
     try:

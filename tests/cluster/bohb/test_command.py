@@ -1,0 +1,51 @@
+"""How a study spreads over a cluster."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from cluster.bohb.brackets import Schedule
+from cluster.bohb.command import StudyCommand
+from cluster.ray.connection import Capacity
+from cluster.session.context import RunContext
+from cluster.storage.home import Home
+from tests.studies import new_study
+
+
+@pytest.fixture
+def command(tmp_path: Path) -> StudyCommand:
+    """Two brackets, which begin 3 and 2 configurations; no number of workers is given."""
+    study = replace(new_study(tmp_path), schedule=Schedule((1, 3), 2))
+    context = RunContext(Home(tmp_path), "sqlite:///none.db")
+    return StudyCommand(study, context, 2, None, 4, workers_per_trial=0)
+
+
+@pytest.mark.parametrize(
+    ("cores", "runs", "workers", "trials"),
+    [(2, 1, 1, 2), (5, 1, 1, 5), (20, 1, 4, 5), (20, 2, 2, 5), (10_000, 1, 6, 1666)],
+)
+def test_more_workers_where_there_are_more_cores_than_configurations(
+    command: StudyCommand, cores: int, runs: int, workers: int, trials: int
+) -> None:
+    """At most one for each of the six evaluations of a generation."""
+    capacity = Capacity(cores, runs)
+    nes = replace(command.study.base.nes, population_size=2, centre_agents=2)
+    study = replace(command.study, base=replace(command.study.base, nes=nes))
+    placed = replace(command, study=study).placed(capacity)
+    assert nes.evaluations == 6
+    assert (placed.workers_per_trial, placed.trials_on(capacity)) == (workers, trials)
+
+
+def test_a_given_number_of_workers_stays(command: StudyCommand) -> None:
+    assert replace(command, workers_per_trial=3).placed(Capacity(64)).workers_per_trial == 3
+    few = replace(command, concurrent_trials=2)
+    assert few.placed(Capacity(8)).workers_per_trial == 4
+
+
+def test_it_asks_for_the_cores_that_it_can_use(command: StudyCommand) -> None:
+    assert command.cores_wanted == 5
+    assert replace(command, workers_per_trial=4).cores_wanted == 20
+    assert replace(command, workers_per_trial=4, concurrent_trials=2).cores_wanted == 8
+    endless = replace(command, brackets=1000)  # a cycle of its brackets
+    assert endless.cores_wanted == 5
