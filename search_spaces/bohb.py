@@ -5,7 +5,7 @@ A dimension is named after the hyperparameter that it sets, `section.field`, whe
 `section.1-field`: one minus the value is sampled on the log scale.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import fields, replace
 from typing import Any
 
@@ -141,3 +141,22 @@ def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) 
         se=replace(base.se, **changes.get("se", {})),
         agents=tuple(replace(hp, **changes.get(hp.agent, {})) for hp in base.agents),
     )
+
+
+def of_hyperparameters(hp: Hyperparameters, names: Iterable[str]) -> dict[str, Any]:
+    """The values that `hp` has in the dimensions with these names, the inverse of
+    `to_hyperparameters`. Raises InvalidInput for a name that `hp` does not have."""
+    sections: dict[str, Any] = {
+        "nes": hp.nes,
+        "se": hp.se,
+        **{agent.agent: agent for agent in hp.agents},
+    }
+    values = {}
+    for name in names:
+        section, _, field = name.partition(".")
+        plain = field.removeprefix(_INVERSE)
+        if section not in sections or not hasattr(sections[section], plain):
+            raise InvalidInput(f"the recipe {hp.recipe!r} has no hyperparameter {name!r}")
+        value = getattr(sections[section], plain)
+        values[name] = 1.0 - value if field.startswith(_INVERSE) else value
+    return values

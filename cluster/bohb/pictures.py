@@ -1,13 +1,16 @@
 """Plots of a study."""
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
+from numpy.typing import NDArray
 
 from bilevel.tasks import Task
+from cluster.bohb.importance import Importance
 from cluster.bohb.summary import ResultPoint
 from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
@@ -100,3 +103,60 @@ def _add_time(axes: Axes, points: Sequence[ResultPoint]) -> None:
     above = axes.secondary_xaxis("top")
     above.set_xticks(np.interp(times * size, seconds, spent), [f"{time:.0f}" for time in times])
     above.set_xlabel(f"{unit} since the search began")
+
+
+def hyperparameters(
+    tried: NDArray[np.float64],
+    objectives: NDArray[np.float64],
+    incumbents: NDArray[np.float64],
+    recipe: NDArray[np.float64],
+    names: Sequence[str],
+    found: Importance | None,
+    title: str,
+) -> Figure:
+    """Plot d hyperparameters: the values that were tried, the way from the recipe's to the
+    incumbent's, and the importance of each.
+
+    `tried` (n, d), `incumbents` (m, d) and `recipe` (d,) are on [0, 1] over the search space; NaN
+    is out of it. `objectives` (n,) colour what was tried, by rank.
+    """
+    figure = Figure(figsize=(9, 1.6 + 0.42 * len(names)), layout="constrained")
+    places, bars = figure.subplots(1, 2, sharey=True, width_ratios=[3, 1.3])
+    rows = np.arange(len(names))
+    order = np.argsort(objectives, kind="stable")
+    ranks = np.linspace(0, 1, len(objectives))
+    for row in rows:
+        places.axhline(row, color=GREY, lw=0.5, alpha=0.4, zorder=0)
+        shown = places.scatter(
+            tried[order, row], np.full(len(order), row), c=ranks, cmap="cividis", s=16, lw=0
+        )
+    for before, after in itertools.pairwise([recipe, *incumbents]):
+        for row in rows:
+            places.plot([before[row], after[row]], [row, row], color=ORANGE, lw=1.5, alpha=0.8)
+    places.scatter(recipe, rows, marker="|", s=160, color="black", zorder=3, label="recipe")
+    if len(incumbents):
+        places.scatter(
+            incumbents[-1], rows, marker="*", s=120, color=ORANGE, zorder=4, label="incumbent"
+        )
+    places.set_yticks(rows, names, fontsize="small")
+    places.set_xlim(-0.03, 1.03)
+    places.set_xticks([0, 1], ["lowest", "highest"])
+    places.set_xlabel("value within the search space")
+    figure.colorbar(shown, ax=places, ticks=[0, 1], pad=0.01).ax.set_yticklabels(["worst", "best"])
+    figure.legend(frameon=False, fontsize="small", loc="outside lower center", ncols=2)
+    if found is not None:
+        bars.barh(rows, found.mean, xerr=found.std, color=BLUE, height=0.6)
+        bars.set_xlabel("importance (drop of R²)")
+        bars.set_title(
+            f"{found.results} results of {found.budget} generations;\n"
+            f"R² of the forest on unseen ones {found.out_of_bag:.2f}",
+            fontsize="x-small",
+        )
+    else:
+        bars.set_title("too few results to tell importance", fontsize="x-small")
+        bars.set_xticks([])
+    for axes in (places, bars):
+        axes.spines[["top", "right"]].set_visible(False)
+    places.invert_yaxis()
+    places.set_title(title, fontsize="medium")
+    return figure

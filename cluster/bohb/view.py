@@ -6,9 +6,12 @@ from collections.abc import Container
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from bilevel.errors import InvalidInput
 from bilevel.synthetic_env import se_bytes
 from cluster.bohb import pictures
+from cluster.bohb.importance import importance, unit_values
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.profiles import ENDLESS
 from cluster.bohb.study import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
@@ -26,6 +29,7 @@ from cluster.session.terminal import last_line
 from cluster.storage.run_folder import RunIdentity, RunStatus, finals
 from cluster.tracking import Document, Point, Progress, RunView
 from cluster.tracking.pictures import png
+from search_spaces import of_hyperparameters
 
 
 @dataclass(frozen=True)
@@ -129,8 +133,9 @@ class StudyViews:
         def picture() -> bytes:
             return png(pictures.objective_against_cost(summary.points(), study.task, study.name))
 
+        results = f"{len(journal.results)} results"
         documents += [
-            Document("objective_against_cost.png", f"{len(journal.results)} results", picture),
+            Document("objective_against_cost.png", results, picture),
             Document.of_text("brackets.md", summary.bracket_table()),
             Document.of_text("results.csv", results_csv(summary)),
             Document.of_text("incumbents.csv", incumbents_csv(summary)),
@@ -139,11 +144,38 @@ class StudyViews:
         if (study.folder / SPACE_FILE).exists():
             documents.append(Document.of_file(study.folder / SPACE_FILE, "journal/"))
         if incumbent is not None:
+            # While the study runs, at every tenth result: the forest takes half a second.
+            number = len(journal.results) if ended else len(journal.results) // 10 * 10
+            documents.append(
+                Document(
+                    "hyperparameters.png",
+                    f"{number} results",
+                    lambda: self._hyperparameters(summary),
+                )
+            )
             values = summary.configuration(incumbent.id)
             documents.append(Document.of_text("incumbent.json", json.dumps(values, indent=2)))
             text = study.recipe_text(incumbent.id, values)
             documents.append(Document.of_text(RECIPE_FILE, text))
         return documents
+
+    def _hyperparameters(self, summary: StudySummary) -> bytes:
+        """The picture of what was tried, and what it did."""
+        study, journal = self.study, summary.journal
+        space = study.space.build(study.agents)
+        values = {line.id: unit_values(space, line.configuration) for line in journal.configs}
+        good = [line for line in journal.results if line.objective is not None]
+        width = len(space)
+        figure = pictures.hyperparameters(
+            np.array([values[line.id] for line in good]).reshape(-1, width),
+            np.array([line.objective for line in good], np.float64),
+            np.array([values[line.id] for _, line in summary.incumbents()]).reshape(-1, width),
+            unit_values(space, of_hyperparameters(study.base, space)),
+            tuple(space),
+            importance(space, journal),
+            f"{study.name}, {study.task.id}",
+        )
+        return png(figure)
 
     def _description(self) -> str:
         study = self.study

@@ -13,7 +13,7 @@ from bilevel.hyperparameters import (
 )
 from bilevel.nes import NES
 from bilevel.tasks import get_task
-from search_spaces import SPACES, search_space, to_hyperparameters
+from search_spaces import SPACES, of_hyperparameters, search_space, to_hyperparameters
 from tests.conftest import ddqn
 
 SAMPLES = 300
@@ -147,3 +147,15 @@ def test_several_agents_are_drawn_about_equally() -> None:
     assert all(70 < names.count(name) < 130 for name in ("ddqn", "dueling-ddqn", "td3"))
     rates = [vars(draw_agent(hp.agents[2:], "all", s))["learning_rate"] for s in range(100)]
     assert 5e-4 / 3 <= min(rates) < max(rates) <= 15e-4
+
+
+@pytest.mark.parametrize("name", ["core", "full"])
+def test_values_of_hyperparameters_are_the_inverse(name: str) -> None:
+    space = search_space(name)
+    hp = load_recipe("paper", "CartPole-v0")
+    for configuration in (dict(c) for c in space.sample_configuration(20)):
+        values = of_hyperparameters(to_hyperparameters(hp, configuration), space)
+        for dimension, value in configuration.items():
+            assert values[dimension] == pytest.approx(value)
+    with pytest.raises(InvalidInput, match=r"has no hyperparameter 'td3\.policy_delay'"):
+        of_hyperparameters(hp, ["td3.policy_delay"])
