@@ -29,6 +29,11 @@ from bilevel.seeds import Purpose, derive, split
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, ResultLine
 from cluster.bohb.study import Study
+from search_spaces import around, nearest, of_hyperparameters
+
+#: Share of the random configurations that are drawn around the prior, if there is one. The others
+#: keep the search from believing a wrong one.
+AROUND = 0.5
 
 
 @dataclass(frozen=True)
@@ -45,6 +50,7 @@ class Job:
 class BracketSearch:
     """The search over `space` by a schedule, up to so many brackets.
 
+    With a `prior`, the first configuration is that, and every second random one is drawn around it.
     Raises InvalidInput for a journal that no such search has written.
     """
 
@@ -56,10 +62,12 @@ class BracketSearch:
         seed: int,
         journal: Journal,
         model: bool = True,
+        prior: Configuration | None = None,
     ) -> None:
         self._space = space
         self._schedule = schedule
         self._seed = seed
+        self._prior = prior
         self._journal = journal
         # A random fraction of 1 never asks the model.
         with _hpbandsters_warnings_ignored():
@@ -77,8 +85,10 @@ class BracketSearch:
     def of(cls, study: Study, journal: Journal, brackets: int) -> Self:
         """A study's, from where its journal ends. Raises InvalidInput as the class does."""
         space = study.space.build(study.agents)
-        model = study.method == "bohb"
-        return cls(space, study.schedule, brackets, study.seed, journal, model)
+        model, prior = study.method == "bohb", None
+        if study.prior:
+            prior = nearest(space, of_hyperparameters(study.base, space))
+        return cls(space, study.schedule, brackets, study.seed, journal, model, prior)
 
     @property
     def finished(self) -> bool:
@@ -159,8 +169,11 @@ class BracketSearch:
 
         hpbandster draws from numpy's global generator, which is put back after.
         """
-        seed = derive(self._seed, Purpose.PROPOSAL, len(self._journal.configs))
-        of_model, of_space = (word % 2**32 for word in split(seed, 2))
+        number = len(self._journal.configs)
+        if self._prior is not None and number == 0:
+            return dict(self._prior), {"model_based_pick": False, "prior": True}
+        seed = derive(self._seed, Purpose.PROPOSAL, number)
+        of_model, of_space, of_prior = (word % 2**32 for word in split(seed, 3))
         before = np.random.get_state()
         np.random.seed(of_model)
         self._space.seed(of_space)
@@ -169,6 +182,9 @@ class BracketSearch:
                 configuration, info = self._generator.get_config(budget)
         finally:
             np.random.set_state(before)
+        rng = np.random.default_rng(of_prior)
+        if self._prior is not None and not info["model_based_pick"] and rng.random() < AROUND:
+            configuration, info = around(self._space, self._prior, rng), {**info, "prior": True}
         return {name: _native(value) for name, value in configuration.items()}, dict(info)
 
     def _next_of(self, bracket: SuccessiveHalving) -> Job | None:

@@ -47,6 +47,7 @@ class _Settings(Settings):
 
     space: str | Space
     method: str
+    prior: bool
     budgets: tuple[int, ...]
     cycle: int
     base: StoredHyperparameters
@@ -63,6 +64,7 @@ class Study:
     schedule: Schedule
     base: Hyperparameters  # what a configuration leaves unsaid
     method: str = "bohb"  # of METHODS
+    prior: bool = False  # whether the search begins around `base`
 
     @property
     def name(self) -> str:
@@ -112,6 +114,7 @@ class Study:
             "seed": self.seed,
             "space": self.space.name if self.space.content is None else asdict(self.space),
             "method": self.method,
+            "prior": self.prior,
             "budgets": list(self.schedule.budgets),
             "cycle": self.schedule.cycle,
             "base": self.base.to_dict(),
@@ -135,6 +138,7 @@ class Study:
                 Schedule(settings.budgets, settings.cycle),
                 settings.base.checked(),
                 get_method(settings.method),
+                settings.prior,
             )
         except InvalidInput as error:
             raise InvalidInput(f"{damaged}: {error}") from None

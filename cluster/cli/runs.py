@@ -108,6 +108,14 @@ def nes(
     "largest budget).",
 )
 @click.option(
+    "--prior",
+    type=click.Choice(["none", "recipe"]),
+    default="none",
+    show_default=True,
+    help="recipe: the first configuration is the recipe's, and every second random one is drawn "
+    "around it.",
+)
+@click.option(
     "--dry-run", is_flag=True, help="Print brackets, cost and estimated time without running."
 )
 def bohb(
@@ -119,6 +127,7 @@ def bohb(
     workers_per_trial: int | None,
     concurrent_trials: int | None,
     method: str,
+    prior: str,
     dry_run: bool,
     **options: Any,
 ) -> None:
@@ -173,6 +182,7 @@ def bohb(
             schedule,
             hp,
             method,
+            prior == "recipe",
         ),
         context,
         size.brackets,

@@ -6,7 +6,10 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import ConfigSpace as CS
+import numpy as np
 import pytest
 from hpbandster.core.result import logged_results_to_HBS_result
 from hypothesis import given, settings
@@ -21,13 +24,14 @@ from cluster.bohb.brackets import (
     configurations_to_begin,
     generations_to_run,
 )
+from cluster.bohb.importance import unit_values
 from cluster.bohb.journal import Journal
 from cluster.bohb.profiles import METHODS, get_profile, sized
 from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
 from cluster.storage.run_folder import locked_settings
-from search_spaces import Space, search_space
+from search_spaces import Space, nearest, of_hyperparameters, search_space
 from tests.studies import run_job
 
 #: Hyperband's brackets.
@@ -242,6 +246,42 @@ class TestSearch:
         more = run_to_end(new_search(tmp_path, brackets=9))
         assert {job.id[0] for job in more} == {6, 7, 8}
         assert any(job.model_based for job in more)
+
+
+class TestPrior:
+    def test_the_search_begins_with_it_and_stays_near_it_half_of_the_time(
+        self, tmp_path: Path
+    ) -> None:
+        space = search_space("core")
+        prior = nearest(space, of_hyperparameters(load_recipe("default", "CartPole-v0"), space))
+        schedule, journal = Schedule((1,), 1), Journal(tmp_path)
+        search = BracketSearch(space, schedule, 200, 0, journal, model=False, prior=prior)
+        jobs = run_to_end(search)
+        assert jobs[0].configuration == prior
+        drawn = [bool(line.info.get("prior")) for line in journal.configs]
+        assert 70 < sum(drawn) < 130
+
+        def distance(values: dict[str, Any]) -> float:
+            """Mean over the dimensions, in units of their ranges."""
+            return float(np.abs(unit_values(space, values) - unit_values(space, prior)).mean())
+
+        distances = np.array([distance(line.configuration) for line in journal.configs])
+        near, far = distances[drawn].mean(), distances[~np.array(drawn)].mean()
+        assert near < 0.15 < 0.2 < far
+        again = BracketSearch(space, schedule, 200, 0, Journal(tmp_path), model=False, prior=prior)
+        assert again.finished
+
+    def test_values_out_of_the_space_become_the_nearest(self) -> None:
+        space = search_space("core")
+        hp = load_recipe("default", "CartPole-v0")
+        wide = of_hyperparameters(
+            replace(hp, nes=replace(hp.nes, std_dev=9.0), se=replace(hp.se, hidden_size=1000)),
+            space,
+        )
+        found = nearest(space, wide)
+        assert (found["nes.std_dev"], found["se.hidden_size"]) == (0.5, 64)
+        assert type(found["se.hidden_size"]) is int
+        CS.Configuration(space, values=found)  # raises for one that is not in it
 
 
 class TestSummary:
