@@ -38,9 +38,9 @@ def around(
     for name, dimension in space.items():
         value = values.get(name, dimension.default_value)  # a condition may leave it out
         if isinstance(dimension, CS.CategoricalHyperparameter):
-            other = rng.random() < OTHER
+            choices = dimension.choices
             found[name] = (
-                dimension.choices[rng.integers(len(dimension.choices))] if other else value
+                choices[int(rng.integers(len(choices)))] if rng.random() < OTHER else value
             )
         elif isinstance(dimension, CS.Constant):
             found[name] = value
