@@ -31,7 +31,7 @@ class OtherVersion(InvalidInput):
     def __init__(self, what: str, written: object, known: int) -> None:
         super().__init__(
             f"{what} has format {written}, this version reads format {known}: resume with the "
-            "version that began it, or begin anew under another --name"
+            "version that began it, or begin anew under another name"
         )
 
 

@@ -6,9 +6,11 @@ outputs  next_state (n, S), reward (n,), done (n,); an episode ends at done > 0.
 
 import json
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import onnx
+from numpy.typing import NDArray
 from onnx import TensorProto, helper, numpy_helper
 
 from bilevel.networks import Network, layer_biases, layer_weights
@@ -23,7 +25,7 @@ def onnx_model(se: StoredSE) -> onnx.ModelProto:
     """The SE as an ONNX model, whose metadata tell task, step limit and origin."""
     architecture = se.architecture
     parts = architecture.split(se.psi)
-    constants = {
+    constants: dict[str, NDArray[Any]] = {
         "depth": np.array(architecture.n_actions, np.int64),
         "off_on": np.array([0, 1], np.float32),
         "last": np.array([1], np.int64),

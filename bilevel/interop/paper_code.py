@@ -5,7 +5,7 @@ They hold `model`, the state dictionary of three networks (`env.state_net`, `env
 a file that holds anything else is refused, so that none of its code runs.
 """
 
-import pickle
+import warnings
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Any
@@ -17,7 +17,7 @@ from pydantic import BaseModel, Field, FiniteFloat
 
 from bilevel.activations import PRELU_INITIAL_SLOPE
 from bilevel.decode import decode
-from bilevel.errors import InvalidInput, first_line
+from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.synthetic_env import SE, Architecture, StoredSE
 from bilevel.tasks import MAX_STEP_LIMIT, get_task
@@ -45,22 +45,23 @@ def read_paper_se(path: Path, task_id: str | None = None) -> StoredSE:
     Raises InvalidInput for a file that is missing, damaged, holds something else, or an SE that
     this package cannot represent (layer normalisation, a PReLU whose slope was learned).
     """
+    content = _loaded(path)
     try:
-        content = torch.load(path, map_location="cpu", weights_only=True)
-        config, model = content["config"], dict(content["model"])
+        config, model = content["config"], content["model"]
         name = str(config["env_name"])
         settings = config["envs"][name]
-    except FileNotFoundError:
-        raise InvalidInput(f"no file at {str(path)!r}") from None
-    except (pickle.UnpicklingError, RuntimeError, OSError, EOFError, LookupError, TypeError) as e:
-        reason = first_line(e) if isinstance(e, OSError) else "it does not hold model and config"
-        raise InvalidInput(f"{str(path)!r} is no SE of the paper's code: {reason}") from None
+        # A list is a range: lowest value, value, highest.
+        known = {
+            key: settings[key][1] if isinstance(settings[key], list) else settings[key]
+            for key in _Settings.model_fields
+            if key in settings
+        }
+        parts = [_flat(path, model, prefix) for prefix in _NETWORKS]
+    except (LookupError, TypeError, AttributeError):
+        raise InvalidInput(
+            f"{str(path)!r} is no SE of the paper's code: it does not hold model and config"
+        ) from None
     task = get_task(task_id or name)
-    known = {
-        key: settings[key][1] if isinstance(settings[key], list) else settings[key]  # a range
-        for key in _Settings.model_fields
-        if key in settings
-    }
     of = decode(_Settings, known, f"{str(path)!r}, settings of {name}")
     hp = SEHyperparameters(
         structure="plain",
@@ -70,7 +71,6 @@ def read_paper_se(path: Path, task_id: str | None = None) -> StoredSE:
         step_limit=of.max_steps,
     )
     architecture = Architecture.of(task, hp)
-    parts = [_flat(path, model, prefix) for prefix in _NETWORKS]
     psi = np.concatenate(parts)
     if psi.size != architecture.parameter_count or not np.isfinite(psi).all():
         raise InvalidInput(
@@ -80,6 +80,20 @@ def read_paper_se(path: Path, task_id: str | None = None) -> StoredSE:
         )
     info = {"imported_from": path.name}
     return StoredSE(SE(architecture, psi), task.id, task.step_limit, of.solved_reward, info)
+
+
+def _loaded(path: Path) -> Any:
+    """The content of a file of torch's. Raises InvalidInput."""
+    if not path.is_file():
+        raise InvalidInput(f"no file at {str(path)!r}")
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about pickles of other versions
+            return torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as error:  # torch raises errors of many kinds
+        raise InvalidInput(
+            f"{str(path)!r} is no SE of the paper's code: {type(error).__name__} when torch read it"
+        ) from None
 
 
 def _flat(path: Path, model: Mapping[str, Any], prefix: str) -> NDArray[np.float32]:

@@ -21,7 +21,7 @@ def learn(
     seed: int = 0,
     workers: int = 1,
     executor: Executor | None = None,
-    on_generation: Callable[[GenerationRecord], None] = lambda record: None,
+    on_generation: Callable[[GenerationRecord], None] | None = None,
 ) -> StoredSE:
     """Learn an SE for a task by NES, and return the best one.
 
@@ -45,7 +45,7 @@ def learn(
         ) -> list[EvaluationResult]:
             return list(mapped(partial(evaluate, task, ses), requests))
 
-        return nes.run(evaluate_all, on_generation).best
+        return nes.run(evaluate_all, on_generation or (lambda record: None)).best
 
 
 def _executor(workers: int, given: Executor | None) -> AbstractContextManager[Executor | None]:

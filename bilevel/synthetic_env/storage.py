@@ -127,7 +127,7 @@ def load_se(path: Path | str) -> StoredSE:
         told = decode_json(dict[str, Any], metadata["se"], "header")
         given = told.pop("sha256", None)  # files of other tools have none
         header = decode(_Header, told, "header")
-        architecture = header.architecture.checked(header.step_limit)
+        architecture = header.architecture.checked(header.version, header.step_limit)
         psi = _flat(architecture, tensors)
         expected = checksum(json.dumps(told).encode(), psi.tobytes())
         if given not in (None, expected):
@@ -152,14 +152,17 @@ class _Sizes:
     hidden_layers: int
     hidden_size: int
     activation: Literal["tanh", "relu", "lrelu", "prelu"]
-    step_limit: _StepLimit | None = None
-    # Fields of version 1: the step limit as a share of the task's, and a scale of rewards.
-    step_limit_share: Annotated[float, Field(gt=0, le=1)] = 1.0
-    reward_scale: FiniteFloat = 1.0
+    step_limit: _StepLimit | None = None  # of version 2
+    # Of version 1: the step limit as a share of the task's, and a scale of rewards.
+    step_limit_share: Annotated[float, Field(gt=0, le=1)] | None = None
+    reward_scale: FiniteFloat | None = None
 
-    def checked(self, task_limit: int) -> Architecture:
+    def checked(self, version: int, task_limit: int) -> Architecture:
         """The architecture of an SE of a task with that step limit. Raises InvalidInput."""
-        limit = self.step_limit or max(1, round(self.step_limit_share * task_limit))
+        old = (self.step_limit_share, self.reward_scale)
+        if (version == 1) != (self.step_limit is None) or (version == 2 and old != (None, None)):
+            raise InvalidInput(f"its architecture is not one of version {version}")
+        limit = self.step_limit or max(1, round((self.step_limit_share or 1.0) * task_limit))
         SEHyperparameters(
             structure="plain",
             hidden_layers=self.hidden_layers,

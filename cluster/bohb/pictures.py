@@ -128,7 +128,14 @@ def hyperparameters(
     for row in rows:
         places.axhline(row, color=GREY, lw=0.5, alpha=0.4, zorder=0)
         shown = places.scatter(
-            tried[order, row], np.full(len(order), row), c=ranks, cmap="cividis", s=16, lw=0
+            tried[order, row],
+            np.full(len(order), row),
+            c=ranks,
+            cmap="cividis",
+            vmin=0,
+            vmax=1,
+            s=16,
+            lw=0,
         )
     for before, after in itertools.pairwise([recipe, *incumbents]):
         for row in rows:

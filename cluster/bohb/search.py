@@ -14,7 +14,7 @@ import time
 import warnings
 from collections import deque
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -184,7 +184,9 @@ class BracketSearch:
             np.random.set_state(before)
         rng = np.random.default_rng(of_prior)
         if self._prior is not None and not info["model_based_pick"] and rng.random() < AROUND:
-            configuration, info = around(self._space, self._prior, rng), {**info, "prior": True}
+            with suppress(InvalidInput):  # a draw that the space forbids
+                configuration = around(self._space, self._prior, rng)
+                info = {**info, "prior": True}
         return {name: _native(value) for name, value in configuration.items()}, dict(info)
 
     def _next_of(self, bracket: SuccessiveHalving) -> Job | None:

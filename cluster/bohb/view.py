@@ -113,6 +113,7 @@ class StudyViews:
                 "budgets": list(study.schedule.budgets),
                 "cycle": study.schedule.cycle,
                 "method": study.method,
+                "prior": "recipe" if study.prior else "none",
                 "base": study.base.to_dict(),
             },
             tags,

@@ -1,11 +1,17 @@
 """The commands `export` and `import`: SEs in the formats of other projects."""
 
+import io
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from bilevel.errors import InvalidInput, StorageFailure
+from bilevel.durable import write_aside
+from bilevel.errors import InvalidInput
 from cluster.cli.options import SEAddress
+
+if TYPE_CHECKING:
+    from bilevel.synthetic_env import StoredSE
 
 _FORMATS = {".onnx": "ONNX", ".pt2": "torch.export"}
 
@@ -26,24 +32,26 @@ def export_se(path: Path, out: Path) -> None:
     from bilevel.synthetic_env import load_se
 
     stored = load_se(path)
-    try:
-        if out.suffix == ".onnx":
-            try:
-                import onnx
-            except ModuleNotFoundError:
-                raise InvalidInput("ONNX is not installed: pip install 'bilevel[onnx]'") from None
-            from bilevel.interop.onnx import onnx_model
-
-            onnx.save(onnx_model(stored), str(out))
-        else:
-            import torch
-
-            from bilevel.interop.torch_program import torch_program
-
-            torch.export.save(torch_program(stored), out)
-    except OSError as error:
-        raise StorageFailure.of(out, error) from None
+    write_aside(out, _onnx(stored) if out.suffix == ".onnx" else _program(stored))
     click.echo(f"written: {out}")
+
+
+def _onnx(se: "StoredSE") -> bytes:
+    try:
+        from bilevel.interop.onnx import onnx_model
+    except ModuleNotFoundError:
+        raise InvalidInput("ONNX is not installed: pip install 'bilevel[onnx]'") from None
+    return bytes(onnx_model(se).SerializeToString())
+
+
+def _program(se: "StoredSE") -> bytes:
+    import torch
+
+    from bilevel.interop.torch_program import torch_program
+
+    file = io.BytesIO()
+    torch.export.save(torch_program(se), file)
+    return file.getvalue()
 
 
 @click.command("import")

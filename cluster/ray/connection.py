@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import Self
 
 import ray
+import ray.exceptions
 from loky import cpu_count
 from ray.autoscaler.sdk import request_resources
 from ray.util.placement_group import (
@@ -118,12 +119,18 @@ def scaled_to(cores: int) -> Iterator[None]:
     """Ask the cluster's autoscaler, if it has one, for so many cores during the block. Ray keeps
     the request of the driver that asked last.
     """
-    request_resources(num_cpus=cores)
+    _request(cores)
     try:
         yield
     finally:
-        with contextlib.suppress(Exception):  # the cluster may be gone, and the request with it
-            request_resources(num_cpus=0)
+        _request(0)
+
+
+def _request(cores: int) -> None:
+    """In a task, because a driver that is Ray's client (ray://) cannot ask itself."""
+    ask = ray.remote(num_cpus=0)(lambda number: request_resources(num_cpus=number))
+    with contextlib.suppress(ray.exceptions.RayError):  # the cluster may be gone
+        ray.get(ask.remote(cores), timeout=60)
 
 
 @contextlib.contextmanager

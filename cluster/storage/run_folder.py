@@ -120,7 +120,7 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdent
         for name, then, value in _differences({name: before.get(name) for name in now}, now):
             raise InvalidInput(
                 f"{folder.name!r} was begun with {name} = {then}, not {value}: use that value, or "
-                "another --name"
+                "another name"
             )
         yield RunIdentity.of(before, "damaged settings")
 

@@ -12,7 +12,9 @@ def print_zoo(cards: Iterable[Card], console: Console | None = None) -> None:
     """Print, for each SE, how each kind of agents does that it taught."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for title in ("gymnasium id", "agents", "mean return", "solved", "train steps"):
-        table.add_column(title, justify="left" if title == "gymnasium id" else "right")
+        table.add_column(
+            title, justify="left" if title == "gymnasium id" else "right", no_wrap=True
+        )
     for card in cards:
         for number, taught in enumerate(card.taught):
             table.add_row(

@@ -2,57 +2,71 @@
 
 import json
 import os
-import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
+import psutil
 import pytest
-import ray
-import yaml
 
 from cluster.ray.connection import Capacity, ray_cluster, scaled_to
+from cluster.services.family import end_family
+from cluster.services.ports import free_port
 
 pytestmark = pytest.mark.timeout(200)
 
+COMMANDS = (
+    "initialization_commands",
+    "setup_commands",
+    "head_setup_commands",
+    "worker_setup_commands",
+    "head_start_ray_commands",
+    "worker_start_ray_commands",
+)
 WORKER = {"resources": {"CPU": 1}, "node_config": {}, "min_workers": 0, "max_workers": 3}
 
 
 @pytest.fixture
 def autoscaling(tmp_path: Path) -> Iterator[str]:
     """Address of a cluster of one core, whose autoscaler may add three nodes of one core each."""
-    example = Path(ray.__file__).parent / "autoscaler/_private/fake_multi_node/example.yaml"
-    config = yaml.safe_load(example.read_text())
+    port = free_port()
     head = {"resources": {"CPU": 1}, "node_config": {}, "max_workers": 0}
-    config["available_node_types"] = {"ray.head.default": head, "small": WORKER}
-    config["max_workers"] = 3
-    config["idle_timeout_minutes"] = 0.1
+    config = {
+        "cluster_name": "autoscaling",
+        "max_workers": 3,
+        "upscaling_speed": 1.0,
+        "idle_timeout_minutes": 0.1,
+        "provider": {
+            "type": "fake_multinode",
+            "gcs_address": f"127.0.0.1:{port}",
+            "use_node_id_as_ip": True,
+            "disable_node_updaters": True,
+            "disable_launch_config_check": True,
+        },
+        "available_node_types": {"ray.head.default": head, "small": WORKER},
+        "head_node_type": "ray.head.default",
+        **{name: {} for name in ("docker", "auth", "file_mounts", "cluster_synced_files")},
+        **{name: [] for name in COMMANDS},
+    }
     file = tmp_path / "autoscaling.yaml"
     file.write_text(json.dumps(config))
-    start = [
-        *(str(Path(sys.executable).with_name("ray")), "start", "--head", "--num-cpus=1"),
-        *("--port=0", "--include-dashboard=false", f"--autoscaling-config={file}", "--block"),
+    command = [
+        *(str(Path(sys.executable).with_name("ray")), "start", "--head", "--num-cpus=1", "--block"),
+        *("--node-ip-address=127.0.0.1", f"--port={port}", "--include-dashboard=false"),
+        f"--ray-client-server-port={free_port()}",
+        f"--dashboard-agent-listen-port={free_port()}",
+        f"--autoscaling-config={file}",
     ]
     environment = {**os.environ, "AUTOSCALER_UPDATE_INTERVAL_S": "1", "RAY_FAKE_CLUSTER": "1"}
     log = tmp_path / "log"
     with log.open("w") as out:
-        process = subprocess.Popen(start, env=environment, stdout=out, stderr=out)
+        process = psutil.Popen(command, env=environment, stdout=out, stderr=out)
     try:
-        yield _address(log, process)
+        _until(lambda: f"{port}" in log.read_text() and "Ray runtime started" in log.read_text())
+        yield f"127.0.0.1:{port}"
     finally:
-        process.terminate()
-        process.wait(60)
-
-
-def _address(log: Path, process: "subprocess.Popen[bytes]") -> str:
-    deadline = time.monotonic() + 90
-    while time.monotonic() < deadline and process.poll() is None:
-        for word in log.read_text().split():
-            if word.startswith("--address="):
-                return word.removeprefix("--address=").strip("'\"")
-        time.sleep(0.2)
-    raise AssertionError(log.read_text())
+        end_family(process)
 
 
 def test_it_adds_the_cores_that_a_study_asks_for(autoscaling: str) -> None:
@@ -63,7 +77,7 @@ def test_it_adds_the_cores_that_a_study_asks_for(autoscaling: str) -> None:
 
 
 def _until(reached: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 120
+    deadline = time.monotonic() + 80
     while not reached():
-        assert time.monotonic() < deadline, ray.nodes()
+        assert time.monotonic() < deadline
         time.sleep(0.5)

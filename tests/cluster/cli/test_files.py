@@ -37,6 +37,7 @@ def test_in(tmp_path: Path) -> None:
         (("export", "SE", "se.txt"), r"cannot export to 'se.txt': allowed are *.onnx (ONNX)"),
         (("export", "none.safetensors", "se.onnx"), "no SE file at 'none.safetensors'"),
         (("export", "SE", "no/folder/se.onnx"), "cannot write 'no/folder/se.onnx'"),
+        (("export", "SE", "no/folder/se.pt2"), "cannot write 'no/folder/se.pt2'"),
         (("import", "none.pt", "se.safetensors"), "no file at 'none.pt'"),
         (("import", "SE", "se.safetensors"), "is no SE of the paper's code"),
     ],

@@ -91,7 +91,7 @@ def test_any_json_line_is_read_or_refused(
     [
         ("results.json", "[[0, 0, 2], 1, {}, null, null]", "line 3: '[2].submitted' is missing"),
         ("results.json", json.dumps([[0, 0, 9], 1, STAMPS, None, ""]), "was never proposed"),
-        ("results.json", json.dumps([[0, 0, 0], 1, STAMPS, None, ""]), "stands there twice"),
+        ("results.json", json.dumps([[0, 0, 0], 1, STAMPS, None, ""]), "duplicate entry (0, 0, 0)"),
         (
             "results.json",
             json.dumps([[0, 0, 2], 0, STAMPS, None, ""]),
@@ -102,7 +102,7 @@ def test_any_json_line_is_read_or_refused(
             json.dumps([[0, 0, 2], 1, STAMPS, {"loss": float("nan"), "info": {}}, None]),
             "line 3: [3].loss: must be a finite number; got nan",
         ),
-        ("configs.json", "[[0, 0, 1], {}, {}]", "line 4: (0, 0, 1) stands there twice"),
+        ("configs.json", "[[0, 0, 1], {}, {}]", "line 4: duplicate entry (0, 0, 1)"),
         (
             "configs.json",
             "[[0, -1, 1], {}, {}]",
