@@ -25,6 +25,8 @@ class SEModule(nn.Module):
             module = nn.Sequential(*layers[:-1])
             linear = [p for n, p in module.named_parameters() if not _is_slope(module, n)]
             nn.utils.vector_to_parameters(torch.from_numpy(part.copy()), linear)
+            for parameter in linear:
+                parameter.data = parameter.data.clone()  # not a view of the whole vector
             self.add_module(name, module)
         self.requires_grad_(False)
 

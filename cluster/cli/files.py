@@ -32,8 +32,15 @@ def export_se(path: Path, out: Path) -> None:
     from bilevel.synthetic_env import load_se
 
     stored = load_se(path)
-    write_aside(out, _onnx(stored) if out.suffix == ".onnx" else _program(stored))
+    _write(out, _onnx(stored) if out.suffix == ".onnx" else _program(stored))
     click.echo(f"written: {out}")
+
+
+def _write(out: Path, content: bytes) -> None:
+    try:
+        write_aside(out, content)
+    except OSError as error:
+        raise InvalidInput(f"cannot write {str(out)!r}: {error.strerror or error}") from None
 
 
 def _onnx(se: "StoredSE") -> bytes:
@@ -64,8 +71,7 @@ def import_se(file: Path, out: Path, task: str | None) -> None:
     Only plain values and tensors are read, so that the file cannot run code.
     """
     from bilevel.interop.paper_code import read_paper_se
-    from bilevel.synthetic_env import save_se
+    from bilevel.synthetic_env import se_bytes
 
-    stored = read_paper_se(file, task)
-    save_se(stored, out)
+    _write(out, se_bytes(read_paper_se(file, task)))
     click.echo(f"written: {out}; evaluate it with `bilevel evaluate {out}`")

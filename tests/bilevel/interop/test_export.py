@@ -22,7 +22,7 @@ ROWS = 7
 @pytest.fixture(
     params=[
         ("CartPole-v0", "tanh", 1),
-        ("CartPole-v0", "prelu", 3),
+        ("CartPole-v0", "prelu", 2),
         ("Acrobot-v1", "relu", 2),
         ("Acrobot-v1", "lrelu", 1),
     ],

@@ -64,7 +64,7 @@ def chosen(given: dict[str, Any]) -> dict[str, Any]:
     return {**given, "hidden_size": given["hidden_size"][1]}
 
 
-@pytest.mark.parametrize(("activation", "layers"), [("leakyrelu", 1), ("tanh", 2), ("prelu", 3)])
+@pytest.mark.parametrize(("activation", "layers"), [("leakyrelu", 1), ("tanh", 2), ("prelu", 2)])
 def test_it_gives_the_same_numbers(activation: str, layers: int, tmp_path: Path) -> None:
     given = settings(activation, layers)
     torch.manual_seed(0)

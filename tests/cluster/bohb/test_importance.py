@@ -28,7 +28,7 @@ def searched(folder: Path, brackets: int) -> Journal:
     search = BracketSearch(SPACE, Schedule((1,), 1), brackets, 0, journal, model=False)
     while (job := search.next_job()) is not None:
         values = unit_values(SPACE, job.configuration)
-        search.register(job, -float(10 * values[0] + values[1]))
+        search.register(job, -float(10 * values[1] + values[0]))
     return journal
 
 
@@ -50,7 +50,8 @@ def test_too_few_results_tell_nothing(tmp_path: Path) -> None:
 
 def test_values_on_the_unit_interval() -> None:
     values = unit_values(SPACE, {"matters": 0.1, "hardly": 7.0, "not": "c"})
-    np.testing.assert_allclose(values, [0.5, np.nan, 1.0])
+    assert list(SPACE) == ["hardly", "matters", "not"]
+    np.testing.assert_allclose(values, [np.nan, 0.5, 1.0])
     assert np.isnan(unit_values(SPACE, {})).all()
 
 

@@ -36,8 +36,8 @@ def test_in(tmp_path: Path) -> None:
     [
         (("export", "SE", "se.txt"), r"cannot export to 'se.txt': allowed are *.onnx (ONNX)"),
         (("export", "none.safetensors", "se.onnx"), "no SE file at 'none.safetensors'"),
-        (("export", "SE", "no/folder/se.onnx"), "cannot write 'no/folder/se.onnx'"),
-        (("export", "SE", "no/folder/se.pt2"), "cannot write 'no/folder/se.pt2'"),
+        (("export", "SE", "se.safetensors/a.onnx"), "cannot write 'se.safetensors/a.onnx'"),
+        (("export", "SE", "se.safetensors/a.pt2"), "cannot write 'se.safetensors/a.pt2'"),
         (("import", "none.pt", "se.safetensors"), "no file at 'none.pt'"),
         (("import", "SE", "se.safetensors"), "is no SE of the paper's code"),
     ],

@@ -91,7 +91,11 @@ def test_any_json_line_is_read_or_refused(
     [
         ("results.json", "[[0, 0, 2], 1, {}, null, null]", "line 3: '[2].submitted' is missing"),
         ("results.json", json.dumps([[0, 0, 9], 1, STAMPS, None, ""]), "was never proposed"),
-        ("results.json", json.dumps([[0, 0, 0], 1, STAMPS, None, ""]), "duplicate entry (0, 0, 0)"),
+        (
+            "results.json",
+            json.dumps([[0, 0, 0], 1, STAMPS, None, ""]),
+            "duplicate entry ((0, 0, 0), 1)",
+        ),
         (
             "results.json",
             json.dumps([[0, 0, 2], 0, STAMPS, None, ""]),
