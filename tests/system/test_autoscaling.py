@@ -9,9 +9,9 @@ from pathlib import Path
 
 import psutil
 import pytest
+from ray.util import get_node_ip_address
 
 from cluster.ray.connection import Capacity, ray_cluster, scaled_to
-from cluster.services.family import end_family
 from cluster.services.ports import free_port
 
 pytestmark = pytest.mark.timeout(200)
@@ -31,6 +31,7 @@ WORKER = {"resources": {"CPU": 1}, "node_config": {}, "min_workers": 0, "max_wor
 def autoscaling(tmp_path: Path) -> Iterator[str]:
     """Address of a cluster of one core, whose autoscaler may add three nodes of one core each."""
     port = free_port()
+    address = f"{get_node_ip_address()}:{port}"
     head = {"resources": {"CPU": 1}, "node_config": {}, "max_workers": 0}
     config = {
         "cluster_name": "autoscaling",
@@ -39,7 +40,7 @@ def autoscaling(tmp_path: Path) -> Iterator[str]:
         "idle_timeout_minutes": 0.1,
         "provider": {
             "type": "fake_multinode",
-            "gcs_address": f"127.0.0.1:{port}",
+            "gcs_address": address,
             "use_node_id_as_ip": True,
             "disable_node_updaters": True,
             "disable_launch_config_check": True,
@@ -53,20 +54,28 @@ def autoscaling(tmp_path: Path) -> Iterator[str]:
     file.write_text(json.dumps(config))
     command = [
         *(str(Path(sys.executable).with_name("ray")), "start", "--head", "--num-cpus=1", "--block"),
-        *("--node-ip-address=127.0.0.1", f"--port={port}", "--include-dashboard=false"),
+        *(f"--port={port}", "--include-dashboard=false"),
         f"--ray-client-server-port={free_port()}",
         f"--dashboard-agent-listen-port={free_port()}",
         f"--autoscaling-config={file}",
     ]
-    environment = {**os.environ, "AUTOSCALER_UPDATE_INTERVAL_S": "1", "RAY_FAKE_CLUSTER": "1"}
+    # Without tokens, which this process, having imported Ray before, would not send.
+    ray = {
+        "AUTOSCALER_UPDATE_INTERVAL_S": "1",
+        "RAY_FAKE_CLUSTER": "1",
+        "RAY_AUTH_MODE": "disabled",
+    }
+    environment = {**os.environ, **ray}
     log = tmp_path / "log"
     with log.open("w") as out:
         process = psutil.Popen(command, env=environment, stdout=out, stderr=out)
     try:
-        _until(lambda: f"{port}" in log.read_text() and "Ray runtime started" in log.read_text())
-        yield f"127.0.0.1:{port}"
+        _until(lambda: "Ray runtime started" in log.read_text())
+        yield address
     finally:
-        end_family(process)
+        for member in [*process.children(recursive=True), process]:
+            member.kill()
+        process.wait()
 
 
 def test_it_adds_the_cores_that_a_study_asks_for(autoscaling: str) -> None:
