@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from benchmarks.agents import tables as agents
+from benchmarks.agents.sb3 import sb3
 from benchmarks.faults import tables as faults
 from benchmarks.layout import layout
 from benchmarks.machine import NotMeasured, read_result
@@ -63,7 +64,7 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     ROOT / "docs" / "nes.md": nes.TABLES,
     ROOT / "docs" / "speed.md": speed.TABLES,
     ROOT / "docs" / "reliability.md": faults.TABLES,
-    ROOT / "docs" / "zoo.md": {"zoo": zoo},
+    ROOT / "docs" / "zoo.md": {"zoo": zoo, "sb3": sb3},
 }
 
 

@@ -14,11 +14,14 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 
+from benchmarks.agents import sb3
 from benchmarks.machine import NotMeasured, read_result, write_result
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
@@ -81,66 +84,13 @@ def teach(path: Path, kind: str, number: int) -> tuple[float, int]:
 
 
 def teach_sb3(path: Path, kind: str, seed: int) -> float:
-    """Mean return on the real task of a Stable-Baselines3 agent that was trained on the SE.
-
-    Hyperparameters are those of RL Baselines3 Zoo for CartPole, with discount 0.99 for both agents.
-    """
-    import gymnasium
-    import torch
-    from stable_baselines3 import DQN, PPO
-    from stable_baselines3.common.env_util import make_vec_env
-    from stable_baselines3.common.evaluation import evaluate_policy
-
-    import bilevel  # noqa: F401  (registers the environment)
-
-    torch.set_num_threads(1)
-
-    def se() -> Any:
-        return gymnasium.make("bilevel/SyntheticEnv-v0", path=path)
-
-    if kind == "DQN":
-        agent: Any = DQN(
-            "MlpPolicy",
-            se(),
-            learning_rate=2.3e-3,
-            batch_size=64,
-            buffer_size=100_000,
-            learning_starts=1000,
-            gamma=0.99,
-            target_update_interval=10,
-            train_freq=256,
-            gradient_steps=128,
-            exploration_fraction=0.16,
-            exploration_final_eps=0.04,
-            policy_kwargs={"net_arch": [256, 256]},
-            seed=seed,
-            device="cpu",
-        )
-    else:
-        agent = PPO(
-            "MlpPolicy",
-            make_vec_env(se, n_envs=8, seed=seed),
-            n_steps=32,
-            batch_size=256,
-            gae_lambda=0.8,
-            gamma=0.99,
-            n_epochs=20,
-            ent_coef=0.0,
-            learning_rate=lambda left: 1e-3 * left,
-            clip_range=lambda left: 0.2 * left,
-            seed=seed,
-            device="cpu",
-        )
-    agent.learn(SB3_STEPS)
-    env = gymnasium.wrappers.RecordEpisodeStatistics(load_se(path).task().make())
-    env.reset(seed=seed)
-    returns, _ = evaluate_policy(
-        agent, env, n_eval_episodes=20, warn=False, return_episode_rewards=True
-    )
-    return float(np.mean(returns))
+    """Mean return on the real task of a Stable-Baselines3 agent that was trained on the SE."""
+    se = partial(gymnasium.make, "bilevel/SyntheticEnv-v0", path=path)
+    agent = sb3.trained(kind, se, SB3_STEPS, seed)
+    return sb3.score(agent, load_se(path).task().make(), seed)
 
 
-def taught(path: Path, agents: int, sb3: int) -> dict[str, Any]:
+def taught(path: Path, agents: int, others: int) -> dict[str, Any]:
     """Results of agents trained on the SE, by kind of agent."""
     found: dict[str, Any] = {}
     with ProcessPoolExecutor(os.cpu_count()) as pool:
@@ -148,9 +98,9 @@ def taught(path: Path, agents: int, sb3: int) -> dict[str, Any]:
             kind: [pool.submit(teach, path, kind, number) for number in range(agents)]
             for kind in AGENTS
         }
-        others = {
-            kind: [pool.submit(teach_sb3, path, kind, seed) for seed in range(sb3)]
-            for kind in (("DQN", "PPO") if sb3 else ())
+        of_sb3 = {
+            kind: [pool.submit(teach_sb3, path, kind, seed) for seed in range(others)]
+            for kind in (sb3.KINDS if others else ())
         }
         for kind, futures in jobs.items():
             results = [future.result() for future in futures]
@@ -158,7 +108,7 @@ def taught(path: Path, agents: int, sb3: int) -> dict[str, Any]:
                 "scores": [round(score, 1) for score, _ in results],
                 "train_steps": [steps for _, steps in results],
             }
-        for kind, waiting in others.items():
+        for kind, waiting in of_sb3.items():
             found[f"sb3 {kind}"] = {"scores": [round(f.result(), 1) for f in waiting]}
     return found
 

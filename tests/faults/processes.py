@@ -21,8 +21,8 @@ from tests.system.mlflow_shown import Server, disagreements
 def driver(stage: Stage, whole: Outcome, kills: int) -> Row:
     """SIGKILL the driver of one study at random moments; then let the study end."""
     study = stage.study("driver", *ONE_BY_ONE)
-    killed = _stopped_again_and_again(stage, study, kills, 0.5, signal.SIGKILL)
-    return Row.of("driver killed (SIGKILL), one study", killed, study.run(), whole, study)
+    killed, code = _stopped_again_and_again(stage, study, kills, 0.5, signal.SIGKILL)
+    return Row.of("driver killed (SIGKILL), one study", killed, code, whole, study)
 
 
 def driver_of_two(stage: Stage, whole: Outcome, kills: int) -> Row:
@@ -30,8 +30,8 @@ def driver_of_two(stage: Stage, whole: Outcome, kills: int) -> Row:
     node = stage.cluster.add_node(num_cpus=1)
     with Server(stage.folder / "two-server") as server:
         study = stage.study("two", "--concurrent-trials", "2", tracking_uri=server.uri)
-        killed = _stopped_again_and_again(stage, study, kills, 0.5, signal.SIGKILL)
-        code, name = study.run(), "driver killed (SIGKILL), two trials at a time"
+        killed, code = _stopped_again_and_again(stage, study, kills, 0.5, signal.SIGKILL)
+        name = "driver killed (SIGKILL), two trials at a time"
         wrong, outcome = study.disagreements(), study.outcome().in_any_order()
     stage.cluster.remove_node(node)
     return Row.compare(name, killed, code, whole.in_any_order(), outcome, wrong)
@@ -40,25 +40,25 @@ def driver_of_two(stage: Stage, whole: Outcome, kills: int) -> Row:
 def ctrl_c(stage: Stage, whole: Outcome, times: int, presses: int) -> Row:
     """Press Ctrl-C once, for a clean stop, or twice, which stops at once."""
     study = stage.study(f"ctrl-c-{presses}", *ONE_BY_ONE)
-    stopped = _stopped_again_and_again(stage, study, times, 3.0, *[signal.SIGINT] * presses)
-    name = "Ctrl-C" if presses == 1 else "Ctrl-C twice"
-    return Row.of(name, stopped, study.run(), whole, study)
+    stopped, code = _stopped_again_and_again(stage, study, times, 3.0, *[signal.SIGINT] * presses)
+    return Row.of("Ctrl-C" if presses == 1 else "Ctrl-C twice", stopped, code, whole, study)
 
 
 def _stopped_again_and_again(
     stage: Stage, study: StudyOnStage, times: int, earliest: float, *signals: int
-) -> int:
-    """Give the command repeatedly and signal it at random moments; return how many signals arrived
-    before the study's end."""
-    stopped = 0
-    for _ in range(times):
+) -> tuple[int, int]:
+    """Give the command repeatedly, signal it at random moments, and let it end at last; return how
+    many signals arrived before the study's end, and the last exit code. (Another command after the
+    end would add brackets.)"""
+    for stopped in range(times):
         code = study.live(stage.chance.uniform(earliest, 9.0), *signals)
         assert code in (0, -signals[0], 130), f"exit code {code}: see {study.log}"
-        stopped += code != 0
+        if code == 0:
+            return stopped, code
         run_status = RunStatus.load(study.folder)  # None if it had not come so far
         if signals == (signal.SIGINT,) and run_status is not None:
             assert run_status.status != "RUNNING", f"left running: see {study.log}"
-    return stopped
+    return times, study.run()
 
 
 def killed_children(

@@ -3,6 +3,7 @@
 import gymnasium
 import numpy as np
 import pytest
+import torch
 
 from bilevel import InvalidInput
 from bilevel.agents.variation import draw_agent
@@ -63,6 +64,7 @@ def test_an_id_for_each() -> None:
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")
 def test_the_documented_example_with_stable_baselines3() -> None:
     """An agent of another project learns the real task from the SE alone."""
+    torch.set_num_threads(1)  # other tests run beside this one
     code: dict[str, float] = {}
     exec(documented_code("zoo.md"), code)
     assert code["score"] > 100  # at random: about 20
