@@ -7,6 +7,7 @@ Named faults replace only their own rows.
 
 import argparse
 import json
+import signal
 import tempfile
 import time
 from collections.abc import Callable
@@ -53,6 +54,8 @@ def faults(stage: Stage, folder: Path) -> dict[str, Fault]:
 
 def main() -> None:
     """Inject the named faults, or all."""
+    # Studies inherit what is ignored, as SIGINT is where a script runs this in the background.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     parser = argparse.ArgumentParser()
     parser.add_argument(
         "--folder", type=Path, help="folder of studies and logs (default: a temporary one)"

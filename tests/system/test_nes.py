@@ -132,18 +132,18 @@ def whole(tmp_path_factory: pytest.TempPathFactory, address: str) -> Path:
     return home
 
 
-@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGINT])
-def test_killed_in_the_middle_it_goes_on(
-    number: signal.Signals, whole: Path, tmp_home: Path, address: str
-) -> None:
-    """The run resumes with one worker instead of two."""
+def test_stopped_and_then_killed_it_goes_on(whole: Path, tmp_home: Path, address: str) -> None:
+    """The run resumes from each, in the end with one worker instead of two."""
     parts = tmp_home
-    process = run_until("generation   1", *SMALL, "--generations", "12", "--home", parts)
-    os.killpg(process.pid, number)  # to everyone, as a terminal does
-    rest, _ = process.communicate(timeout=60)
-    assert process.returncode == (130 if number is signal.SIGINT else -number), rest
-    if number is signal.SIGINT:
-        assert "run the same command again to resume after the last finished generation" in rest
+    command = (*SMALL, "--generations", "12", "--home", parts)
+    stopped = run_until("generation   1", *command)
+    os.killpg(stopped.pid, signal.SIGINT)  # to everyone, as a terminal does
+    rest, _ = stopped.communicate(timeout=60)
+    assert stopped.returncode == 130, rest
+    assert "run the same command again to resume after the last finished generation" in rest
+    killed = run_until("generation   4", *command)
+    os.killpg(killed.pid, signal.SIGKILL)
+    assert killed.wait(60) == -signal.SIGKILL
     resumed = (*SMALL, "--generations", "12", "--home", parts, "--address", address)
     again = run_bilevel(*resumed, "--workers", "1")
     assert again.returncode == 0, again.stderr
