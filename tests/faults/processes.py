@@ -12,6 +12,7 @@ import psutil
 
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus
+from tests.commands import run_bilevel
 from tests.faults.outcome import Outcome
 from tests.faults.row import Row
 from tests.faults.stage import ACTOR, ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
@@ -58,6 +59,10 @@ def _stopped_again_and_again(
         run_status = RunStatus.load(study.folder)  # None if it had not come so far
         if signals == (signal.SIGINT,) and run_status is not None:
             assert run_status.status != "RUNNING", f"left running: see {study.log}"
+        if run_status is not None and run_status.status == "FINISHED":  # MLflow may lag behind
+            place = ("--home", study.home.folder, "--tracking-uri", study.tracking_uri)
+            assert run_bilevel("sync", study.folder.name, *place).returncode == 0
+            return stopped + 1, 0
     return times, study.run()
 
 
