@@ -38,7 +38,7 @@ def rooms(package: str) -> dict[str, Any]:
         child.rpartition(".")[2]: sorted(
             other.rpartition(".")[2]
             for other in graph.find_modules_directly_imported_by(child)
-            if other in children
+            if other in children and other != child
         )
         for child in children
     }
