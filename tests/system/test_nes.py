@@ -143,7 +143,8 @@ def test_stopped_and_then_killed_it_goes_on(whole: Path, tmp_home: Path, address
     assert "run the same command again to resume after the last finished generation" in rest
     killed = run_until("generation   4", *command)
     os.killpg(killed.pid, signal.SIGKILL)
-    assert killed.wait(60) == -signal.SIGKILL
+    killed.communicate(timeout=60)
+    assert killed.returncode == -signal.SIGKILL
     resumed = (*SMALL, "--generations", "12", "--home", parts, "--address", address)
     again = run_bilevel(*resumed, "--workers", "1")
     assert again.returncode == 0, again.stderr
