@@ -63,13 +63,24 @@ def distilled() -> str:
 
 
 def _results(ending: str) -> dict[str, dict[str, Any]]:
-    """The measured results, by task. Raises NotMeasured if there are none."""
+    """The measured results, by task. Raises NotMeasured if there are none.
+
+    A measurement that did not come to its end counts as none: the seeds that it lacks may be those
+    that take longest.
+    """
     found, missing = {}, []
     for task in TARGETS:
+        name = f"nes_seeds_{task}{ending}"
         try:
-            found[task] = read_result(f"nes_seeds_{task}{ending}", "runs")
+            result = read_result(name, "runs")
         except NotMeasured as error:
             missing.append(str(error))
+            continue
+        asked = result["command"].partition("--seeds ")[2].partition(" --")[0]
+        if asked.split() == [str(run["seed"]) for run in result["runs"]]:
+            found[task] = result
+        else:
+            missing.append(f"some seeds of `benchmarks/results/{name}.json`")
     if not found:
         raise NotMeasured(", ".join(missing))
     return found
