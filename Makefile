@@ -8,7 +8,7 @@ INSTALLED := $(VENV)/.installed
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot up status down studies ui test check bench format clean
+.PHONY: help setup lock bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot up status down studies ui test check docs bench format clean
 
 help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /|/' | column -t -s '|'
@@ -80,8 +80,12 @@ check: $(INSTALLED) ## Format, lint, types and imports
 	@$(BIN)/mypy bilevel search_spaces cluster tests benchmarks
 	@$(BIN)/lint-imports --no-logo
 
+docs: $(INSTALLED) ## The documentation as a site in docs/_build, without a network
+	@$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going -b html docs docs/_build
+	@echo "open docs/_build/index.html"
+
 bench: $(INSTALLED) ## All speed measurements in turn, on a quiet machine; rewrites results and tables
-	@for measurement in speed.inner_loop speed.vector_env speed.startup readme; do \
+	@for measurement in speed.inner_loop speed.vector_env speed.cost speed.startup readme; do \
 		$(BIN)/python -m benchmarks.$$measurement || exit 1; \
 	done
 

@@ -14,6 +14,7 @@ from benchmarks.layout import layout
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source, table
 from benchmarks.nes import tables as nes
+from benchmarks.search import tables as search
 from benchmarks.speed import tables as speed
 from bilevel.zoo import ENTRIES, card
 
@@ -62,6 +63,7 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     ROOT / "CONTRIBUTING.md": {"layout": layout},
     ROOT / "docs" / "agents.md": agents.TABLES,
     ROOT / "docs" / "nes.md": nes.TABLES,
+    ROOT / "docs" / "tuning.md": search.TABLES,
     ROOT / "docs" / "speed.md": speed.TABLES,
     ROOT / "docs" / "reliability.md": faults.TABLES,
     ROOT / "docs" / "zoo.md": {"zoo": zoo, "sb3": sb3},

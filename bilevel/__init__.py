@@ -1,12 +1,12 @@
 """Learning synthetic environments (SEs) with evolution strategies: the method.
 
 After Ferreira, Nierhoff and Hutter, "Learning Synthetic Environments for
-Reinforcement Learning with Evolution Strategies" (2021).
+Reinforcement Learning with Evolution Strategies" (2021)::
 
     se = bilevel.learn("CartPole-v0", seed=0, workers=2)
     bilevel.save(se, "se.safetensors")
 
-or with an explicit loop:
+or with an explicit loop::
 
     task = bilevel.get_task("CartPole-v0")
     nes = bilevel.NES(task, bilevel.load_recipe("default", task), seed=0)

@@ -19,6 +19,7 @@ from bilevel.agents.checked import CheckedAgent
 from bilevel.agents.environments import GymnasiumEnvironment, KernelEnvironment
 from bilevel.agents.training import TrainingEnvironment, returns_converged, task_solved
 from bilevel.agents.training import train as train_in_python
+from bilevel.cost import estimated_core_seconds
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.kernels import training
@@ -78,6 +79,7 @@ class Outcome:
     train_episodes: int
     real_env_steps: int  # of tests, and of training on the real task
     finite: bool  # False: training or test diverged; the returns are the task's worst
+    cost: float  # core seconds, estimated (`bilevel.cost`)
 
     @property
     def score(self) -> float:
@@ -208,7 +210,7 @@ class _Run:
         if not np.isfinite(returns).all():
             return self._diverged(steps, episodes, tested)
         real = tested + self._real_steps(steps)
-        return Outcome(tuple(returns.tolist()), steps, episodes, real, True)
+        return self._outcome(tuple(returns.tolist()), steps, episodes, real, True)
 
     def _real_steps(self, train_steps: int) -> int:
         """Steps of the training that were made on the real task."""
@@ -243,7 +245,7 @@ class _Run:
         returns, tested = self._tested(agent)
         if not np.isfinite(returns).all():
             return self._diverged(steps, episodes, tested)
-        return Outcome(returns, steps, episodes, tested + self._real_steps(steps), True)
+        return self._outcome(returns, steps, episodes, tested + self._real_steps(steps), True)
 
     def _tested(self, agent: Agent) -> tuple[tuple[float, ...], int]:
         """EvaluateAgent for an agent in Python: returns and number of steps of greedy episodes."""
@@ -265,7 +267,13 @@ class _Run:
 
     def _diverged(self, steps: int, episodes: int, tested: int = 0) -> Outcome:
         worst = (self.task.worst_score,) * self.hp.test_episodes
-        return Outcome(worst, steps, episodes, tested + self._real_steps(steps), False)
+        return self._outcome(worst, steps, episodes, tested + self._real_steps(steps), False)
+
+    def _outcome(
+        self, returns: tuple[float, ...], steps: int, episodes: int, real: int, finite: bool
+    ) -> Outcome:
+        cost = estimated_core_seconds(self.hp, steps, real)
+        return Outcome(returns, steps, episodes, real, finite, cost)
 
 
 def schedule(hp: AgentHyperparameters) -> training.Schedule:

@@ -60,22 +60,21 @@ def _full_agent(agent: str) -> list[Dimension]:
 
 
 def _core() -> list[Dimension]:
-    """Dimensions of NES and SE; with `_core_agent` they are seven, so that BOHB's model needs
-    2 * (7 + 1) results at one budget. Ranges are wide around the values of the recipe `default`."""
+    """Eight dimensions of NES and SE, so that BOHB's model needs 2 * (8 + 1) results at one budget.
+    Ranges are wide around the values of the recipe `default`.
+
+    The agents have none: the recipe draws their learning rates, batches and networks anew for every
+    generation, since an SE must teach them all, and confirmations draw theirs as users will.
+    """
     return [
-        CS.Float("nes.step_size", (0.1, 2.0), log=True),
-        CS.Float("nes.std_dev", (0.03, 0.5), log=True),
+        CS.Float("nes.step_size", (0.2, 4.0), log=True),
+        CS.Float("nes.std_dev", (0.03, 1.0), log=True),
+        CS.Integer("nes.population_size", (4, 48), log=True),
+        CS.Float("nes.1-averaging", (0.02, 0.5), log=True),
+        CS.Integer("nes.start_candidates", (16, 512), log=True),
         CS.Integer("se.hidden_size", (16, 64), log=True),
-        CS.Integer("se.step_limit", (8, 100), log=True),
-    ]
-
-
-def _core_agent(agent: str) -> list[Dimension]:
-    """Dimensions of the agent that are not varied (`bilevel.agents.variation`)."""
-    return [
-        CS.Integer(f"{agent}.init_episodes", (1, 20), log=True),
-        CS.Float(f"{agent}.target_update_rate", (0.005, 0.05), log=True),
-        CS.Float(f"{agent}.epsilon_decay", (0.8, 0.98)),
+        CS.Integer("se.step_limit", (20, 200), log=True),
+        CS.Float("se.spread", (1.04, 1.3)),
     ]
 
 
@@ -86,18 +85,17 @@ SPACES = {"full": "paper", "core": "default"}
 def search_space(
     name: str, agents: Sequence[str] = ("ddqn",), seed: int | None = None
 ) -> CS.ConfigurationSpace:
-    """The space `full` or `core` for NES, SE and `agents`; an agent has the dimensions of its own
-    fields. For DDQN, `full` has the 18 dimensions of Table 1.
+    """The space `core` for NES and SE, or `full`, in which each of `agents` has the dimensions of
+    its own fields too. For DDQN, `full` has the 18 dimensions of Table 1.
 
     Raises InvalidInput for another name.
     """
     if name not in SPACES:
         raise one_of("search space", name, SPACES)
-    of_agent = _full_agent if name == "full" else _core_agent
     space = _full() if name == "full" else _core()
-    for agent in agents:
+    for agent in agents if name == "full" else ():
         known = {spec.name for spec in fields(agent_hyperparameters(agent))}
-        space += [d for d in of_agent(agent) if _field(d.name) in known]
+        space += [d for d in _full_agent(agent) if _field(d.name) in known]
     return CS.ConfigurationSpace(name=name, seed=seed, space=space)
 
 

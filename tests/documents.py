@@ -6,11 +6,14 @@ from pathlib import Path
 ROOT = Path(__file__).parent.parent
 
 
+def python_blocks(document: str) -> list[str]:
+    """The blocks of Python in a document, given by its path in the repository."""
+    return re.findall(r"```python\n(.*?)```", (ROOT / document).read_text(), re.DOTALL)
+
+
 def documented_code(document: str) -> str:
     """The first block of Python in a document of docs."""
-    found = re.search(r"```python\n(.*?)```", (ROOT / "docs" / document).read_text(), re.DOTALL)
-    assert found is not None
-    return found[1]
+    return python_blocks(f"docs/{document}")[0]
 
 
 def documented_agent() -> str:

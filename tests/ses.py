@@ -17,6 +17,7 @@ def make_se(task: Task, layers: int = 1, activation: Any = "lrelu", seed: int = 
         hidden_size=12,
         activation=activation,
         step_limit=0,
+        spread=1.0,
     )
     architecture = Architecture.of(task, hp)
     psi = architecture.initialize(np.random.default_rng(seed))

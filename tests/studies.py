@@ -3,21 +3,24 @@ configuration instead of by training."""
 
 import math
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import load_recipe
-from bilevel.nes.checkpoint import save_state
-from bilevel.tasks import get_task
+from bilevel.synthetic_env import SE, SEDistribution
+from bilevel.tasks import Task, get_task
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal
+from cluster.bohb.objective import Tally
 from cluster.bohb.profiles import get_profile, sized
+from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.study import Study
-from cluster.nes.run import STATE_FILE
 from cluster.nes.selection import FinalScore, export_best
+from cluster.ray.pool import EvaluationPool
 from cluster.storage.run_folder import RunStatus, locked_settings
 from search_spaces import Space
 
@@ -37,23 +40,37 @@ def made_up(request: EvaluationRequest) -> EvaluationResult:
         train_episodes=20,
         real_env_steps=40,
         finite=True,
+        cost=0.01,
         index=request.index,
         seconds=0.01,
     )
 
 
-def run_job(study: Study, job: Job) -> float:
-    """Run generations up to the job's budget; return the objective."""
-    run = study.run(job.id, job.configuration)
-    nes = run.nes
-    state = run.load() or nes.init()
-    while state.generation < job.budget:
-        before = state.generation
-        state = nes.tell(state, [made_up(request) for request in nes.ask(state)])
-        if state.generation > before:
-            state = state.timed(0.5, 1, time.time())
-        save_state(state, run.folder / STATE_FILE)
-    return state.objective
+class MadeUpPool(EvaluationPool):
+    """A pool without actors, whose results are made up."""
+
+    def __init__(self) -> None:
+        super().__init__(0)
+
+    @property
+    def size(self) -> int:
+        return 1
+
+    def run(
+        self,
+        task: Task,
+        se: SE | SEDistribution | None,
+        requests: Sequence[EvaluationRequest],
+        on_result: Callable[[EvaluationResult], None] = lambda result: None,
+    ) -> list[EvaluationResult]:
+        return [made_up(request) for request in requests]
+
+
+def run_job(study: Study, job: Job) -> Tally:
+    """Run NES up to the job's budget; return what it came to."""
+    runs = ConfigurationRuns.open(study, job.id, job.configuration)
+    runs.spend(job.budget, MadeUpPool())
+    return runs.tally
 
 
 def make_study(
@@ -69,14 +86,14 @@ def make_study(
             if number in fail:
                 search.register(job, None, exception="Traceback\nValueError: made to fail")
             else:
-                search.register(job, -run_job(study, job))
+                tally = run_job(study, job)
+                search.register(job, tally.objective, tally.info)
             number += 1
         line = next(line for line in Journal(folder).results if line.loss is not None)
         proposed = next(c for c in Journal(folder).configs if c.id == line.id)
-        run = study.run(line.id, proposed.configuration)
-        state = run.load()
-        assert state is not None
+        best = ConfigurationRuns.read(study, line.id, proposed.configuration).best
+        assert best is not None
         final = FinalScore(np.array([score - 10, score + 10]), np.array([400, 600]), 195.0)
-        export_best(state.candidates[0], final, folder, len(Journal(folder).results))
+        export_best(best, final, folder, len(Journal(folder).results))
         RunStatus("FINISHED", time.time(), brackets).save(folder)
     return study

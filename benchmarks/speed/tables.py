@@ -75,9 +75,20 @@ def vector_env() -> str:
     return _table(head, rows, result)
 
 
+def cost() -> str:
+    """Measured over estimated time of evaluations."""
+    result = read_result("cost")
+    rows = [
+        [agents, f"{case['ms_an_agent']:.1f}", _spread(case["measured_over_estimated"], ".2f")]
+        for agents, case in result["results"].items()
+    ]
+    return _table(["agents", "milliseconds an agent", "measured over estimated"], rows, result)
+
+
 TABLES: dict[str, Callable[[], str]] = {
     "inner-loop": inner_loop,
     "startup": startup,
     "small-things": small_things,
     "vector-env": vector_env,
+    "cost": cost,
 }

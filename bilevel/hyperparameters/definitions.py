@@ -100,6 +100,9 @@ class SEHyperparameters:
     activation: Activation
     # Steps after which an episode on the SE is truncated. 0: the task's own limit.
     step_limit: Annotated[int, Field(ge=0, le=1_000_000)]
+    # Factor by which one step carries states away from the mean observation, read by `exogenous`.
+    # The nearer to 1, the longer the episodes; below it, states stay where episodes begin.
+    spread: Annotated[float, Field(ge=0.5, le=2.0)]
 
 
 @hyperparameters

@@ -69,6 +69,7 @@ def read_paper_se(path: Path, task_id: str | None = None) -> StoredSE:
         hidden_size=of.hidden_size,
         activation=_ACTIVATIONS.get(of.activation_fn, of.activation_fn),  # type: ignore[arg-type]
         step_limit=of.max_steps,
+        spread=1.0,
     )
     architecture = Architecture.of(task, hp)
     psi = np.concatenate(parts)

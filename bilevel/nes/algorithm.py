@@ -47,7 +47,7 @@ EvaluateAll = Callable[[SEDistribution, list[EvaluationRequest]], Sequence[Evalu
 
 @dataclass(frozen=True)
 class NES:
-    """An NES run as ask and tell; it evaluates nothing itself.
+    """An NES run as ask and tell; it evaluates nothing itself::
 
         state = nes.init()
         while not state.finished:
@@ -176,7 +176,8 @@ class NES:
         generation, its record is the last of `records`."""
         ordered = sorted(results, key=lambda result: result.index)
         real_steps = state.real_env_steps + sum(result.real_env_steps for result in ordered)
-        state = replace(state, real_env_steps=real_steps)
+        cost = state.cost + sum(result.cost for result in ordered)
+        state = replace(state, real_env_steps=real_steps, cost=cost)
         if state.race is not None:
             return self._at_winner(replace(state, race=state.race.after(ordered)))
         if state.confirmation is not None:

@@ -40,6 +40,7 @@ def save_state(state: NESState, path: Path) -> None:
         "confirmed": state.confirmed,
         "refuted": state.refuted,
         "real_env_steps": state.real_env_steps,
+        "cost": state.cost,
         "scale_steps": state.scale.real_env_steps,
         "finished": state.finished,
         "finalists": [
@@ -125,6 +126,7 @@ class _Header:
     confirmed: bool
     refuted: int
     real_env_steps: int
+    cost: float
     scale_steps: int  # of the scale of observations
     finished: bool
     finalists: tuple[_Finalist, ...]

@@ -24,6 +24,7 @@ class GenerationRecord:
     solved_fraction: float  # of the agents trained on the unperturbed SE
     non_finite: int  # evaluations of the generation that diverged
     real_env_steps: int  # steps on the real task so far: tests, and the scale of observations
+    cost: float  # core seconds so far, estimated (`bilevel.cost`), of all evaluations
     psi_norm: float
     update_norm: float
     std_dev: float  # root mean square of this generation's sigma

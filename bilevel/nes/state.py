@@ -33,6 +33,7 @@ class NESState:
     race: StartRace | None = None  # while the start of the attempt is being chosen
     judged: int = 0  # generation of the last confirmation, or in which the attempt began
     real_env_steps: int = 0  # steps on the real task so far
+    cost: float = 0.0  # core seconds of all evaluations so far, estimated (`bilevel.cost`)
     confirmation: Confirmation | None = None  # while one is under way
     confirmed: bool = False  # solved for long enough, and confirmed
     refuted: int = 0  # confirmations that failed, in this attempt
@@ -81,12 +82,6 @@ class NESState:
         """Highest mean score of a generation so far (-inf before the first)."""
         return max((record.score_mean for record in self.records), default=-math.inf)
 
-    @property
-    def objective(self) -> float:
-        """Mean over the generations of the score of each: the area under the learning curve, so
-        that soon and good both count."""
-        return float(np.mean([record.score_mean for record in self.records]))
-
     def record_of(
         self, results: Sequence[EvaluationResult], centre_agents: int, step: Theta
     ) -> GenerationRecord:
@@ -108,6 +103,7 @@ class NESState:
             solved_fraction=float((centre >= self.task.solved_reward).mean()),
             non_finite=sum(not r.finite for r in results),
             real_env_steps=self.real_env_steps,
+            cost=self.cost,
             psi_norm=float(np.linalg.norm(self.se.centre.psi)),
             update_norm=float(np.linalg.norm(step)),
             std_dev=float(np.sqrt(np.mean(np.square(self.se.std_dev)))),

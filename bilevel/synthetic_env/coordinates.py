@@ -10,7 +10,7 @@ plain one prefers the same action nearly everywhere, and its states stay close t
 its agents learn nothing and all scores are noise. Here
 
     x   = (s - m) / c                                     m, c: mean and scale of observations
-    s'  = m + c * (SPREAD Q W^+ tanh(W x + b) + v)        the same whatever the action
+    s'  = m + c * (f Q W^+ tanh(W x + b) + v)             the same whatever the action
     G   = U tanh(R x + d)                                 A_a = G_a - mean of G over actions
     r(s, a) = A_a(x) - A_a(0)
     done  rises above its threshold where a component of x leaves +-E
@@ -33,6 +33,7 @@ W, W^+     (H, S), (S, H)   of the next state; W^+ is the pseudoinverse of W
 Q          (S, S)       the rotation nearest to a matrix of coordinates
 R, U       (K, S), (A, K)   of the reward, K = (H - A) // A
 E          (S,)         half-widths of the box in which an episode goes on
+f                       `se.spread`
 """
 
 import math
@@ -88,7 +89,7 @@ def coordinates(task: Task, hp: SEHyperparameters, scale: ObservationScale) -> C
             f"SE structure 'exogenous' needs a hidden_size of at least {least}, two units an "
             f"action and an observation of {task.id}; got {hp.hidden_size}"
         )
-    return ExogenousCoordinates(architecture, scale)
+    return ExogenousCoordinates(architecture, scale, hp.spread)
 
 
 @dataclass(frozen=True)
@@ -111,10 +112,6 @@ class PlainCoordinates:
         return theta
 
 
-#: Factor by which one step carries states away from the mean observation. Above 1, an episode
-#: leaves the narrow region in which the task's own episodes start. Further out tanh holds it back;
-#: some episodes leave the box, others go on until the step limit.
-SPREAD = 1.12
 #: Size of the components of x at which tanh begins to saturate.
 RANGE = 3.0
 #: Half-width of the box in a random SE, in units of c, and how steeply done rises at its sides.
@@ -140,6 +137,9 @@ class ExogenousCoordinates:
 
     architecture: Architecture
     scale: ObservationScale
+    #: Above 1, an episode leaves the narrow region in which the task's own episodes start. Further
+    #: out tanh holds it back; some episodes leave the box, others go on until the step limit.
+    spread: float
 
     @property
     def _reward_units(self) -> int:
@@ -212,9 +212,9 @@ class ExogenousCoordinates:
         layers.biases[rows] = bias - raw @ self.scale.mean
 
     def _write_next_state(self, layers: "_Layers", parts: dict[str, Theta]) -> None:
-        """Near the mean observation, x -> SPREAD Q x."""
+        """Near the mean observation, x -> spread Q x."""
         weights = parts["W"].astype(np.float64) / (RANGE * INERTIA * math.sqrt(parts["v"].size))
-        out = SPREAD * _nearest_rotation(parts["Q"]) @ np.linalg.pinv(weights)
+        out = self.spread * _nearest_rotation(parts["Q"]) @ np.linalg.pinv(weights)
         units = slice(len(weights))
         self._read_states(layers, units, weights.astype(np.float32), BIAS / INERTIA * parts["b"])
         deviation = self.scale.deviation

@@ -169,6 +169,7 @@ class _Sizes:
             hidden_size=self.hidden_size,
             activation=self.activation,
             step_limit=limit,
+            spread=1.0,
         )
         return Architecture(
             self.state_size,

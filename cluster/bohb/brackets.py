@@ -1,4 +1,4 @@
-"""Which configurations run for how many generations: brackets of successive halving.
+"""Which configurations get how much core time: brackets of successive halving.
 
 symbol   meaning
 ------   ---------------------------------------------------------------
@@ -17,7 +17,7 @@ ETA = 3
 
 @dataclass(frozen=True)
 class Rung:
-    """A stage of a bracket: `configurations` runs reach `budget` generations."""
+    """A stage of a bracket: `configurations` configurations have spent `budget` core seconds."""
 
     bracket: int
     budget: int
@@ -25,7 +25,7 @@ class Rung:
 
 
 def budget_ladder(smallest: int, largest: int) -> list[int]:
-    """Budgets in generations, ascending: `largest` divided by powers of eta
+    """Budgets in core seconds, ascending: `largest` divided by powers of eta
     (rounded), down to `smallest`.
 
     Powers are multiplied up, because the rounding of a logarithm can lose a rung.
@@ -50,7 +50,7 @@ class Schedule:
     Raises InvalidInput for a cycle that is longer than the ladder.
     """
 
-    budgets: tuple[int, ...]  # generations, ascending
+    budgets: tuple[int, ...]  # core seconds, ascending
     #: Number of kinds of brackets, which take turns, beginning with the smallest first budget. In
     #: Hyperband there is one kind per budget; with 1 all brackets begin at the smallest budget.
     cycle: int
@@ -92,8 +92,8 @@ def configurations_to_begin(rungs: list[Rung]) -> int:
     return sum(begun.values())
 
 
-def generations_to_run(rungs: list[Rung]) -> int:
-    """Generations that these rungs cost; promoted configurations continue from their lower
+def core_seconds_to_run(rungs: list[Rung]) -> int:
+    """Core seconds that these rungs cost; promoted configurations continue from their lower
     rung."""
     reached: dict[int, int] = {}
     total = 0

@@ -10,7 +10,9 @@ from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.synthetic_env import save_se
 from cluster.bohb.brackets import Schedule, configurations_to_begin
 from cluster.bohb.journal import Journal, ResultLine
+from cluster.bohb.objective import Tally
 from cluster.bohb.report import StudyReport
+from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.search import BracketSearch
 from cluster.bohb.searcher import BohbSearcher
 from cluster.bohb.stopping import StudyStopper
@@ -123,6 +125,7 @@ class _Runner:
         self.terminal = session.terminal
         self.live: set[str] = set()  # names of configurations
         study = command.study
+        study.take_over_prior()
         self.journal = Journal(study.folder)
         run_status = RunStatus.load(study.folder)
         self._unfinished = run_status is not None and run_status.status != "FINISHED"
@@ -156,8 +159,8 @@ class _Runner:
         self.session.introduce(
             f"{study.method_name} on {study.task.id}: study {study.name!r}, "
             f"space {study.space.name}, recipe {study.base.recipe}, {start_of(study.base.nes)}, "
-            f"rule {study.base.nes.update}, population {study.base.nes.population_size}, "
-            f"budgets {'/'.join(map(str, study.schedule.budgets))} generations, "
+            f"rule {study.base.nes.update}, "
+            f"budgets {'/'.join(map(str, study.schedule.budgets))} core seconds, "
             f"{command.trials} trial(s) at a time with {command.workers_per_trial} worker(s) each"
         )
         if command.time_budget is not None:
@@ -248,28 +251,27 @@ class _Runner:
         return 0 if any(result.loss is not None for result in self.journal.results) else 1
 
     def _contenders(self, pool: EvaluationPool) -> list[Contender]:
-        """The SEs of all configurations that scored highest in their own runs, best first.
-        A damaged or lost checkpoint is recomputed."""
+        """The SEs of all configurations that were confirmed, then those that scored highest in
+        their own runs. A damaged or lost checkpoint is recomputed."""
         reached: dict[object, int] = {}
         for result in self.journal.results:
             if result.loss is not None:
                 reached[result.id] = max(result.budget, reached.get(result.id, 0))
         found = []
         for line in self.journal.configs:
-            generations = reached.get(line.id, 0)
             try:
-                run = self.command.study.run(line.id, line.configuration)
+                runs = ConfigurationRuns.open(
+                    self.command.study, line.id, line.configuration, self.terminal.line
+                )
             except InvalidInput:  # it failed, because its values do not fit together
                 continue
-            state = (
-                run.reach(generations, pool, self.terminal.line)
-                if generations
-                else run.load_if_sound()
-            )
-            if state is not None:
+            runs.spend(reached.get(line.id, 0), pool)
+            for state in runs.states:
+                ses = [state.best] if state.confirmed else state.candidates
+                hp = runs.run(0).hp
                 found += [
-                    (f.rank, Contender(se, run.hp))
-                    for f, se in zip(state.finalists, state.candidates, strict=True)
+                    ((state.confirmed, finalist.rank), Contender(se, hp))
+                    for finalist, se in zip(state.finalists, ses, strict=False)
                 ]
         found.sort(key=lambda pair: pair[0], reverse=True)
         return [contender for _, contender in found[:RACERS]]
@@ -281,10 +283,10 @@ class _Runner:
             return
         study = self.command.study
         configuration = self._summary.configuration(incumbent.id)
-        state = study.run(incumbent.id, configuration).load_if_sound()
-        if state is not None and state.finalists:
+        best = ConfigurationRuns.read(study, incumbent.id, configuration).best
+        if best is not None:
             path = study.folder / INCUMBENT_FILE
-            save_se(state.candidates[0], path)
+            save_se(best, path)
             self.terminal.line(f"its best SE, not retested: {path}")
 
     @property
@@ -303,8 +305,8 @@ class _Runner:
         if incumbent is None:
             return None
         line(
-            f"incumbent {configuration_name(incumbent.id)}: objective "
-            f"{incumbent.objective:.1f} over {count(incumbent.budget, 'generation')}"
+            f"incumbent {configuration_name(incumbent.id)}: {Tally.told(incumbent.info)}, "
+            f"objective {incumbent.loss:.0f}"
         )
         found = summary.configuration(incumbent.id)
         text = self.command.study.recipe_text(incumbent.id, found)

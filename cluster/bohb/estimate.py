@@ -1,47 +1,44 @@
-"""`bilevel bohb --dry-run`: the brackets of a study and their estimated cost."""
+"""`bilevel bohb --dry-run`: the brackets of a study and their estimated time."""
 
+import time
 from bisect import bisect_right
 from dataclasses import dataclass, replace
 from typing import Self
 
 from bilevel.evaluation import evaluate
 from bilevel.nes import NES
-from cluster.bohb.brackets import Schedule, configurations_to_begin, generations_to_run
+from cluster.bohb.brackets import Schedule, configurations_to_begin, core_seconds_to_run
 from cluster.bohb.command import StudyCommand
 from cluster.session.terminal import Terminal, count, duration
 from search_spaces import to_hyperparameters
 
-#: Configurations whose evaluations are timed.
-_SAMPLES = 6
+#: Random configurations, and the evaluations of each, that are timed.
+_SAMPLES, _EVALUATIONS = 6, 8
 
 
 @dataclass(frozen=True)
 class Estimate:
-    """Estimated cost of a study."""
+    """Estimated time of a study."""
 
     schedule: Schedule
     brackets: int
-    evaluations_per_generation: float
-    seconds_per_evaluation: float
-    start_evaluations: int  # per configuration, to choose its start
+    speed: float  # seconds that a core of this machine takes for a core second of a budget
     cores: int
 
     @property
-    def generations(self) -> int:
-        """Generations of all configurations."""
-        return generations_to_run(self.schedule.brackets(self.brackets))
+    def core_seconds(self) -> int:
+        """Core seconds of all configurations, by their budgets."""
+        return core_seconds_to_run(self.schedule.brackets(self.brackets))
 
     @property
-    def evaluations(self) -> int:
-        """Evaluations of all configurations, including the choice of their starts."""
-        begun = configurations_to_begin(self.schedule.brackets(self.brackets))
-        generations = round(self.generations * self.evaluations_per_generation)
-        return generations + begun * self.start_evaluations
+    def configurations(self) -> int:
+        """Number of configurations that are begun."""
+        return configurations_to_begin(self.schedule.brackets(self.brackets))
 
     @property
     def seconds(self) -> float:
         """Wall-clock seconds on all cores."""
-        return self.evaluations * self.seconds_per_evaluation / self.cores
+        return self.core_seconds * self.speed / self.cores
 
     def within(self, seconds: float) -> Self:
         """The estimate for as many brackets as fit into `seconds`, at least one."""
@@ -54,8 +51,8 @@ class Estimate:
 
     def __str__(self) -> str:
         return (
-            f"{count(self.brackets, 'bracket')}: {self.generations} generations, "
-            f"{self.evaluations} evaluations of about {self.seconds_per_evaluation:.3f}s: "
+            f"{count(self.brackets, 'bracket')}: {self.configurations} configurations, "
+            f"{self.core_seconds} core seconds, of which one takes {self.speed:.2f} s here: "
             f"{duration(self.seconds)} on {self.cores} core(s)"
         )
 
@@ -63,8 +60,8 @@ class Estimate:
 def dry_run(command: StudyCommand) -> None:
     """Print the bracket table, the cost, and whether the cluster can place it.
 
-    The time is estimated from a few evaluations of random configurations on one core. Raises
-    InvalidInput where the study itself would.
+    The time is estimated from a few evaluations of random configurations, measured on one core.
+    Raises InvalidInput where the study itself would.
     """
     capacity = command.context.capacity()
     command = command.placed(capacity)
@@ -77,7 +74,7 @@ def dry_run(command: StudyCommand) -> None:
 def _print_estimate(command: StudyCommand, trials: int, terminal: Terminal) -> None:
     study, schedule = command.study, command.study.schedule
     terminal.line(
-        f"{study.method_name} on {study.task.id}: study {study.name!r}, budgets in generations"
+        f"{study.method_name} on {study.task.id}: study {study.name!r}, budgets in core seconds"
     )
     terminal.line("bracket   configurations x budget")
     for bracket in range(min(command.brackets, schedule.cycle)):
@@ -101,23 +98,20 @@ def _print_estimate(command: StudyCommand, trials: int, terminal: Terminal) -> N
 def _estimate(command: StudyCommand, trials: int) -> Estimate:
     study = command.study
     samples = study.space.build(study.agents, study.seed).sample_configuration(_SAMPLES)
-    seconds, evaluations = [], []
-    race = 0
+    cost = seconds = 0.0
     for number, sample in enumerate(samples):
         nes = NES(study.task, to_hyperparameters(study.base, dict(sample)), number)
         state = nes.init()
-        if state.race is not None:
-            race = state.race.evaluations
         requests = nes.ask(state)
         if number == 0:
-            evaluate(study.task, state.se, requests[0])  # compiles, untimed
-        seconds += [evaluate(study.task, state.se, request).seconds for request in requests[:8]]
-        evaluations.append(nes.hp.nes.evaluations)
+            evaluate(study.task, state.se, requests[0])  # loads the kernels, untimed
+        began = time.perf_counter()
+        results = [evaluate(study.task, state.se, request) for request in requests[:_EVALUATIONS]]
+        seconds += time.perf_counter() - began
+        cost += sum(result.cost for result in results)
     return Estimate(
         study.schedule,
         command.brackets,
-        sum(evaluations) / len(evaluations),
-        sum(seconds) / len(seconds),
-        race,
+        seconds / max(cost, 1e-9),
         trials * command.workers_per_trial,
     )

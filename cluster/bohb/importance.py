@@ -1,9 +1,9 @@
 """Importance of hyperparameters: how much worse a model of the objective predicts without one.
 
-The model is a random forest (Breiman, 2001), fitted to the results at the budget that has most of
-them. The importance of a hyperparameter is the drop of R^2 when its values are permuted. It tells
-what mattered within the search space and among the configurations that were tried; a forest that
-predicts little itself tells little.
+The model is a random forest (Breiman, 2001), fitted to the logarithms of the results at the budget
+that has most of them. The importance of a hyperparameter is the drop of R^2 when its values are
+permuted. It tells what mattered within the search space and among the configurations that were
+tried; a forest that predicts little itself tells little.
 """
 
 from collections import Counter
@@ -38,7 +38,7 @@ def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | N
     from sklearn.ensemble import RandomForestRegressor
     from sklearn.inspection import permutation_importance
 
-    good = [line for line in journal.results if line.objective is not None]
+    good = [line for line in journal.results if line.loss is not None]
     if not good:
         return None
     budget = max(Counter(line.budget for line in good).items(), key=lambda item: (item[1], item[0]))
@@ -47,7 +47,7 @@ def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | N
     if len(at_budget) < _PER_HYPERPARAMETER * len(space) + _BESIDES:
         return None
     inputs = np.array([unit_values(space, values[line.id]) for line in at_budget])
-    objectives = np.array([line.objective for line in at_budget], np.float64)
+    objectives = np.log([line.loss or 1.0 for line in at_budget])
     if np.ptp(objectives) == 0:
         return None
     forest = RandomForestRegressor(_TREES, oob_score=True, random_state=0, n_jobs=1)

@@ -28,19 +28,14 @@ class ConfigLine(NamedTuple):
 
 @dataclass(frozen=True)
 class ResultLine:
-    """A configuration reached a budget, or failed on the way (`loss` None)."""
+    """A configuration has spent a budget, or failed on the way (`loss` None)."""
 
     id: ConfigId
     budget: int
-    loss: float | None
-    info: dict[str, Any]
+    loss: float | None  # the objective, which is minimised
+    info: dict[str, Any]  # of `Tally.info`, and core_utilisation
     timestamps: dict[str, float]  # submitted, started, finished; unix time, seconds
     exception: str | None = None
-
-    @property
-    def objective(self) -> float | None:
-        """The objective, which is maximised: the negative loss."""
-        return None if self.loss is None else -self.loss
 
     @property
     def finished(self) -> float:

@@ -14,57 +14,35 @@ from cluster.bohb.importance import Importance
 from cluster.bohb.summary import ResultPoint
 from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
-#: The plot shows the results of the upper half, and of the lower half only that they are there.
-_SHOWN = 0.5
 #: Seconds up to which a search is told in seconds.
 _SHORT = 180.0
 
 
 def objective_against_cost(points: Sequence[ResultPoint], task: Task, title: str) -> Figure:
-    """Plot every result over the generations, and the minutes, spent by then, and the incumbent at
-    the largest budget so far.
-
-    The axis begins at the median of the objectives, since the worst draws would otherwise leave no
-    room for the differences between good ones; results below are marked at its lower end.
-    """
+    """Plot every result over the core seconds, and the minutes, spent by then, and the incumbent at
+    the largest budget so far."""
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
-    axes.set_xlabel("generations spent by the search (marker size: budget of the result)")
-    axes.set_ylabel("objective (mean score over the generations)")
+    axes.set_xlabel("core seconds spent by the search (marker size: budget of the result)")
+    axes.set_ylabel("expected core seconds to a confirmed SE")
+    axes.set_yscale("log")
     axes.set_title(f"{title}, {task.id}")
     axes.spines["right"].set_visible(False)
     if not points:
         return figure
-    objectives = np.array([point.objective for point in points])
-    top, bottom = float(objectives.max()), float(np.quantile(objectives, _SHOWN))
-    margin = 0.06 * max(top - bottom, 1e-9 + 1e-3 * abs(top))
-    axes.set_ylim(bottom - 2 * margin, top + margin)
+    smallest = min(point.budget for point in points)
     for model_based, marker, colour in ((False, "o", GREY), (True, "D", BLUE)):
         chosen = [point for point in points if point.model_based is model_based]
-        shown = [point for point in chosen if point.objective >= bottom]
-        below = [point for point in chosen if point.objective < bottom]
-        name = "proposed by the model" if model_based else "drawn at random"
-        if shown:
+        if chosen:
             axes.scatter(
-                [point.generations_spent for point in shown],
-                [point.objective for point in shown],
-                s=[14 + 6 * point.budget for point in shown],
+                [point.spent for point in chosen],
+                [point.objective for point in chosen],
+                s=[16 * point.budget / smallest for point in chosen],
                 marker=marker,
                 color=colour,
                 alpha=0.6,
                 lw=0,
-                label=name,
-            )
-        if below:
-            axes.scatter(
-                [point.generations_spent for point in below],
-                [bottom - 1.5 * margin] * len(below),
-                s=16,
-                marker="v",
-                color=colour,
-                alpha=0.6,
-                lw=0,
-                label=f"{name}, below the axis",
+                label="proposed by the model" if model_based else "drawn at random",
             )
     _mark_incumbent(axes, points)
     _add_time(axes, points)
@@ -76,11 +54,11 @@ def _mark_incumbent(axes: Axes, points: Sequence[ResultPoint]) -> None:
     """The best result at the largest budget so far, and a star at the last one."""
     largest = max(point.budget for point in points)
     ranked = [point for point in points if point.budget == largest]
-    spent = [point.generations_spent for point in ranked]
-    best = np.maximum.accumulate([point.objective for point in ranked])
-    label = f"incumbent after {largest} generations: {best[-1]:.1f}"
+    spent = [point.spent for point in ranked]
+    best = np.minimum.accumulate([point.objective for point in ranked])
+    label = f"incumbent after {largest} core seconds: {best[-1]:.0f}"
     axes.step(spent, best, where="post", color=ORANGE, label=label)
-    first = int(np.argmax(best))
+    first = int(np.argmin(best))
     axes.scatter(
         [spent[first]],
         [best[first]],
@@ -94,7 +72,7 @@ def _mark_incumbent(axes: Axes, points: Sequence[ResultPoint]) -> None:
 
 def _add_time(axes: Axes, points: Sequence[ResultPoint]) -> None:
     """A second axis above: whole minutes, or seconds, since the search began."""
-    spent = [0.0, *(float(point.generations_spent) for point in points)]
+    spent = [0.0, *(float(point.spent) for point in points)]
     seconds = [0.0, *(point.seconds for point in points)]
     axes.set_xlim(0, 1.03 * spent[-1])
     unit, size = ("seconds", 1.0) if seconds[-1] < _SHORT else ("minutes", 60.0)
@@ -123,7 +101,7 @@ def hyperparameters(
     figure = Figure(figsize=(9, 1.6 + 0.42 * len(names)), layout="constrained")
     places, bars = figure.subplots(1, 2, sharey=True, width_ratios=[3, 1.3])
     rows = np.arange(len(names))
-    order = np.argsort(objectives, kind="stable")
+    order = np.argsort(-objectives, kind="stable")  # the best are drawn last, above the others
     ranks = np.linspace(0, 1, len(objectives))
     for row in rows:
         places.axhline(row, color=GREY, lw=0.5, alpha=0.4, zorder=0)
@@ -155,7 +133,7 @@ def hyperparameters(
         bars.barh(rows, found.mean, xerr=found.std, color=BLUE, height=0.6)
         bars.set_xlabel("importance (drop of R²)")
         bars.set_title(
-            f"{found.results} results of {found.budget} generations;\n"
+            f"{found.results} results of {found.budget} core seconds;\n"
             f"R² of the forest on unseen ones {found.out_of_bag:.2f}",
             fontsize="x-small",
         )

@@ -19,14 +19,14 @@ class Profile:
     """Size of a search.
 
     `time_budget`, in seconds, ends the search after the generations in flight; None runs all
-    brackets.
+    brackets. Budgets are core seconds of a configuration, estimated (`bilevel.cost`).
     """
 
     recipe: str
     space: str
     population: int | None  # None: the recipe's
-    smallest_budget: int  # generations of the lowest rung
-    largest_budget: int  # generations of the highest rung
+    smallest_budget: int  # of the lowest rung
+    largest_budget: int  # of the highest rung
     cycle: int | None  # see `Schedule`; None: Hyperband's
     start_candidates: int | None  # random SEs; None: the recipe's
     centre_agents: int | None  # trained on the unperturbed SE; None: the recipe's
@@ -40,14 +40,17 @@ PROFILES = {
     # A quick check of all three layers.
     "smoke": Profile("default", "core", 2, 1, 3, None, 2, 2, 15, 2, None, 4),
     # Finds a good configuration on a laptop in half an hour.
-    "local": Profile("default", "core", None, 5, 15, 1, None, None, None, ENDLESS, 30 * 60.0, 10),
-    # The paper's scale (Table "Fixed hyperparameters").
-    "paper": Profile("paper", "full", 16, 7, 200, None, None, None, None, 12, None, 10),
+    "local": Profile("default", "core", None, 30, 270, 1, None, None, None, ENDLESS, 30 * 60.0, 10),
+    # The paper's scale (Table "Fixed hyperparameters"): about 200 generations.
+    "paper": Profile("paper", "full", 16, 100, 2700, None, None, None, None, 12, None, 10),
 }
 
 
-#: Hyperparameters that a search sets itself, because it compares runs of equal length.
-SET_BY_SEARCH = ("nes.generations", "nes.solved_for", "nes.restart_after")
+#: Hyperparameters that say when a run is over. A search compares configurations by how soon that
+#: is, so all of them must mean the same by it.
+SET_BY_SEARCH = ("nes.solved_for", "nes.confirming_agents")
+#: Their values where the recipe has none: `paper` and `authors` never end early.
+_SOLVED_FOR, _CONFIRMING_AGENTS = 4, 128
 
 
 def get_method(name: str) -> str:
@@ -65,9 +68,12 @@ def get_profile(name: str) -> Profile:
 
 
 def sized(hp: Hyperparameters, profile: Profile) -> Hyperparameters:
-    """The recipe `hp` in the profile's size, with SET_BY_SEARCH set: runs of the largest budget
-    that neither stop early nor restart."""
-    nes = replace(hp.nes, generations=profile.largest_budget, solved_for=0, restart_after=0)
+    """The recipe `hp` in the profile's size; its runs end once an SE is confirmed."""
+    nes = replace(
+        hp.nes,
+        solved_for=hp.nes.solved_for or _SOLVED_FOR,
+        confirming_agents=hp.nes.confirming_agents or _CONFIRMING_AGENTS,
+    )
     if profile.population is not None:
         nes = replace(nes, population_size=profile.population)
     if profile.start_candidates is not None and nes.start == "random":

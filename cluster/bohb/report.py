@@ -12,11 +12,21 @@ from ray.tune import Callback
 
 from bilevel.nes import GenerationRecord
 from cluster.bohb.journal import Journal
+from cluster.bohb.objective import Tally
 from cluster.bohb.search import Job
 from cluster.bohb.searcher import BohbSearcher, DriverOnly
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
-from cluster.bohb.trial import BUDGET_REACHED, FAILURE, MISTAKE, NO_STORAGE, OBJECTIVE
+from cluster.bohb.trial import (
+    BUDGET_REACHED,
+    FAILURE,
+    MISTAKE,
+    NO_STORAGE,
+    OBJECTIVE,
+    SPENT,
+    TALLY,
+    TOLD,
+)
 from cluster.bohb.view import StudyViews
 from cluster.session.terminal import Terminal, count, duration, last_line
 from cluster.tracking import Mirror
@@ -53,7 +63,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._jobs: dict[str, Job] = {}  # by trial
         self._last_picture = 0.0
         self._started = time.monotonic()  # of the trials
-        self._generations = 0  # run by this process
+        self._spent: dict[str, float] = {}  # estimated core seconds of this process, by trial
 
     # -- trials (called by Ray Tune) -------------------------------------------
 
@@ -69,16 +79,17 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **info: Any
     ) -> None:
         """Show a finished generation."""
-        if "record" not in result:
+        if TALLY not in result:
             return
         job = self._jobs[trial.trial_id]
-        for line in result["told"]:
+        for line in result[TOLD]:
             self._terminal.line(line)
         self._mark(job)
-        self._generations += 1
-        record = GenerationRecord(**result["record"])
-        done = f"{configuration_name(job.id)} {record.generation + 1}/{job.budget}"
-        self._show(job, f"{done}: {record.score_mean:.1f}")
+        self._spent[trial.trial_id] = result[SPENT]
+        if result["record"] is not None:
+            score = GenerationRecord(**result["record"]).score_mean
+            done = f"{configuration_name(job.id)} {result[TALLY].cost:.0f}/{job.budget}s"
+            self._show(job, f"{done}: {score:.1f}")
 
     def on_trial_complete(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
         """Show a job that is done, stopped or failed; the journal already holds its result."""
@@ -132,16 +143,16 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             self._terminal.bar("searching", done, total, "min", note)
             return
         total = sum(rung.configurations for rung in self._rungs)
-        note = f"ETA {duration(seconds)}, {now}" if self._generations else now
+        note = f"ETA {duration(seconds)}, {now}" if self._spent else now
         self._terminal.bar("searching", results, total, "results", note)
 
     def _result_line(self, job: Job, result: dict[str, Any]) -> None:
         """Two lines, the first one of 80 columns: what came out, and what was tried."""
         incumbent = self._summary.incumbent
-        so_far = "" if incumbent is None else f"  (incumbent {incumbent.objective:.1f})"
+        best = "" if incumbent is None else f" (incumbent {incumbent.loss:.0f})"
         self._terminal.line(
-            f"{configuration_name(job.id)}  {count(job.budget, 'generation'):>15}  "
-            f"objective {result[OBJECTIVE]:6.1f}{so_far}  {self._time_to_go()}"
+            f"{configuration_name(job.id)} {Tally.told(result[TALLY].info)}; "
+            f"objective {result[OBJECTIVE]:.0f}{best}; {self._time_to_go()}"
         )
         proposer = "the model proposed:" if job.model_based else "drawn at random:"
         tried = (
@@ -152,7 +163,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
 
     def _time_to_go(self) -> str:
         left = duration(self._seconds_left())
-        return f"{left} of its time left" if self._time_decides() else f"ETA {left}"
+        return f"{left} left" if self._time_decides() else f"ETA {left}"
 
     def _elapsed(self) -> float:
         return time.monotonic() - self._started
@@ -166,10 +177,10 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
 
     def _seconds_of_brackets(self) -> float:
         """Estimate from this process's speed so far; infinite before its first generation."""
-        left = self._summary.generations_left()
-        if left and not self._generations:
+        left, spent = self._summary.core_seconds_left(), sum(self._spent.values())
+        if left and not spent:
             return math.inf
-        return self._elapsed() / max(self._generations, 1) * left
+        return self._elapsed() / max(spent, 1e-9) * left
 
     def _time_left(self) -> float:
         return self._deadline - time.monotonic()

@@ -38,7 +38,7 @@ AROUND = 0.5
 
 @dataclass(frozen=True)
 class Job:
-    """Run this configuration until it has `budget` generations."""
+    """Run this configuration until it has spent `budget` core seconds."""
 
     id: ConfigId
     configuration: Configuration
@@ -51,6 +51,7 @@ class BracketSearch:
     """The search over `space` by a schedule, up to so many brackets.
 
     With a `prior`, the first configuration is that, and every second random one is drawn around it.
+    The model begins with the results of an `earlier` search over the same space.
     Raises InvalidInput for a journal that no such search has written.
     """
 
@@ -63,6 +64,7 @@ class BracketSearch:
         journal: Journal,
         model: bool = True,
         prior: Configuration | None = None,
+        earlier: Journal | None = None,
     ) -> None:
         self._space = space
         self._schedule = schedule
@@ -72,6 +74,10 @@ class BracketSearch:
         # A random fraction of 1 never asks the model.
         with _hpbandsters_warnings_ignored():
             self._generator = BOHB(space, random_fraction=1 / 3 if model else 1.0)
+        if earlier is not None:
+            values = {line.id: line.configuration for line in earlier.configs}
+            for result in earlier.results:
+                self._learn(_hpbandsters(result, values[result.id]))
         self._recorded: dict[int, deque[ConfigLine]] = {}
         for line in journal.configs:
             self._recorded.setdefault(line.id[0], deque()).append(line)
@@ -86,9 +92,11 @@ class BracketSearch:
         """A study's, from where its journal ends. Raises InvalidInput as the class does."""
         space = study.space.build(study.agents)
         model, prior = study.method == "bohb", None
-        if study.prior:
+        if study.prior == "recipe":
             prior = nearest(space, of_hyperparameters(study.base, space))
-        return cls(space, study.schedule, brackets, study.seed, journal, model, prior)
+        return cls(
+            space, study.schedule, brackets, study.seed, journal, model, prior, study.earlier
+        )
 
     @property
     def finished(self) -> bool:
@@ -198,11 +206,11 @@ class BracketSearch:
         return Job(config_id, configuration, int(budget), model_based, time.time())
 
     def _apply(self, line: ResultLine, configuration: Configuration) -> None:
-        job = HpbandsterJob(line.id, config=configuration, budget=line.budget)
-        job.result = None if line.loss is None else {"loss": line.loss, "info": line.info}
-        job.timestamps = line.timestamps
-        job.exception = line.exception
+        job = _hpbandsters(line, configuration)
         self._brackets[line.id[0]].register_result(job)
+        self._learn(job)
+
+    def _learn(self, job: HpbandsterJob) -> None:
         with _hpbandsters_warnings_ignored():
             self._generator.new_result(job)
 
@@ -226,6 +234,15 @@ class BracketSearch:
             job = open_jobs.pop((line.id, line.budget))
             self._apply(line, job.configuration)
         return deque(open_jobs.values())
+
+
+def _hpbandsters(line: ResultLine, configuration: Configuration) -> HpbandsterJob:
+    """A result as hpbandster's brackets and model take it."""
+    job = HpbandsterJob(line.id, config=configuration, budget=line.budget)
+    job.result = None if line.loss is None else {"loss": line.loss, "info": line.info}
+    job.timestamps = line.timestamps
+    job.exception = line.exception
+    return job
 
 
 @contextmanager

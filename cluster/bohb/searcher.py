@@ -22,6 +22,7 @@ from cluster.bohb.trial import (
     MISTAKE,
     NO_STORAGE,
     OBJECTIVE,
+    TALLY,
 )
 
 #: Deaths of trial processes on one job after which the configuration counts as failed.
@@ -52,7 +53,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         deadline: float,
         workers_per_trial: int = 1,
     ) -> None:
-        super().__init__(metric=OBJECTIVE, mode="max")
+        super().__init__(metric=OBJECTIVE, mode="min")
         self._search = search
         self._concurrent = concurrent
         self._slots = 0  # last value of `concurrent()`
@@ -147,8 +148,8 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         elif not result.get(BUDGET_REACHED):
             self._search.put_back(job)
         elif math.isfinite(objective := float(result[OBJECTIVE])):
-            info = {"core_utilisation": round(self.core_utilisation, 4)}
-            self._search.register(job, -objective, info)
+            info = {**result[TALLY].info, "core_utilisation": round(self.core_utilisation, 4)}
+            self._search.register(job, objective, info)
         else:
             self._search.register(job, None, exception=f"the objective is {objective}")
 

@@ -8,18 +8,12 @@ from typing import Any
 from bilevel.decode import decode
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, one_of
-from bilevel.hyperparameters import (
-    RECIPES,
-    Hyperparameters,
-    StoredHyperparameters,
-    load_recipe,
-    recipe_text,
-)
+from bilevel.hyperparameters import Hyperparameters, StoredHyperparameters, recipe_text
 from bilevel.seeds import Purpose, derive
 from bilevel.tasks import Task
 from cluster.bohb.brackets import Schedule
-from cluster.bohb.journal import ConfigId, Configuration
-from cluster.bohb.profiles import METHODS, SET_BY_SEARCH, get_method
+from cluster.bohb.journal import ConfigId, Configuration, Journal
+from cluster.bohb.profiles import METHODS, get_method
 from cluster.nes.run import NESRun
 from cluster.storage.run_folder import Settings, read_settings
 from search_spaces import SPACES, Space, to_hyperparameters
@@ -29,6 +23,12 @@ KIND = "study"
 
 #: File of a study with the recipe of its incumbent.
 RECIPE_FILE = "recipe.toml"
+
+#: Where a search may begin besides at another study's results: nowhere, or around its recipe.
+PRIORS = ("none", "recipe")
+
+#: Folder of a study with the journal of the study that is its prior.
+_EARLIER = "earlier"
 
 #: File of a study with its search space, as ConfigSpace writes it. With it and the journal, which
 #: is hpbandster's, other tools open the study's folder as it is.
@@ -47,7 +47,7 @@ class _Settings(Settings):
 
     space: str | Space
     method: str
-    prior: bool
+    prior: str
     budgets: tuple[int, ...]
     cycle: int
     base: StoredHyperparameters
@@ -64,7 +64,7 @@ class Study:
     schedule: Schedule
     base: Hyperparameters  # what a configuration leaves unsaid
     method: str = "bohb"  # of METHODS
-    prior: bool = False  # whether the search begins around `base`
+    prior: str = "none"  # of PRIORS, or the name of a study whose results the model begins with
 
     @property
     def name(self) -> str:
@@ -81,25 +81,53 @@ class Study:
         """Names of the agents that evaluations draw from."""
         return tuple(hp.agent for hp in self.base.agents)
 
-    def run(self, config_id: ConfigId, configuration: Configuration) -> NESRun:
-        """The NES run of a configuration; its seed is derived from the study's and the
-        configuration's id, so that no configuration owes its result to a start that others
-        have too. Raises InvalidInput for a configuration that is not allowed.
+    def run(self, config_id: ConfigId, configuration: Configuration, number: int) -> NESRun:
+        """A configuration's NES run with that number, from 0; its seed is derived from the
+        study's, the configuration's id and the number, so that no configuration owes its result to
+        a start that others have too. Raises InvalidInput for a configuration that is not allowed.
         """
         hp = to_hyperparameters(self.base, configuration)
-        folder = self.folder / "configurations" / configuration_name(config_id)
-        seed = derive(self.seed, Purpose.CONFIGURATION, *config_id)
+        folder = self.folder / "configurations" / configuration_name(config_id) / f"run-{number}"
+        seed = derive(self.seed, Purpose.CONFIGURATION, *config_id, number)
         return NESRun(self.task, hp, seed, folder)
 
     def recipe_text(self, config_id: ConfigId, configuration: Configuration) -> str:
-        """The recipe file of a configuration. Its runs are as long as those of the recipe that the
-        study began with (of a file of the user's: as those of `default`), and stop as they do."""
-        hp = to_hyperparameters(self.base, configuration)
-        name = self.base.recipe if self.base.recipe in RECIPES else "default"
-        usual = load_recipe(name, self.task.id, self.agents).nes
-        kept = {field: getattr(usual, field.removeprefix("nes.")) for field in SET_BY_SEARCH}
+        """The recipe file of a configuration: the one that its runs had."""
         heading = f"Found by the study {self.name!r}: configuration {configuration_name(config_id)}"
-        return recipe_text(to_hyperparameters(hp, kept), heading)
+        return recipe_text(to_hyperparameters(self.base, configuration), heading)
+
+    @property
+    def earlier(self) -> Journal | None:
+        """The results that the model begins with, once they are taken over."""
+        return None if self.prior in PRIORS else Journal(self.folder / _EARLIER)
+
+    def check_prior(self) -> None:
+        """Raise InvalidInput if the prior is a study that has no results for this one."""
+        if self.prior in PRIORS or (self.folder / _EARLIER).exists():
+            return
+        folder = self.folder.parent / self.prior
+        if not (folder / "settings.json").exists():
+            allowed = (*PRIORS, "and studies on the same task")
+            raise one_of("prior", self.prior, allowed)
+        other = Study.read(folder)
+        if other.space.build(other.agents) != self.space.build(self.agents):
+            raise InvalidInput(
+                f"the study {self.prior!r} cannot be the prior: it searched another space"
+            )
+        if not Journal(folder).results:
+            raise InvalidInput(f"the study {self.prior!r} cannot be the prior: it has no results")
+
+    def take_over_prior(self) -> None:
+        """Copy the results of the study that is the prior, once. So this study stays the same
+        whatever becomes of that one. Raises InvalidInput, and StorageFailure."""
+        self.check_prior()
+        if self.prior in PRIORS or (self.folder / _EARLIER).exists():
+            return
+        journal = Journal(self.folder.parent / self.prior)
+        copy = self.folder / f".{_EARLIER}"
+        for path in journal.paths:
+            write_aside(copy / path.name, path.read_bytes())
+        copy.replace(self.folder / _EARLIER)
 
     def write_space(self) -> None:
         """Write SPACE_FILE. Raises StorageFailure."""

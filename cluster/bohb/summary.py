@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from cluster.bohb.brackets import Rung, generations_to_run
+from cluster.bohb.brackets import Rung, core_seconds_to_run
 from cluster.bohb.journal import ConfigId, Configuration, Journal, ResultLine
 
 
@@ -10,7 +10,7 @@ from cluster.bohb.journal import ConfigId, Configuration, Journal, ResultLine
 class ResultPoint:
     """A result of the search, for the plot of objective against cost."""
 
-    generations_spent: int  # by the whole search when the result came
+    spent: int  # core seconds of the whole search when the result came, by budgets
     budget: int
     seconds: float  # since the first job began, pauses included
     objective: float
@@ -35,7 +35,7 @@ class StudySummary:
         changes: list[tuple[int, ResultLine]] = []
         best: ResultLine | None = None
         for number, line in enumerate(self.journal.results, start=1):
-            if line.objective is not None and (best is None or _better(line, best)):
+            if line.loss is not None and (best is None or _better(line, best)):
                 best = line
                 changes.append((number, line))
         return changes
@@ -50,7 +50,7 @@ class StudySummary:
         return next(c.configuration for c in self.journal.configs if c.id == config_id)
 
     def points(self) -> list[ResultPoint]:
-        """All results, with the generations that the search had run by then."""
+        """All results, with the core seconds that the search had spent by then."""
         picks = {line.id: bool(line.info.get("model_based_pick")) for line in self.journal.configs}
         reached: dict[ConfigId, int] = {}
         spent = 0
@@ -59,23 +59,23 @@ class StudySummary:
         for line in self.journal.results:
             spent += line.budget - reached.get(line.id, 0)
             reached[line.id] = line.budget
-            if line.objective is not None:
+            if line.loss is not None:
                 seconds = line.finished - began
-                point = ResultPoint(spent, line.budget, seconds, line.objective, picks[line.id])
+                point = ResultPoint(spent, line.budget, seconds, line.loss, picks[line.id])
                 points.append(point)
         return points
 
-    def generations_left(self) -> int:
-        """Number of generations left until all brackets are done."""
+    def core_seconds_left(self) -> int:
+        """Core seconds left until all brackets are done, by their budgets."""
         reached: dict[ConfigId, int] = {}
         for line in self.journal.results:
             reached[line.id] = max(line.budget, reached.get(line.id, 0))
-        return max(generations_to_run(self.rungs) - sum(reached.values()), 0)
+        return max(core_seconds_to_run(self.rungs) - sum(reached.values()), 0)
 
     def bracket_table(self) -> str:
         """Results by bracket and budget, in Markdown."""
         rows = [
-            "| bracket | budget | configurations | results | best objective | failed |",
+            "| bracket | core seconds | configurations | results | best objective | failed |",
             "| --- | --- | --- | --- | --- | --- |",
         ]
         for rung in self.rungs:
@@ -84,9 +84,9 @@ class StudySummary:
                 for line in self.journal.results
                 if (line.id[0], line.budget) == (rung.bracket, rung.budget)
             ]
-            good = [line.objective for line in lines if line.objective is not None]
+            good = [line.loss for line in lines if line.loss is not None]
             if lines:
-                best = f"{max(good):.1f}" if good else ""
+                best = f"{min(good):.1f}" if good else ""
                 rows.append(
                     f"| {rung.bracket} | {rung.budget} | {rung.configurations} | {len(lines)} | "
                     f"{best} | {len(lines) - len(good)} |"
@@ -95,7 +95,7 @@ class StudySummary:
 
 
 def _better(one: ResultLine, other: ResultLine) -> bool:
-    """Whether a result has the larger budget, or the higher objective at the same."""
-    assert one.objective is not None
-    assert other.objective is not None
-    return (one.budget, one.objective) > (other.budget, other.objective)
+    """Whether a result has the larger budget, or the lower objective at the same."""
+    assert one.loss is not None
+    assert other.loss is not None
+    return (one.budget, -one.loss) > (other.budget, -other.loss)

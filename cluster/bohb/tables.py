@@ -8,11 +8,15 @@ from cluster.bohb.journal import ConfigLine, ResultLine
 from cluster.bohb.study import configuration_name
 from cluster.bohb.summary import StudySummary
 
+#: What the objective rests on (`Tally.info`).
+TALLIED = ("core_seconds", "runs", "confirmed", "progress")
+
 _COLUMNS = (
     "configuration",
     "bracket",
-    "budget",  # generations
-    "objective",  # empty of a failed job
+    "budget",  # core seconds
+    "objective",  # expected core seconds to a confirmed SE; empty of a failed job
+    *TALLIED,
     "model_based_pick",
     "started",  # seconds since the first job was submitted
     "finished",
@@ -47,7 +51,8 @@ def _row(line: ResultLine, config: ConfigLine, began: float, names: Iterable[str
         configuration_name(line.id),
         line.id[0],
         line.budget,
-        "" if line.objective is None else line.objective,
+        "" if line.loss is None else line.loss,
+        *(line.info.get(name, "") for name in TALLIED),
         bool(config.info.get("model_based_pick")),
         *times,
         *(config.configuration.get(name, "") for name in names),

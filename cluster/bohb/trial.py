@@ -1,4 +1,4 @@
-"""One trial: an NES run up to a budget, with its own actor pool.
+"""One trial: the NES runs of a configuration up to a budget, with their own actor pool.
 
 Ray Tune places the trial and its pool together, in one placement group: an empty
 bundle for the trial itself, which mostly waits, and a core for each worker.
@@ -16,12 +16,15 @@ from ray import tune
 
 from bilevel.agents.checked import AgentMistake
 from bilevel.errors import StorageFailure
-from bilevel.nes import NESState
+from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import Study
 from cluster.ray.pool import EvaluationPool
 
 #: Keys of a trial's reports.
 OBJECTIVE, BUDGET_REACHED, FAILURE = "objective", "budget_reached", "failure"
+#: Keys of what the objective rests on (a `Tally`; Tune would flatten a dictionary), of lines for
+#: the terminal, and of the core seconds (estimated) that this job has spent so far.
+TALLY, TOLD, SPENT = "tally", "told", "spent"
 #: Keys of reports that end the study, a mistake unless other configurations have succeeded.
 NO_STORAGE, MISTAKE = "no_storage", "mistake"
 #: Key of the seconds that the job has spent in evaluations so far.
@@ -32,7 +35,7 @@ _ATTEMPTS = 3
 
 
 class NESTrial(tune.Trainable):  # type: ignore[misc]
-    """Ray Tune trial whose step is one generation; the first resumes from a checkpoint, if any."""
+    """Ray Tune trial whose step is one generation; the first resumes from checkpoints, if any."""
 
     def setup(self, config: dict[str, Any], study: Study, workers: int) -> None:
         self._study = study
@@ -42,7 +45,8 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
     def reset_config(self, new_config: dict[str, Any]) -> bool:
         """Take the next job; the pool is reused."""
         self._job = new_config["job"]
-        self._state: NESState | None = None
+        self._runs: ConfigurationRuns | None = None
+        self._spent_before: float | None = None  # by the configuration, before this job
         self._kernel_seconds_before = self._pool.kernel_seconds
         return True
 
@@ -57,7 +61,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
                 return {MISTAKE: str(error), "done": True}
             except Exception:
                 failure = traceback.format_exc()
-                self._state = None
+                self._runs = None
         return {FAILURE: failure, "done": True}
 
     def _generation(self) -> dict[str, Any]:
@@ -66,18 +70,25 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
             node = socket.gethostname()
             raise StorageFailure(f"node {node} does not see the folder {str(study.folder)!r}")
         told: list[str] = []
-        run = study.run(tuple(job["id"]), job["configuration"])
-        state = self._state or run.open(told.append)
-        before = state.generation
-        while state.generation == before and before < job["budget"]:
-            state = run.advance(state, self._pool)  # before the first one: the choice of the start
-        self._state = state
-        reached = state.generation >= job["budget"]
+        runs = self._runs or ConfigurationRuns.open(
+            study, tuple(job["id"]), job["configuration"], told.append
+        )
+        if self._spent_before is None:
+            self._spent_before = runs.tally.cost
+        record = None
+        while record is None and not runs.spent(job["budget"]):
+            before = runs.generations
+            state = runs.advance(self._pool)  # a generation, or a round before or after one
+            if runs.generations > before:
+                record = asdict(state.records[-1])
+        self._runs = runs
+        tally, reached = runs.tally, runs.spent(job["budget"])
         return {
-            "record": asdict(state.records[-1]),
-            "best_score": state.best_score,
-            "told": told,
-            OBJECTIVE: state.objective,
+            "record": record,
+            TOLD: told,
+            OBJECTIVE: tally.objective,
+            TALLY: tally,
+            SPENT: tally.cost - self._spent_before,
             BUDGET_REACHED: reached,
             KERNEL_SECONDS: self._pool.kernel_seconds - self._kernel_seconds_before,
             "done": reached,

@@ -2,26 +2,27 @@
 
 import json
 import time
-from collections.abc import Container
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from bilevel.errors import InvalidInput
+from bilevel.nes import NESState
 from bilevel.synthetic_env import se_bytes
 from cluster.bohb import pictures
 from cluster.bohb.importance import importance, unit_values
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.profiles import ENDLESS
+from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.summary import StudySummary
-from cluster.bohb.tables import incumbents_csv, results_csv
+from cluster.bohb.tables import TALLIED, incumbents_csv, results_csv
 from cluster.nes.run import start_of
 from cluster.nes.selection import BEST_FILE
 from cluster.nes.view import (
     edition,
-    generation_points,
     registered,
     run_documents,
 )
@@ -89,7 +90,7 @@ class StudyViews:
             tags["bilevel.incumbent"] = configuration_name(incumbent.id)
         points = [
             Point(
-                {"objective": line.objective or 0.0, "budget": line.budget},
+                {"objective": line.loss or 0.0, "budget": line.budget},
                 number,
                 journal.results[number - 1].finished,
             )
@@ -113,7 +114,7 @@ class StudyViews:
                 "budgets": list(study.schedule.budgets),
                 "cycle": study.schedule.cycle,
                 "method": study.method,
-                "prior": "recipe" if study.prior else "none",
+                "prior": study.prior,
                 "base": study.base.to_dict(),
             },
             tags,
@@ -165,11 +166,11 @@ class StudyViews:
         study, journal = self.study, summary.journal
         space = study.space.build(study.agents)
         values = {line.id: unit_values(space, line.configuration) for line in journal.configs}
-        good = [line for line in journal.results if line.objective is not None]
+        good = [line for line in journal.results if line.loss is not None]
         width = len(space)
         figure = pictures.hyperparameters(
             np.array([values[line.id] for line in good]).reshape(-1, width),
-            np.array([line.objective for line in good], np.float64),
+            np.array([line.loss for line in good], np.float64),
             np.array([values[line.id] for _, line in summary.incumbents()]).reshape(-1, width),
             unit_values(space, of_hyperparameters(study.base, space)),
             tuple(space),
@@ -184,11 +185,12 @@ class StudyViews:
             f"{study.method_name} over NES on **{study.task.id}**, recipe "
             f"`{study.base.recipe}`, {start_of(study.base.nes)}, "
             f"rule `{study.base.nes.update}`: search space `{study.space.name}`, "
-            f"population {study.base.nes.population_size}, budgets {list(study.schedule.budgets)} "
-            f"generations (eta 3), seed {study.seed}. Each child run is one configuration; a "
-            "promoted one continues in the same run. `objective`, which is maximised, is the mean "
-            "over the run's generations of the mean score of agents trained on the unperturbed "
-            "SE: the area under the learning curve. `final_*` are of fresh agents trained on the "
+            f"budgets {list(study.schedule.budgets)} core seconds (eta 3), seed {study.seed}. Each "
+            "child run is one configuration, which runs NES with one seed after the other; a "
+            "promoted one continues in the same run. `objective`, which is minimised, is the "
+            "expected core time to an SE that fresh agents confirm: the core seconds of all runs "
+            "of a configuration, divided by the number of its confirmed SEs (a run that is not "
+            "over counts as half of one at most). `final_*` are of fresh agents trained on the "
             "best SE of all configurations."
         )
 
@@ -196,8 +198,7 @@ class StudyViews:
 
     def _configuration(self, line: ConfigLine, results: list[ResultLine]) -> RunView:
         study, name = self.study, configuration_name(line.id)
-        run = study.run(line.id, line.configuration)
-        state = run.load_if_sound()
+        runs = ConfigurationRuns.read(study, line.id, line.configuration)
         live = self.live is not None and name in self.live
         tags = {
             "bilevel.kind": "configuration",
@@ -209,24 +210,31 @@ class StudyViews:
         if failure is not None:
             tags["bilevel.error"] = last_line(failure)[:250]
             documents.append(Document.of_text("error.txt", failure))
-        if state is not None and state.finalists and not live:
-            version = f"generation {state.generation}"
-            best = Document(BEST_FILE, version, lambda: se_bytes(state.candidates[0]))
-            documents += run_documents(run, state, f"{study.name}, {name}", best)
-        points = generation_points(state)
+        best = runs.best
+        if best is not None and not live:
+            version = f"generation {runs.generations}"
+            document = Document(BEST_FILE, version, lambda: se_bytes(best))
+            hp = runs.run(0).hp
+            documents += run_documents(runs.states, hp, f"{study.name}, {name}", document)
+        points = _points(runs.states)
         points += [
-            Point({"objective": r.objective, "budget": float(r.budget)}, r.budget, r.finished)
+            Point(
+                {"objective": r.loss, "budget": float(r.budget), **_tallied(r)},
+                r.budget,
+                r.finished,
+            )
             for r in results
-            if r.objective is not None
+            if r.loss is not None
         ]
         times = [point.time for point in points] + [result.finished for result in results]
         started = self.identity.began if results else time.time()
-        if state is not None and state.records:
-            started = state.records[0].finished - state.records[0].generation_seconds
+        if runs.generations:
+            first = next(state.records[0] for state in runs.states if state.records)
+            started = first.finished - first.generation_seconds
         return RunView(
             self.key(name),
             name,
-            "RUNNING" if live else _status(results, 0 if state is None else state.generation),
+            "RUNNING" if live else _status(results, runs.tally.cost),
             started,
             None if live else max(times, default=started),
             line.configuration,  # and all the rest in configuration.json
@@ -234,18 +242,33 @@ class StudyViews:
             tuple(points),
             tuple(documents),
             parent=self.parent,
-            edition=edition(state),
+            edition=edition(runs.states),
             author=self.identity.author,
             description=f"Configuration {name} of the study `{study.name}`.",
         )
 
 
-def _status(results: list[ResultLine], generations: int) -> str:
-    """MLflow status of a configuration's run that no process works on."""
+def _points(states: Sequence[NESState]) -> list[Point]:
+    """One point per generation of all runs, one run after the other."""
+    points: list[Point] = []
+    for number, state in enumerate(states):
+        before = len(points)
+        points += [Point.of(record, before, run=number) for record in state.records]
+    return points
+
+
+def _tallied(result: ResultLine) -> dict[str, float]:
+    """What an objective rests on, as metrics."""
+    return {name: float(result.info[name]) for name in TALLIED if name in result.info}
+
+
+def _status(results: list[ResultLine], cost: float) -> str:
+    """MLflow status of a configuration's run that no process works on, whose runs have cost so many
+    core seconds."""
     if any(result.loss is None for result in results):
         return "FAILED"
-    reached = max((result.budget for result in results), default=0)
-    return "FINISHED" if reached > 0 and generations <= reached else "KILLED"
+    told = max((result.info.get("core_seconds", 0.0) for result in results), default=-1.0)
+    return "FINISHED" if told >= round(cost, 2) else "KILLED"
 
 
 def study_progress(folder: Path, brackets: int) -> Progress:
@@ -254,7 +277,7 @@ def study_progress(folder: Path, brackets: int) -> Progress:
     journal = Journal(folder)
     rungs = Study.read(folder).schedule.brackets(brackets)
     incumbent = StudySummary(journal, rungs).incumbent
-    best = "" if incumbent is None else f"{incumbent.objective:.1f}"
+    best = "" if incumbent is None else f"{incumbent.loss:.0f} core s an SE"
     results = len(journal.results)
     if brackets >= ENDLESS:
         return Progress(f"{results} results", best)

@@ -109,11 +109,10 @@ def nes(
 )
 @click.option(
     "--prior",
-    type=click.Choice(["none", "recipe"]),
     default="none",
     show_default=True,
-    help="recipe: the first configuration is the recipe's, and every second random one is drawn "
-    "around it.",
+    help="none; recipe: the first configuration is the recipe's, and every second random one is "
+    "drawn around it; or the name of a study on the task, with whose results the model begins.",
 )
 @click.option(
     "--dry-run", is_flag=True, help="Print brackets, cost and estimated time without running."
@@ -150,8 +149,8 @@ def bohb(
     for name, value in common.settings:
         if name in SET_BY_SEARCH:
             raise InvalidInput(
-                f"{name} cannot be set to {value} in a search: its runs have as many generations "
-                "as the budgets say, and none of them stops early or restarts"
+                f"{name} cannot be set to {value} in a search: all of its runs end once an SE is "
+                "confirmed, in the same way"
             )
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
     searched = Space.of(size.space)
@@ -173,17 +172,11 @@ def bohb(
     from cluster.bohb.study import Study
 
     schedule = Schedule.of(method, size.smallest_budget, size.largest_budget, size.cycle)
+    defined = Study(folder, task, common.seed, searched, schedule, hp, method, prior)
+    context.home.run_folder(task.id, prior)  # raises for a name that is not allowed
+    defined.check_prior()
     command = StudyCommand(
-        Study(
-            folder,
-            task,
-            common.seed,
-            searched,
-            schedule,
-            hp,
-            method,
-            prior == "recipe",
-        ),
+        defined,
         context,
         size.brackets,
         size.time_budget,

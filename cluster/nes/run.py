@@ -79,10 +79,14 @@ class NESRun:
         """The algorithm."""
         return NES(self.task, self.hp, self.seed)
 
+    @property
+    def begun(self) -> bool:
+        """Whether there is a state on disk, be it damaged."""
+        return (self.folder / STATE_FILE).exists()
+
     def load(self) -> NESState | None:
         """The state on disk, if there is one. Raises InvalidInput if damaged."""
-        path = self.folder / STATE_FILE
-        return self.nes.load(path) if path.exists() else None
+        return self.nes.load(self.folder / STATE_FILE) if self.begun else None
 
     def load_if_sound(self) -> NESState | None:
         """The state on disk; None if there is none, or it is damaged and will be run again."""
@@ -127,13 +131,4 @@ class NESRun:
         if state.generation > before:
             state = state.timed(time.perf_counter() - started, pool.size, time.time())
         save_state(state, self.folder / STATE_FILE)
-        return state
-
-    def reach(
-        self, generations: int, pool: EvaluationPool, tell: Callable[[str], None]
-    ) -> NESState:
-        """The state once the run has that many generations, run here if need be."""
-        state = self.open(tell)
-        while state.generation < generations:
-            state = self.advance(state, pool)
         return state

@@ -1,12 +1,11 @@
 """MLflow view of an NES run; a study's configurations share its parts."""
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from bilevel.hyperparameters import SEHyperparameters
+from bilevel.hyperparameters import Hyperparameters, SEHyperparameters
 from bilevel.nes import NESState
 from bilevel.nes.checkpoint import load_state
 from bilevel.synthetic_env import se_bytes
@@ -18,29 +17,29 @@ from cluster.tracking import Document, Point, Progress, RegisteredSE, RunView
 from cluster.tracking.pictures import png
 
 
-def generation_points(state: NESState | None) -> list[Point]:
-    """One point per generation."""
-    return [] if state is None else [Point.of(record) for record in state.records]
+def edition(states: Sequence[NESState]) -> str | None:
+    """Distinguishes runs from their repetition after a damaged checkpoint: the scores are the
+    same, the measured times are not. Another run adds to its end."""
+    begun = [state.records[0].finished for state in states if state.records]
+    return "".join(f"{time!r};" for time in begun) or None
 
 
-def edition(state: NESState | None) -> str | None:
-    """Distinguishes a run from its repetition after a damaged checkpoint: the scores are the
-    same, the measured times are not."""
-    return repr(state.records[0].finished) if state is not None and state.records else None
-
-
-def run_documents(run: NESRun, state: NESState, title: str, best: Document) -> list[Document]:
-    """Documents of a run: best and last SE, learning curve and hyperparameters."""
-    version = f"generation {state.generation}"
+def run_documents(
+    states: Sequence[NESState], hp: Hyperparameters, title: str, best: Document
+) -> list[Document]:
+    """Documents of runs, one after the other: best and last SE, learning curve and
+    hyperparameters."""
+    records = [record for state in states for record in state.records]
+    version = f"generation {len(records)}"
 
     def curve() -> bytes:
-        return png(pictures.learning_curve(state.records, run.task, title))
+        return png(pictures.learning_curve(records, states[0].task, title))
 
     return [
         best,
-        Document(LAST_FILE, version, lambda: se_bytes(state.current)),
+        Document(LAST_FILE, version, lambda: se_bytes(states[-1].current)),
         Document("learning_curve.png", version, curve),
-        Document.of_text("configuration.json", json.dumps(run.hp.to_dict(), indent=2)),
+        Document.of_text("configuration.json", json.dumps(hp.to_dict(), indent=2)),
     ]
 
 
@@ -80,13 +79,8 @@ class NESViews:
         state = run.load_if_sound()
         run_status = RunStatus.load(run.folder) or RunStatus("KILLED", self.identity.began, 0)
         over = not (self.live and run_status.status == "RUNNING")
-        points = generation_points(state)
-        for end in ends:
-            if state is not None and end.step <= state.generation:
-                scores = [record.score_mean for record in state.records[: end.step]]
-                values = {"objective": float(np.mean(scores)), "budget": float(end.step)}
-                points.append(Point(values, end.step, end.time))
-            points.append(Point.of_final(end))
+        points = [] if state is None else [Point.of(record) for record in state.records]
+        points += [Point.of_final(end) for end in ends]
         documents: list[Document] = []
         if over and state is not None and state.finalists:
             best = (
@@ -98,7 +92,7 @@ class NESViews:
                     lambda: se_bytes(state.best),
                 )
             )
-            documents = run_documents(run, state, f"{self.name} on {run.task.id}", best)
+            documents = run_documents([state], run.hp, f"{self.name} on {run.task.id}", best)
         return RunView(
             key,
             self.name,
@@ -109,7 +103,7 @@ class NESViews:
             {"bilevel.kind": "nes"},
             tuple(points),
             tuple(documents),
-            edition=edition(state),
+            edition=None if state is None else edition([state]),
             model=registered(run.folder, run.task.id, ends[-1]) if ends else None,
             author=self.identity.author,
             description=self._description(),

@@ -213,7 +213,7 @@ class Tracker:
         """
         shown = self._shown.pop(view.key, None) or self._open(view)
         if view.edition is not None:
-            if shown.tags.get(_EDITION, view.edition) != view.edition:
+            if not view.edition.startswith(shown.tags.get(_EDITION, "")):
                 self._client.delete_run(shown.run_id)
                 shown = self._open(view)
             self._show_tags(shown, {_EDITION: view.edition})

@@ -30,11 +30,12 @@ class Point:
         return next(iter(self.values)), self.step
 
     @classmethod
-    def of(cls, record: GenerationRecord) -> "Point":
-        """The point of a generation; its step is the generation."""
-        values = asdict(record)
+    def of(cls, record: GenerationRecord, before: int = 0, **more: float) -> "Point":
+        """The point of a generation, with `more` metrics; its step is the generation, after those
+        of earlier runs."""
+        values = asdict(record) | more
         time, step = values.pop("finished"), values.pop("generation")
-        return cls(values, step, time)
+        return cls(values, before + step, time)
 
     @classmethod
     def of_final(cls, final: Final) -> "Point":
@@ -103,7 +104,8 @@ class RunView:
     points: tuple[Point, ...] = ()
     documents: tuple[Document, ...] = ()
     parent: str | None = None  # key of the parent run
-    edition: str | None = None  # a run of another edition is replaced: its times differ
+    #: A run whose edition does not begin with the one shown is replaced: its times differ.
+    edition: str | None = None
     model: RegisteredSE | None = field(default=None)
     author: Author | None = None
     description: str = ""  # Markdown

@@ -46,7 +46,7 @@ def damaged_checkpoints(stage: Stage, whole: Outcome, times: int) -> Row:
     code = -signal.SIGKILL
     while code != 0 and done < times:
         code = study.live(stage.chance.uniform(5.0, 8.0), signal.SIGKILL)
-        for path in sorted(study.folder.glob("configurations/*/state.safetensors"))[-1:]:
+        for path in sorted(study.folder.glob("configurations/*/*/state.safetensors"))[-1:]:
             content = bytearray(path.read_bytes())
             place = stage.chance.randrange(len(content))
             content[place] ^= 1 << stage.chance.randrange(8)

@@ -27,7 +27,7 @@ class Outcome:
 
     configs: list[Any]  # (id, configuration, info), in order
     results: list[Any]  # (id, budget, loss, exception), in order
-    states: dict[str, Any]  # by configuration: its checkpoint
+    states: dict[str, Any]  # by configuration and run: its checkpoint
     best_se: str  # checksum of the file
 
     @classmethod
@@ -38,8 +38,8 @@ class Outcome:
             [(line.id, line.configuration, line.info) for line in journal.configs],
             [(line.id, line.budget, line.loss, line.exception) for line in journal.results],
             {
-                path.parent.name: comparable_state(path)
-                for path in folder.glob("configurations/*/state.safetensors")
+                str(path.relative_to(folder)): comparable_state(path)
+                for path in folder.glob("configurations/*/*/state.safetensors")
             },
             hashlib.sha256((folder / "best_se.safetensors").read_bytes()).hexdigest(),
         )

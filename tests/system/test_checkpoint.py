@@ -1,5 +1,6 @@
 """A checkpoint that was damaged on disk, on a real pool."""
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,19 +15,25 @@ from tests.system.conftest import untimed
 pytestmark = pytest.mark.timeout(280)
 
 
+def reach(generations: int, run: NESRun, pool: EvaluationPool, tell: Callable[[str], None]) -> None:
+    state = run.open(tell)
+    while state.generation < generations:
+        state = run.advance(state, pool)
+
+
 def test_a_damaged_checkpoint_is_set_aside_and_made_again(
     joined_ray: None, cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
 ) -> None:
     run = NESRun(cartpole, small_hp, 5, tmp_path / "run")
     told: list[str] = []
     with EvaluationPool(1) as pool:
-        run.reach(2, pool, told.append)
+        reach(2, run, pool, told.append)
         path = run.folder / STATE_FILE
         before = run.load()
         content = bytearray(path.read_bytes())
         content[-3] ^= 4
         path.write_bytes(content)
-        run.reach(2, pool, told.append)
+        reach(2, run, pool, told.append)
     assert len(told) == 1
     assert "its checksum is wrong; it is now 'state.damaged'" in told[0]
     assert path.with_suffix(".damaged").read_bytes() == content

@@ -28,7 +28,12 @@ FEW = ("--max-episodes", "13", "--name", "few")
 def se_file(tmp_path: Path) -> Path:
     task = get_task("CartPole-v0")
     hp = SEHyperparameters(
-        structure="plain", hidden_layers=1, hidden_size=16, activation="lrelu", step_limit=30
+        structure="plain",
+        hidden_layers=1,
+        hidden_size=16,
+        activation="lrelu",
+        step_limit=30,
+        spread=1.0,
     )
     architecture = Architecture.of(task, hp)
     se = SE(architecture, architecture.initialize(np.random.default_rng(0)))

@@ -171,10 +171,10 @@ def test_a_configuration_that_was_run_again_replaces_what_mlflow_has(
 ) -> None:
     """After a damaged checkpoint the scores are the same, but the times differ."""
     sync(folder, home, home.database_uri, Terminal())
-    path = min(folder.glob("configurations/*/state.safetensors"))
+    path = min(folder.glob("configurations/*/run-0/state.safetensors"))
     journal = Journal(folder)
     line = min(journal.configs, key=lambda line: line.id)
-    state = Study.read(folder).run(line.id, line.configuration).load()
+    state = Study.read(folder).run(line.id, line.configuration, 0).load()
     assert state is not None
     later = tuple(replace(r, finished=r.finished + 9, generation_seconds=7) for r in state.records)
     save_state(replace(state, records=later), path)

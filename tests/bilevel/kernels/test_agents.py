@@ -180,7 +180,12 @@ class TestGumbelSoftmax:
 
 def se_environment(task: Task, seed: int, episodes: int, step_limit: int) -> Environment:
     se_hp = SEHyperparameters(
-        structure="plain", hidden_layers=1, hidden_size=16, activation="lrelu", step_limit=0
+        structure="plain",
+        hidden_layers=1,
+        hidden_size=16,
+        activation="lrelu",
+        step_limit=0,
+        spread=1.0,
     )
     architecture = Architecture.of(task, se_hp)
     psi = architecture.initialize(np.random.default_rng(seed))

@@ -9,7 +9,6 @@ import torch
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters, load_recipe
 from bilevel.synthetic_env import SE, SEDistribution, StoredSE, coordinates, load_se, save_se
-from bilevel.synthetic_env.coordinates import SPREAD
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import get_task
 
@@ -59,7 +58,7 @@ def test_what_the_structure_promises(task_id: str, seed: int) -> None:
 
 @pytest.mark.parametrize("task_id", TASKS)
 def test_states_of_random_ses_spread_in_all_directions(task_id: str) -> None:
-    """Near the mean observation a step turns x and makes it SPREAD times as long."""
+    """Near the mean observation a step turns x and makes it `se.spread` times as long."""
     task = get_task(task_id)
     scale = task.observation_scale(1)
     space = coordinates(task, load_recipe("default", task_id).se, scale)
@@ -71,7 +70,8 @@ def test_states_of_random_ses_spread_in_all_directions(task_id: str) -> None:
         next_states, _, _ = answers(task_id, se, states.astype(np.float32))
         x = (next_states[:, 0] - scale.mean) / scale.deviation
         stretched = np.linalg.svd(x[: task.state_size] - x[task.state_size :], compute_uv=False)
-        np.testing.assert_allclose(stretched / 2e-2, SPREAD, rtol=0.02)
+        spread = load_recipe("default", task_id).se.spread
+        np.testing.assert_allclose(stretched / 2e-2, spread, rtol=0.02)
 
 
 @pytest.mark.parametrize("task_id", TASKS)

@@ -28,7 +28,7 @@ def searched(folder: Path, brackets: int) -> Journal:
     search = BracketSearch(SPACE, Schedule((1,), 1), brackets, 0, journal, model=False)
     while (job := search.next_job()) is not None:
         values = unit_values(SPACE, job.configuration)
-        search.register(job, -float(10 * values[1] + values[0]))
+        search.register(job, float(np.exp(10 * values[1] + values[0])))
     return journal
 
 
@@ -59,7 +59,7 @@ def test_values_on_the_unit_interval() -> None:
 def test_the_picture(results: int, tmp_path: Path) -> None:
     journal = searched(tmp_path, results)
     tried = np.array([unit_values(SPACE, line.configuration) for line in journal.configs])
-    objectives = np.array([line.objective for line in journal.results], np.float64)
+    objectives = np.array([line.loss for line in journal.results], np.float64)
     recipe = unit_values(SPACE, {"matters": 0.02, "hardly": 3.0, "not": "a"})
     found = importance(SPACE, journal)
     figure = pictures.hyperparameters(

@@ -10,10 +10,14 @@ from bilevel.agents.checked import AgentMistake
 from bilevel.errors import StorageFailure
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal
+from cluster.bohb.objective import Tally
 from cluster.bohb.search import BracketSearch
 from cluster.bohb.searcher import DEATHS, BohbSearcher
-from cluster.bohb.trial import BUDGET_REACHED, FAILURE, MISTAKE, NO_STORAGE, OBJECTIVE
+from cluster.bohb.trial import BUDGET_REACHED, FAILURE, MISTAKE, NO_STORAGE, OBJECTIVE, TALLY
 from search_spaces import search_space
+
+#: The report of a trial that has spent its budget.
+DONE = {OBJECTIVE: 6.0, TALLY: Tally(12.0, 2, 2, 0.0), BUDGET_REACHED: True}
 
 
 @pytest.fixture
@@ -37,7 +41,7 @@ def test_as_many_jobs_at_a_time_as_the_cluster_has_room_for(searcher: BohbSearch
     suggested(searcher, "a")
     suggested(searcher, "b")
     assert searcher.suggest("c") is None
-    searcher.on_trial_complete("a", {OBJECTIVE: 1.0, BUDGET_REACHED: True})
+    searcher.on_trial_complete("a", DONE)
     suggested(searcher, "c")
 
 
@@ -85,11 +89,12 @@ def test_an_agent_that_has_worked_fails_with_its_hyperparameters(
     searcher: BohbSearcher, journal: Journal
 ) -> None:
     suggested(searcher, "a")
-    searcher.on_trial_complete("a", {OBJECTIVE: 1.0, BUDGET_REACHED: True})
+    searcher.on_trial_complete("a", DONE)
     suggested(searcher, "b")
     searcher.on_trial_complete("b", {MISTAKE: "agent 'mine': division by zero"})
     assert searcher.stopped_by is None
-    assert [result.loss for result in journal.results] == [-1.0, None]
+    assert [result.loss for result in journal.results] == [6.0, None]
+    assert journal.results[0].info["confirmed"] == 2
     assert journal.results[1].exception == "agent 'mine': division by zero"
 
 
@@ -118,6 +123,6 @@ def test_a_journal_that_cannot_be_written_stops_the_study(
     """Its file is a link to a device that is always full."""
     suggested(searcher, "a")
     journal.paths[1].symlink_to("/dev/full")
-    searcher.on_trial_complete("a", {OBJECTIVE: 1.0, BUDGET_REACHED: True})
+    searcher.on_trial_complete("a", DONE)
     assert isinstance(searcher.stopped_by, StorageFailure)
     assert journal.results == []

@@ -27,14 +27,14 @@ def test_all_results_with_their_configurations(tmp_path: Path) -> None:
     for row, line in zip(found, journal.results, strict=True):
         config = next(c for c in journal.configs if c.id == line.id)
         assert int(row["budget"]) == line.budget
-        assert row["objective"] == ("" if line.objective is None else str(line.objective))
+        assert row["objective"] == ("" if line.loss is None else str(line.loss))
         assert 0 <= float(row["started"]) <= float(row["finished"])
         for name, value in config.configuration.items():
             assert row[name] == str(value)
     assert [row["objective"] for row in found].count("") == 1
     best = rows(incumbents_csv(summary))[-1]
     assert summary.incumbent is not None
-    assert float(best["objective"]) == summary.incumbent.objective
+    assert float(best["objective"]) == summary.incumbent.loss
 
 
 def test_of_no_results(tmp_path: Path) -> None:

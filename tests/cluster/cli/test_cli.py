@@ -55,8 +55,8 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         (["nes", "CartPole-v0", "--set", "nes.std_dev=-1"], "std_dev must be float, 1e-06 to"),
         (["bohb", "CartPole-v0", "--set", "nes.std_dev=x"], "float, 1e-06 to 10.0; got 'x'"),
         (
-            ["bohb", "CartPole-v0", "--set", "nes.generations=9"],
-            "nes.generations cannot be set to 9 in a search: its runs have as many generations as",
+            ["bohb", "CartPole-v0", "--set", "nes.solved_for=9"],
+            "nes.solved_for cannot be set to 9 in a search: all of its runs end once an SE is",
         ),
         (
             ["nes", "CartPole-v0", "--set", "nes.price=1"],
@@ -197,23 +197,16 @@ def test_tensors_of_something_else_are_no_se(tmp_path: Path) -> None:
     assert result.stderr.count("\n") == 1
 
 
-def evaluations(cost: str) -> tuple[int, int]:
-    """Generations and evaluations of a study, parsed from the output of `--dry-run`."""
-    found = re.search(r"(\d+) generations, (\d+) evaluations of about", cost)
-    assert found is not None, cost
-    return int(found[1]), int(found[2])
-
-
 @pytest.mark.parametrize(
-    ("method", "title", "rungs", "generations", "configurations"),
+    ("method", "title", "rungs", "cost"),
     [
-        ("bohb", "BOHB", "3 x 1 -> 1 x 3", 11, 5),
-        ("hyperband", "Hyperband", "3 x 1 -> 1 x 3", 11, 5),
-        ("random", "random search", "1 x 3", 6, 2),
+        ("bohb", "BOHB", "3 x 1 -> 1 x 3", "2 brackets: 5 configurations, 11 core seconds"),
+        ("hyperband", "Hyperband", "3 x 1 -> 1 x 3", "2 brackets: 5 configurations, 11 core s"),
+        ("random", "random search", "1 x 3", "2 brackets: 2 configurations, 6 core seconds"),
     ],
 )
 def test_dry_run_says_what_would_be_run_and_writes_nothing(
-    method: str, title: str, rungs: str, generations: int, configurations: int, tmp_path: Path
+    method: str, title: str, rungs: str, cost: str, tmp_path: Path
 ) -> None:
     arguments = ("CartPole-v0", "--profile", "smoke", "--dry-run", "--method", method)
     result = run_bilevel("bohb", *arguments, cwd=tmp_path)
@@ -221,25 +214,19 @@ def test_dry_run_says_what_would_be_run_and_writes_nothing(
     study = f"{method}-smoke-core-default-seed0"
     assert result.stdout.startswith(f"{title} on CartPole-v0: study {study!r}")
     assert f"      0   {rungs}\n" in result.stdout
-    # of every configuration two starts are tried; a generation is two agents and two pairs
-    begun, asked = 2 * configurations, evaluations(result.stdout)
-    assert asked[0] == generations
-    assert asked[1] - begun == generations * (2 + 2 * 2)
+    assert cost in result.stdout
+    # measured on this machine, whatever it is
+    found = re.search(r"of which one takes (\d+\.\d\d) s here", result.stdout)
+    assert found is not None
+    assert 0.1 < float(found[1]) < 100
     assert "the cluster can place it" in result.stdout
     assert list(tmp_path.iterdir()) == []
 
 
-def test_dry_run_counts_the_choice_of_starts(tmp_path: Path) -> None:
-    """All brackets of the profile begin at the smallest budget."""
+def test_all_brackets_of_the_local_profile_begin_at_the_smallest_budget(tmp_path: Path) -> None:
     arguments = ("--profile", "local", "--brackets", "3", "--dry-run")
-    costs = []
-    for candidates in (1, 256):
-        changed = ("--set", f"nes.start_candidates={candidates}")
-        result = run_bilevel("bohb", "CartPole-v0", *arguments, *changed, cwd=tmp_path)
-        assert result.returncode == 0, result.stderr
-        assert "      0   3 x 5 -> 1 x 15\n    ...   and so on\n" in result.stdout
-        costs.append(evaluations(result.stdout))
-    assert costs[0][0] == costs[1][0] == 75
-    # each of three configurations a bracket tries 256 once, 32 on four agents, 8 on eight
-    assert costs[1][1] - costs[0][1] == 9 * (256 + 32 * 4 + 8 * 8)
+    result = run_bilevel("bohb", "CartPole-v0", *arguments, cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "      0   9 x 30 -> 3 x 90 -> 1 x 270\n    ...   and so on\n" in result.stdout
+    assert "3 brackets: 27 configurations, 1890 core seconds" in result.stdout
     assert "time budget" not in result.stdout

@@ -16,7 +16,7 @@ from cluster.tracking.pictures import png
 def group(agents: int, source: str = "my_se", spread: float = 10.0) -> Group:
     scores = 180 + spread * np.random.default_rng(agents).standard_normal(agents)
     results: list[Any] = [
-        EvaluationResult((float(score),) * 10, 900 + i, 40, 2000, True, i, 0.1)
+        EvaluationResult((float(score),) * 10, 900 + i, 40, 2000, True, 0.1, i, 0.1)
         for i, score in enumerate(scores)
     ]
     return Group(source, "ddqn", 195.0, tuple(results))

@@ -50,6 +50,7 @@ class ByHand:
                 train_episodes=10,
                 real_env_steps=7,
                 finite=True,
+                cost=0.01,
                 index=request.index,
                 seconds=0.01,
             )

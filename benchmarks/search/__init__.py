@@ -1,0 +1,1 @@
+"""Whether the search finds better recipes than random ones."""

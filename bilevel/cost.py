@@ -1,0 +1,21 @@
+"""What evaluations cost, in core seconds estimated from counts alone.
+
+A search that compares costs must get the same ones on every machine, under any load, and each time
+it is repeated. So costs are counted, in gradient steps and their multiplications, and converted to
+seconds by the constants below: those of a core of this project's benchmarks
+(`benchmarks.speed.cost`, docs/speed.md). Another core is faster or slower, by about the same factor
+for all.
+"""
+
+from bilevel.hyperparameters import AgentHyperparameters
+
+#: Seconds of a multiplication in a gradient step, of everything else in a training step, and of a
+#: test step on the real task.
+MULTIPLICATION, STEP, TEST_STEP = 1e-10, 1.2e-5, 1e-6
+
+
+def estimated_core_seconds(
+    hp: AgentHyperparameters, train_steps: int, real_env_steps: int
+) -> float:
+    """Seconds that a core takes to train an agent for so many steps and to test it."""
+    return train_steps * (STEP + MULTIPLICATION * hp.step_cost) + TEST_STEP * real_env_steps

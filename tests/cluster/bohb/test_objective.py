@@ -1,0 +1,109 @@
+"""The objective: expected core time to a confirmed SE."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bilevel.nes import NESState
+from cluster.bohb.journal import Journal
+from cluster.bohb.objective import Tally
+from cluster.bohb.runs import ConfigurationRuns
+from cluster.bohb.search import Job
+from cluster.bohb.study import Study
+from tests.studies import MadeUpPool, make_study, new_study, run_job
+
+
+@pytest.fixture
+def state(tmp_path: Path) -> NESState:
+    """A run after some generations."""
+    runs = ConfigurationRuns.open(new_study(tmp_path), (0, 0, 0), {})
+    runs.spend(2, MadeUpPool())
+    (state,) = runs.states
+    assert state.generation > 4
+    return state
+
+
+def scored(state: NESState, score: float, **changes: object) -> NESState:
+    records = tuple(replace(record, score_mean=score) for record in state.records)
+    return replace(state, records=records, **changes)  # type: ignore[arg-type]
+
+
+def test_time_over_successes() -> None:
+    """Failed runs cost their time."""
+    assert Tally(300.0, 3, 3, 0.0).objective == pytest.approx(100.0, rel=0.01)
+    assert Tally(300.0, 3, 2, 0.0).objective == pytest.approx(150.0, rel=0.01)
+    one_lucky, two = Tally(300.0, 4, 1, 0.2), Tally(300.0, 3, 2, 0.0)
+    assert two.objective < one_lucky.objective
+
+
+def test_a_run_that_is_not_over_counts_less_than_an_se() -> None:
+    nearly, confirmed = Tally(30.0, 1, 0, 1.0), Tally(30.0, 1, 1, 0.0)
+    begun, nothing = Tally(30.0, 1, 0, 0.1), Tally(30.0, 1, 0, 0.0)
+    order = [confirmed, nearly, begun, nothing]
+    assert [one.objective for one in order] == sorted(one.objective for one in order)
+    assert len({one.objective for one in order}) == 4
+
+
+def test_what_is_counted(state: NESState) -> None:
+    over = replace(state, finished=True)
+    confirmed = replace(over, confirmed=True)
+    half = scored(state, state.task.solved_reward / 2)  # of a task whose worst score is 0
+    found = Tally.of([confirmed, over, half])
+    assert state.task.worst_score == 0.0
+    assert found == Tally(3 * state.cost, 3, 1, found.progress)
+    assert found.progress == pytest.approx(0.5)
+    assert Tally.of([confirmed, over]).progress == 0.0
+    assert Tally.of([scored(state, 500.0)]).progress == 1.0
+    assert Tally.of([]).objective == 0.0
+
+
+def test_seed_after_seed_until_the_budget_is_spent(tmp_path: Path) -> None:
+    """A configuration goes on where a smaller budget ended, and comes to the same."""
+    study = new_study(tmp_path / "one")
+    few = replace(study.base, nes=replace(study.base.nes, generations=3))
+    study = replace(study, base=few)
+    job = Job((0, 0, 0), {"nes.population_size": 4}, 1, False, 0.0)
+    run_job(study, job)
+    parts = run_job(study, replace(job, budget=4))
+    other = replace(study, folder=tmp_path / "other")
+    assert run_job(other, replace(job, budget=4)) == parts
+    assert parts.cost == pytest.approx(4.0, abs=0.5)
+    runs = ConfigurationRuns.read(study, job.id, job.configuration)
+    assert parts.runs == len(runs.states) > 3
+    assert all(state.finished for state in runs.states[:-1])
+    starts = {state.se.mean.tobytes() for state in runs.states}
+    assert len(starts) == len(runs.states)
+
+
+def test_a_damaged_run_is_run_again_before_others(tmp_path: Path) -> None:
+    study = new_study(tmp_path)
+    study = replace(study, base=replace(study.base, nes=replace(study.base.nes, generations=3)))
+    job = Job((0, 0, 0), {"nes.population_size": 4}, 2, False, 0.0)
+    before = run_job(study, job)
+    (study.run(job.id, job.configuration, 0).folder / "state.safetensors").write_bytes(b"damaged")
+    runs = ConfigurationRuns.open(study, job.id, job.configuration)
+    assert not runs.spent(job.budget)
+    runs.spend(job.budget, MadeUpPool())
+    assert runs.tally == before
+
+
+def test_the_best_se_is_a_confirmed_one(state: NESState, tmp_path: Path) -> None:
+    study: Study = make_study(tmp_path / "study")
+    line = Journal(study.folder).configs[0]
+    runs = ConfigurationRuns.read(study, line.id, line.configuration)
+    high = scored(state, 190.0)
+    runs.states = [high, replace(scored(state, 100.0), finished=True, confirmed=True)]
+    best = runs.best
+    assert best is not None
+    assert best.info["generation"] == state.generation
+    runs.states = [high]
+    assert runs.best is not None
+    runs.states = []
+    assert runs.best is None
+
+
+def test_in_words() -> None:
+    assert Tally.told(Tally(31.2, 1, 0, 0.61).info) == "no SE in 31 core s, 61% of the way"
+    assert Tally.told(Tally(31.2, 1, 1, 0.0).info) == "1 SE in 31 core s"
+    assert Tally.told(Tally(95.0, 3, 2, 0.3).info) == "2 SEs in 95 core s"

@@ -1,0 +1,61 @@
+"""The documents are built without a warning, and the code in them runs.
+
+The code of docs/agents.md, se-files.md and zoo.md is run where what it shows is tested.
+"""
+
+import re
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bilevel.hyperparameters import load_recipe, recipe_text
+from tests.documents import ROOT, python_blocks
+
+pytestmark = pytest.mark.timeout(200)
+
+
+def test_the_site_is_built(tmp_path: Path) -> None:
+    """No link leads nowhere; README and CONTRIBUTING are pages, whose links lead to pages."""
+    command = [sys.executable, "-m", "sphinx", "-q", "-W", "--keep-going", "-b", "html"]
+    built = subprocess.run(
+        [*command, ROOT / "docs", tmp_path], capture_output=True, text=True, check=False
+    )
+    assert built.returncode == 0, built.stderr
+    page = (tmp_path / "using.html").read_text()
+    assert 'href="tuning.html"' in page
+    assert 'href="docs/' not in page
+
+
+def test_the_tutorial(tmp_path: Path) -> None:
+    zoo, task, *rest = python_blocks("docs/tutorial.md")
+    (tmp_path / "balance.py").write_text(task)
+    (tmp_path / "tutorial.py").write_text("\n".join([zoo, *rest]))
+    command = [sys.executable, "tutorial.py"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert (tmp_path / "balance_se.safetensors").exists()
+    assert run.stdout.endswith("Box(-inf, inf, (2,), float32) Discrete(2)\n")
+    scores = re.findall(r"^\d+ (\d+\.\d+)$", run.stdout, re.MULTILINE)
+    assert float(scores[-1]) >= 95  # this task is solved within seconds
+
+
+def test_the_readme(tmp_path: Path) -> None:
+    """With a small recipe."""
+    hp = load_recipe("default", "CartPole-v0")
+    small = replace(hp.nes, start_candidates=2, generations=1, centre_agents=2, population_size=2)
+    (tmp_path / "small.toml").write_text(recipe_text(replace(hp, nes=small), "Small."))
+    code = "\n".join(python_blocks("README.md"))
+    inputs = "import torch\nstates, actions = torch.zeros(3, 4), torch.tensor([0, 1, 0])\n"
+    code = code.replace("seed=0, workers=2", 'recipe="small.toml", seed=0, workers=2')
+    code = inputs + code.replace('load_recipe("default"', 'load_recipe("small.toml"')
+    assert code.count("small.toml") == 2
+    code += '\nprint(rewards.shape, env.spec.id, "nes.std_dev" in space)'
+    (tmp_path / "readme.py").write_text(code)
+    command = [sys.executable, "readme.py"]
+    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert run.stdout == "torch.Size([3]) bilevel/SyntheticEnv-v0 True\n"
+    assert (tmp_path / "my_space.json").exists()
