@@ -277,7 +277,7 @@ def study_progress(folder: Path, brackets: int) -> Progress:
     journal = Journal(folder)
     rungs = Study.read(folder).schedule.brackets(brackets)
     incumbent = StudySummary(journal, rungs).incumbent
-    best = "" if incumbent is None else f"{incumbent.loss:.0f} core s an SE"
+    best = "" if incumbent is None else f"{incumbent.loss:.0f} core s"
     results = len(journal.results)
     if brackets >= ENDLESS:
         return Progress(f"{results} results", best)
