@@ -224,7 +224,7 @@ def test_dry_run_says_what_would_be_run_and_writes_nothing(
 
 
 def test_all_brackets_of_the_local_profile_begin_at_the_smallest_budget(tmp_path: Path) -> None:
-    arguments = ("--profile", "local", "--brackets", "3", "--dry-run")
+    arguments = ("--profile", "local", "--brackets", "3", "--time-budget", "9h", "--dry-run")
     result = run_bilevel("bohb", "CartPole-v0", *arguments, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     assert "      0   9 x 30 -> 3 x 90 -> 1 x 270\n    ...   and so on\n" in result.stdout
