@@ -63,6 +63,7 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     ROOT / "CONTRIBUTING.md": {"layout": layout},
     ROOT / "docs" / "agents.md": agents.TABLES,
     ROOT / "docs" / "nes.md": nes.TABLES,
+    ROOT / "docs" / "other-tasks.md": {"nes-others": nes.others},
     ROOT / "docs" / "tuning.md": search.TABLES,
     ROOT / "docs" / "speed.md": speed.TABLES,
     ROOT / "docs" / "reliability.md": faults.TABLES,

@@ -44,11 +44,16 @@ AGENTS = {
 SB3_STEPS = 10_000
 
 
-def run_seed(task: str, seed: int, recipe: str, home: Path) -> dict[str, Any]:
-    """Run NES with one seed and return its results."""
+def run_seed(
+    task: str, seed: int, recipe: str, home: Path, generations: int | None = None
+) -> dict[str, Any]:
+    """Run NES with one seed, for at most so many generations (None: the recipe's); return its
+    results."""
     folder = home / task / f"{recipe}-seed{seed}"
     command = [str(Path(sys.executable).with_name("bilevel")), "nes", task, "--seed", str(seed)]
     command += ["--recipe", recipe, "--home", str(home), "--name", folder.name]
+    if generations is not None:
+        command += ["--generations", str(generations)]
     began = time.time()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     seconds = time.time() - began
@@ -126,6 +131,7 @@ def main() -> None:
     parser.add_argument(
         "--sb3", type=int, default=0, help="Stable-Baselines3 agents of each kind per SE"
     )
+    parser.add_argument("--generations", type=int, help="at most; default: the recipe's")
     parser.add_argument("--home", type=Path, required=True)
     options = parser.parse_args()
     name = f"nes_seeds_{options.task}"
@@ -135,10 +141,11 @@ def main() -> None:
         runs = {run["seed"]: run for run in read_result(name)["runs"]}
     except NotMeasured:
         runs = {}
+    limit = f"--generations {options.generations} " if options.generations else ""
     command = (
         f"python -m benchmarks.nes.seeds {options.task} --recipe {options.recipe} --seeds "
         f"{' '.join(map(str, options.seeds))} --taught {options.taught} --agents "
-        f"{options.agents} --sb3 {options.sb3} --home FOLDER"
+        f"{options.agents} --sb3 {options.sb3} {limit}--home FOLDER"
     )
 
     def keep(run: dict[str, Any]) -> None:
@@ -148,7 +155,7 @@ def main() -> None:
 
     for seed in options.seeds:
         if seed not in runs:
-            keep(run_seed(options.task, seed, options.recipe, options.home))
+            keep(run_seed(options.task, seed, options.recipe, options.home, options.generations))
     for seed in options.seeds[: options.taught]:
         if "taught" not in runs[seed]:
             path = options.home / options.task / f"{options.recipe}-seed{seed}" / BEST_FILE

@@ -13,7 +13,11 @@ from benchmarks.markdown import source, table
 TARGETS: dict[str, dict[str, float]] = {
     "CartPole-v0": {"ddqn": 195, "dueling-ddqn": 195, "td3": 170, "sb3": 190},
     "Acrobot-v1": {"ddqn": -90, "dueling-ddqn": -90, "td3": -100, "sb3": -100},
+    "MountainCar-v0": {"ddqn": -110, "dueling-ddqn": -110, "td3": -110, "sb3": -110},
 }
+
+#: The paper's tasks, and another one.
+PAPER_TASKS, OTHER_TASKS = ("CartPole-v0", "Acrobot-v1"), ("MountainCar-v0",)
 
 _SEEDS = (
     "task",
@@ -37,17 +41,17 @@ _TAUGHT = (
 )
 
 
-def seeds(ending: str = "") -> str:
+def seeds(ending: str = "", tasks: Sequence[str] = PAPER_TASKS) -> str:
     """Runs over seeds, one row per task."""
-    results = _results(ending)
+    results = _results(ending, tasks)
     rows = [_seeds_row(task, result["runs"]) for task, result in results.items()]
     return f"{table(_SEEDS, rows)}\n\n{source(*results.values())}"
 
 
-def taught(ending: str = "") -> str:
+def taught(ending: str = "", tasks: Sequence[str] = PAPER_TASKS) -> str:
     """Agents trained on the SEs, one row per task and kind of agent. Raises NotMeasured without
     any."""
-    results = _results(ending)
+    results = _results(ending, tasks)
     rows = [row for task, result in results.items() for row in _taught_rows(task, result["runs"])]
     if not rows:
         raise NotMeasured("agents on the SEs of these runs")
@@ -56,20 +60,29 @@ def taught(ending: str = "") -> str:
 
 def distilled() -> str:
     """Both tables for runs that start from distilled SEs."""
-    parts = [seeds("_distilled")]
+    return _both("_distilled", PAPER_TASKS)
+
+
+def others() -> str:
+    """Both tables for a task outside the paper."""
+    return _both("", OTHER_TASKS)
+
+
+def _both(ending: str, tasks: Sequence[str]) -> str:
+    parts = [seeds(ending, tasks)]
     with suppress(NotMeasured):
-        parts.append(taught("_distilled"))
+        parts.append(taught(ending, tasks))
     return "\n\n".join(parts)
 
 
-def _results(ending: str) -> dict[str, dict[str, Any]]:
+def _results(ending: str, tasks: Sequence[str]) -> dict[str, dict[str, Any]]:
     """The measured results, by task. Raises NotMeasured if there are none.
 
     A measurement that did not come to its end counts as none: the seeds that it lacks may be those
     that take longest.
     """
     found, missing = {}, []
-    for task in TARGETS:
+    for task in tasks:
         name = f"nes_seeds_{task}{ending}"
         try:
             result = read_result(name, "runs")

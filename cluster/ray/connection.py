@@ -23,6 +23,8 @@ from cluster.ray.agent_files import runtime_env
 from cluster.ray.environment import environment_kept
 
 _CONNECT_TIMEOUT = 5.0  # seconds until an address counts as unreachable
+#: Ray gives a node half a minute to start, which is not always enough on a loaded machine.
+_STARTS = 2
 #: Prefix of the names of placement groups that mark a run.
 _MARK = "bilevel-run-"
 #: Ray sets this variable when it starts a cluster. If it stayed set, a child process would demand
@@ -42,24 +44,31 @@ def ray_cluster(address: str | None) -> Iterator[None]:
     if not own and address != "auto":
         _require_reachable(str(address))
     with environment_kept(_AUTHENTICATION):
-        try:
-            ray.init(
-                address=address or "local",
-                num_cpus=cpu_count() if own else None,
-                include_dashboard=False if own else None,
-                log_to_driver=False,
-                logging_level=logging.ERROR,
-                runtime_env=runtime_env(),
-            )
-        except Exception as error:  # bare where a node does not start in time
-            ray.shutdown()
-            reason = str(error).strip().splitlines()[0]
-            place = "cannot start Ray here" if own else f"no Ray cluster at {address!r}"
-            raise InvalidInput(f"{place}: {reason}") from None
+        _connect(address or "local", own, _STARTS if own else 1)
         try:
             yield
         finally:
             ray.shutdown()
+
+
+def _connect(address: str, own: bool, attempts: int) -> None:
+    """Start or join the cluster. Raises InvalidInput if all attempts fail."""
+    try:
+        ray.init(
+            address=address,
+            num_cpus=cpu_count() if own else None,
+            include_dashboard=False if own else None,
+            log_to_driver=False,
+            logging_level=logging.ERROR,
+            runtime_env=runtime_env(),
+        )
+    except Exception as error:  # bare where a node does not start in time
+        ray.shutdown()
+        if attempts > 1:
+            return _connect(address, own, attempts - 1)
+        reason = str(error).strip().splitlines()[0]
+        place = "cannot start Ray here" if own else f"no Ray cluster at {address!r}"
+        raise InvalidInput(f"{place}: {reason}") from None
 
 
 def is_own(address: str | None) -> bool:
