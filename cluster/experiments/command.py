@@ -167,9 +167,10 @@ class _Runner:
         """Train the agents that the experiment asks for until it asks for no more."""
         started, trained = time.monotonic(), 0
         while True:
-            units = self.experiment.units(self.plan, material)
-            ledger.adopt(units)
-            missing = [unit for unit in units if unit.key not in ledger.found]
+            # By key: the same agent on equal SEs is asked for twice, and trained once.
+            units = {unit.key: unit for unit in self.experiment.units(self.plan, material)}
+            ledger.adopt(units.values())
+            missing = [unit for key, unit in units.items() if key not in ledger.found]
             if not missing:
                 return
             done = len(units) - len(missing)

@@ -84,9 +84,10 @@ def report_of(command: ExperimentCommand) -> str:
             found[name] = reported
     task = command.task
     if not found:
+        size = f" --size {command.size.name}" if command.size.quick else ""
         raise InvalidInput(
             f"no experiment on {task.id} has ended yet in {str(command.context.home.folder)!r}: "
-            f"begin with `bilevel experiment all {task.id}`"
+            f"begin with `bilevel experiment all {task.id}{size}`"
         )
     summaries = {name: one.findings.summary for name, one in found.items()}
     return page(
@@ -130,6 +131,6 @@ def write_report(command: ExperimentCommand) -> Path:
         with session.live(views, 0, "run the same command again"):
             write_aside(path, text.encode())
             add_final(folder, Final(0, time.time(), {"characters": float(len(text))}))
-            session.terminal.line(f"report: {path}")
-            session.terminal.line(f"MLflow {session.shown_at(session.identity.uuid)}")
+        session.terminal.line(f"report: {path}")
+        session.terminal.line(f"MLflow {session.shown_at(session.identity.uuid)}")
     return path

@@ -8,8 +8,7 @@ findings.json     size, versions, command, and the summary of what was found
 data.csv          all values; NAME.svg: the pictures
 """
 
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -71,15 +70,3 @@ def documents(folder: Path) -> list[Path]:
     """Files of an experiment's folder that MLflow shows."""
     names = {"settings.json", FINDINGS_FILE, DATA_FILE, REPORT_FILE, RUNS_FILE, "results.jsonl"}
     return sorted(path for path in folder.glob("*") if path.name in names or path.suffix == ".svg")
-
-
-def flat_settings(settings: ExperimentSettings, found: StoredFindings | None) -> Mapping[str, Any]:
-    """Parameters that MLflow shows."""
-    size = {} if found is None else {"size": asdict(found.size), "nes_runs": found.runs}
-    return {
-        "experiment": settings.experiment,
-        "task": settings.task.id,
-        "seed": settings.seed,
-        "agents": settings.kinds,
-        **size,
-    }

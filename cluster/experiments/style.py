@@ -35,19 +35,19 @@ class Look:
 #: By source and condition, from dark to light within each picture.
 LOOKS = {
     "real": Look("#5c5c5c", "--", "s", ""),
-    "default": Look("#c2491d", "-", "o", "////"),
-    "varied": Look("#1f4e9c", "-.", "^", "...."),
-    "fixed": Look("#8db9e0", ":", "v", "xxxx"),
-    "authors": Look("#1f4e9c", "--", "^", "...."),
-    "paper": Look("#4fa3a5", ":", "v", "xxxx"),
-    "distilled": Look("#e0a92e", "-.", "D", "...."),
+    "default": Look("#c2491d", "-", "o", "//"),
+    "varied": Look("#1f4e9c", "-.", "^", ".."),
+    "fixed": Look("#8db9e0", ":", "v", "xx"),
+    "authors": Look("#1f4e9c", "--", "^", ".."),
+    "paper": Look("#4fa3a5", ":", "v", "xx"),
+    "distilled": Look("#e0a92e", "-.", "D", ".."),
 }
 
 #: By kind of agent, and any other series, in order.
 SERIES = (
-    Look("#1f4e9c", "-", "o", "////"),
-    Look("#e0872e", "--", "s", "...."),
-    Look("#6fae8c", "-.", "^", "xxxx"),
+    Look("#1f4e9c", "-", "o", "//"),
+    Look("#e0872e", "--", "s", ".."),
+    Look("#6fae8c", "-.", "^", "xx"),
     Look("#8f8f8f", ":", "v", ""),
 )
 
@@ -92,16 +92,15 @@ def svg(figure: Figure) -> bytes:
 
 
 def solved_line(axes: Axes, solved_reward: float) -> None:
-    """Mark the return at which the task is solved."""
+    """Mark the return at which the task is solved, by a dotted line and its value beside it."""
     axes.axhline(solved_reward, color=GUIDE, lw=0.7, ls=(0, (1, 1.5)), zorder=0)
     axes.annotate(
-        f"solved ({solved_reward:g})",
+        f"{solved_reward:g}",
         (1, solved_reward),
         xycoords=("axes fraction", "data"),
-        xytext=(0, -1.5),
+        xytext=(2, 0),
         textcoords="offset points",
-        ha="right",
-        va="top",
+        va="center",
         fontsize=6,
         color=GUIDE,
     )

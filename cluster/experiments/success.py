@@ -154,6 +154,9 @@ def _curves(groups: dict[str, list[Course]], task: Task) -> Figure:
 def _shares(groups: dict[str, list[Course]], task: Task) -> Figure:
     figure = column(3.3)
     by_generation, by_time = figure.subplots(2, 1, sharey=True)
+    courses = [one for group in groups.values() for one in group]
+    longest = float(max(1, *(one.scores.size - 1 for one in courses)))
+    last = max(float(one.core_seconds[-1]) for one in courses)
     for name, group in groups.items():
         look = LOOKS[name]
         first = [one.first_solved(task.solved_reward) for one in group]
@@ -161,11 +164,9 @@ def _shares(groups: dict[str, list[Course]], task: Task) -> Figure:
         seconds = [
             float(one.core_seconds[g]) for one, g in zip(group, first, strict=True) if g is not None
         ]
-        longest = max(one.scores.size for one in group) - 1
-        last = max(float(one.core_seconds[-1]) for one in group)
         begin = min(float(one.core_seconds[0]) for one in group)
         for axes, events, start, end in (
-            (by_generation, generations, 0.0, float(max(longest, 1))),
+            (by_generation, generations, 0.0, longest),
             (by_time, seconds, begin, last),
         ):
             x = [start, *sorted(events), end]
@@ -177,6 +178,7 @@ def _shares(groups: dict[str, list[Course]], task: Task) -> Figure:
                 color=look.colour,
                 ls=look.line,
                 marker=look.marker,
+                markevery=slice(1, len(events) + 1),
                 label=f"{title_of(name)} (n = {len(group)})",
             )
     by_generation.set_xlabel("generation")
@@ -194,7 +196,7 @@ SUCCESS = Experiment(
     "success",
     "Success of NES",
     "The score of the unperturbed SE, psi, over the generations of NES runs from different seeds. "
-    "Thin lines are runs.",
+    "Thin lines are runs; the dotted line is the return that solves the task.",
     _runs,
     _findings,
 )

@@ -168,7 +168,8 @@ TRANSFER = Experiment(
     "transfer",
     "Performance and transfer of agents",
     "Test returns on the real task of fresh agents that were trained on the real task, and on SEs "
-    "that NES learned with DDQN alone. Bars are quartiles, white dots medians, diamonds means.",
+    "that NES learned with DDQN alone. Bars are quartiles, white dots medians, diamonds means, and "
+    "the dotted line is the return that solves the task.",
     _runs,
     _findings,
     _units,

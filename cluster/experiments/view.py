@@ -12,7 +12,6 @@ from cluster.experiments.run import (
     ExperimentSettings,
     StoredFindings,
     documents,
-    flat_settings,
 )
 from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import RunIdentity, RunStatus, finals
@@ -47,16 +46,21 @@ class ExperimentViews:
         settings, ends = ExperimentSettings.read(self.folder), finals(self.folder)
         run_status = RunStatus.load(self.folder) or RunStatus("KILLED", self.identity.began, 0)
         over = not (self.live and run_status.status == "RUNNING")
-        # While agents are still being trained, parameters could change: MLflow's cannot.
-        found = StoredFindings.read(self.folder) if over else None
+        found = StoredFindings.read(self.folder)
         return RunView(
             key,
             self.folder.name,
             run_status.ended_as if over else "RUNNING",
             self.identity.began,
             run_status.since if over else None,
-            flat_settings(settings, found),
-            {"bilevel.kind": KIND},
+            {
+                "experiment": settings.experiment,
+                "task": settings.task.id,
+                "seed": settings.seed,
+                "agents": settings.kinds,
+            },
+            # A tag, because it may change: parameters cannot.
+            {"bilevel.kind": KIND, **({"bilevel.size": found.size.name} if found else {})},
             tuple(Point.of_final(end) for end in ends),
             tuple(Document.of_file(path) for path in documents(self.folder) if over),
             author=self.identity.author,
