@@ -8,7 +8,7 @@ INSTALLED := $(VENV)/.installed
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot up status down studies ui test check docs bench format clean
+.PHONY: help setup lock bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot experiments-cartpole experiments-acrobot up status down studies ui test check docs bench format clean
 
 help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /|/' | column -t -s '|'
@@ -54,6 +54,12 @@ nes-cartpole: $(INSTALLED) ## One NES run on CartPole-v0: an SE in minutes
 
 nes-acrobot: $(INSTALLED) ## The same on Acrobot-v1
 	@$(BIN)/bilevel nes Acrobot-v1 $(ARGS)
+
+experiments-cartpole: $(INSTALLED) ## The paper's experiments on CartPole-v0, and their report
+	@$(BIN)/bilevel experiment all CartPole-v0 $(ARGS)
+
+experiments-acrobot: $(INSTALLED) ## The same on Acrobot-v1
+	@$(BIN)/bilevel experiment all Acrobot-v1 $(ARGS)
 
 up: $(INSTALLED) ## Start Ray and MLflow in the background: the studies then join them
 	@$(BIN)/bilevel up $(ARGS)

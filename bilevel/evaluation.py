@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.agents import Agent, get_agent
-from bilevel.agents.agent import agent_seeds
+from bilevel.agents.agent import Transition, agent_seeds
 from bilevel.agents.checked import CheckedAgent
 from bilevel.agents.environments import GymnasiumEnvironment, KernelEnvironment
 from bilevel.agents.training import TrainingEnvironment, returns_converged, task_solved
@@ -274,6 +274,61 @@ class _Run:
     ) -> Outcome:
         cost = estimated_core_seconds(self.hp, steps, real)
         return Outcome(returns, steps, episodes, real, finite, cost)
+
+
+def record(
+    task: Task, se: SE, hp: AgentHyperparameters, seed: int
+) -> tuple[list[Transition], list[Transition]]:
+    """Transitions of the training on `se` and of the tests on the real task that `train_and_test`
+    makes with these arguments, by the agent's definition; no tests if training diverges."""
+    import torch
+
+    agent_seed, physics_seed, test_seed = split(seed, 3)
+    build = partial(get_agent(hp.agent).build, hp, task.state_size, task.n_actions, agent_seed)
+    agent = _Recorder(CheckedAgent(hp.agent, task.n_actions, build))
+    threads = torch.get_num_threads()
+    torch.set_num_threads(1)
+    try:
+        training_env = KernelEnvironment(_environment(task, se, hp.max_episodes, physics_seed))
+        _, _, finite = train_in_python(agent, hp, training_env, returns_converged(hp))
+        tests = _test_transitions(task, agent, hp.test_episodes, test_seed) if finite else []
+    finally:
+        torch.set_num_threads(threads)
+    return agent.observed, tests
+
+
+class _Recorder:
+    """An agent that keeps what it observes."""
+
+    def __init__(self, agent: Agent) -> None:
+        self.act, self.greedy = agent.act, agent.greedy
+        self.learn, self.end_episode = agent.learn, agent.end_episode
+        self._observe = agent.observe
+        self.observed: list[Transition] = []
+
+    def observe(self, transition: Transition) -> None:
+        """See `Agent`."""
+        self.observed.append(transition)
+        self._observe(transition)
+
+
+def _test_transitions(task: Task, agent: Agent, episodes: int, seed: int) -> list[Transition]:
+    env: TrainingEnvironment = (
+        KernelEnvironment(_environment(task, None, episodes, seed))
+        if task.compiled
+        else GymnasiumEnvironment(task, seed % 2**31)
+    )
+    made: list[Transition] = []
+    for episode in range(episodes):
+        state = env.reset(episode)
+        for _ in range(env.step_limit):
+            action = agent.greedy(state)
+            next_state, reward, done = env.step(action)
+            made.append(Transition(state, action, reward, next_state, done))
+            state = next_state
+            if done > 0.5:
+                break
+    return made
 
 
 def schedule(hp: AgentHyperparameters) -> training.Schedule:

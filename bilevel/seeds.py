@@ -25,6 +25,7 @@ class Purpose(IntEnum):
     CONFIGURATION = 11  # the NES run of a study's configuration
     PROPOSAL = 12  # a study's next configuration
     EVALUATION = 13  # fresh agents of `bilevel evaluate`
+    EXPERIMENT = 14  # fresh agents of `bilevel experiment`
 
 
 def derive(root: int, purpose: Purpose, *path: int) -> int:

@@ -23,6 +23,7 @@ _SERVER.set_forkserver_preload(
         "cluster.bohb.command",
         "cluster.cli",
         "cluster.evaluate.command",
+        "cluster.experiments.report",
         "cluster.nes.command",
         "cluster.catalog.sync",
     ]

@@ -9,6 +9,8 @@ from cluster.bohb.study import KIND as STUDY
 from cluster.bohb.view import StudyViews, study_progress
 from cluster.evaluate.run import KIND as EVALUATION
 from cluster.evaluate.view import EvaluationViews, evaluation_progress
+from cluster.experiments.run import KIND as EXPERIMENT
+from cluster.experiments.view import ExperimentViews, experiment_progress
 from cluster.nes.run import KIND as NES
 from cluster.nes.view import NESViews, nes_progress
 from cluster.storage.run_folder import read_settings
@@ -31,6 +33,7 @@ KINDS = {
     STUDY: Kind(StudyViews.of, study_progress),
     NES: Kind(NESViews.of, nes_progress),
     EVALUATION: Kind(EvaluationViews.of, evaluation_progress),
+    EXPERIMENT: Kind(ExperimentViews.of, experiment_progress),
 }
 
 

@@ -7,6 +7,7 @@ import click
 
 from bilevel.errors import InvalidInput
 from cluster.cli.evaluate import evaluate
+from cluster.cli.experiment import experiment
 from cluster.cli.files import export_se, import_se
 from cluster.cli.runs import bohb, nes
 from cluster.cli.services import down, status, ui, up
@@ -32,6 +33,7 @@ COMMANDS = (
     nes,
     bohb,
     evaluate,
+    experiment,
     show,
     zoo,
     export_se,

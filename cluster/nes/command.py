@@ -21,7 +21,7 @@ from cluster.nes.selection import (
 )
 from cluster.nes.view import NESViews
 from cluster.ray.pool import EvaluationPool
-from cluster.session.context import RunContext
+from cluster.session.context import Driver, RunContext
 from cluster.session.session import Session
 from cluster.session.terminal import count, duration, generation_line
 from cluster.tracking.pictures import png
@@ -43,12 +43,17 @@ def run_nes(command: NESCommand) -> NESState:
     Raises InvalidInput before anything is written, and StorageFailure if the disk is full.
     Ctrl-C loses at most the generation in flight.
     """
-    run = command.run
     with (
         command.context.connected(command.workers or 1) as driver,
         EvaluationPool.on_cluster(command.workers) as pool,
-        driver.session(run.folder, run.task.id, run.settings()) as session,
     ):
+        return run_on(command.run, driver, pool)
+
+
+def run_on(run: NESRun, driver: Driver, pool: EvaluationPool) -> NESState:
+    """`run_nes` over a connection and a pool that are there already: several runs may follow one
+    another."""
+    with driver.session(run.folder, run.task.id, run.settings()) as session:
         return _Runner(run, session, pool).run_to_the_end()
 
 

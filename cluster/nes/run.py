@@ -80,6 +80,14 @@ class NESRun:
         return NES(self.task, self.hp, self.seed)
 
     @property
+    def ended(self) -> bool:
+        """Whether a process has run it to its end, with as many generations as it has now."""
+        run_status = RunStatus.load(self.folder)
+        if run_status is None or run_status.status != "FINISHED":
+            return False
+        return run_status.target >= self.hp.nes.generations
+
+    @property
     def begun(self) -> bool:
         """Whether there is a state on disk, be it damaged."""
         return (self.folder / STATE_FILE).exists()

@@ -56,6 +56,14 @@ class RunContext:
             with sharing():
                 yield Driver(self, terminal, guard)
 
+    @contextlib.contextmanager
+    def offline(self) -> Iterator["Driver"]:
+        """Check MLflow, for a block that needs no cluster. Raises InvalidInput as `connected`
+        does."""
+        check_tracking_uri(self.tracking_uri)
+        with Terminal() as terminal, InterruptGuard(terminal) as guard:
+            yield Driver(self, terminal, guard)
+
     def capacity(self) -> Capacity:
         """Cores and nodes that a run could use; no local cluster is started to find out. Raises
         InvalidInput as `connected` does."""
@@ -68,7 +76,7 @@ class RunContext:
 
 @dataclass(frozen=True)
 class Driver:
-    """This process as a driver of the cluster."""
+    """This process at work in a context: as a driver of the cluster, or offline."""
 
     context: RunContext
     terminal: Terminal

@@ -21,7 +21,8 @@ def test_the_console_script() -> None:
 
 
 @pytest.mark.parametrize(
-    "command", [[], ["nes"], ["bohb"], ["studies"], ["sync"], ["up"], ["down"], ["ui"]]
+    "command",
+    [[], ["nes"], ["bohb"], ["experiment"], ["studies"], ["sync"], ["up"], ["down"], ["ui"]],
 )
 def test_help(command: list[str], tmp_path: Path) -> None:
     result = run_bilevel(*command, "--help", cwd=tmp_path)
@@ -45,6 +46,21 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         ),
         (["bohb", "CartPole-v0", "--recipe", "x"], "unknown recipe 'x': allowed are default"),
         (["evaluate", "--real", "CartPole-v0", "--recipe", "x"], "unknown recipe 'x': allowed are"),
+        (
+            ["experiment", "x", "CartPole-v0"],
+            "unknown experiment 'x': allowed are success, transfer, behaviour, sample-efficiency",
+        ),
+        (["experiment", "cost", "CartPole-v9"], "unknown task 'CartPole-v9': allowed are"),
+        (
+            ["experiment", "cost", "CartPole-v0", "--size", "x"],
+            "unknown size 'x': allowed are smoke",
+        ),
+        (["experiment", "cost", "CartPole-v0", "--ses", "0"], "0 is not in the range 1<=x<=1000"),
+        (["experiment", "cost", "CartPole-v0", "--agent", "x"], "unknown agent 'x': allowed are"),
+        (
+            ["experiment", "report", "CartPole-v0", "--size", "smoke"],
+            "begin with `bilevel experiment all CartPole-v0 --size smoke`",
+        ),
         (["nes", "CartPole-v0", "--recipe", "x.toml"], "cannot read the recipe 'x.toml': No such"),
         (["nes", "CartPole-v0", "--vary-hp", "x"], "unknown variation of agents 'x': allowed are"),
         (["bohb", "CartPole-v0", "--vary-hp", "x"], "unknown variation of agents 'x': allowed are"),

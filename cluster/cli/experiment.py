@@ -1,0 +1,71 @@
+"""The command `experiment`."""
+
+from typing import Any
+
+import click
+
+from cluster.cli.options import RunOptions, WholeNumber, common_options
+
+
+@click.command()
+@click.argument("name")
+@click.argument("task")
+@click.option(
+    "--size",
+    "size_name",
+    default="local",
+    show_default=True,
+    help="Numbers of NES runs and agents: smoke (a quick check), local, or paper (the paper's).",
+)
+@click.option(
+    "--ses", type=WholeNumber(min=1, max=1000), help="SEs a condition (default: the size's)."
+)
+@click.option(
+    "--agents",
+    "per_se",
+    type=WholeNumber(min=1, max=100_000),
+    help="Fresh agents of each kind trained on each SE (default: the size's).",
+)
+@click.option(
+    "--real-agents",
+    type=WholeNumber(min=1, max=100_000),
+    help="Agents of each kind trained on the real task (default: the size's).",
+)
+@click.option(
+    "--workers", type=WholeNumber(min=1), help="Actors (default: one per core of the run's share)."
+)
+@common_options
+def experiment(
+    name: str,
+    task: str,
+    size_name: str,
+    ses: int | None,
+    per_se: int | None,
+    real_agents: int | None,
+    workers: int | None,
+    **options: Any,
+) -> None:
+    """Run the paper's experiment NAME on TASK, or write the report of all that have been run.
+
+    NAME is success, transfer, behaviour, sample-efficiency, sensitivity, cost, all or report. SEs
+    are learned by NES runs in the same home, which all experiments of a task share. The same
+    command resumes, and a larger size adds to what is there (docs/experiments.md).
+    """
+    from cluster.experiments.sizes import get_size
+
+    size = get_size(size_name).changed(ses, per_se, real_agents)
+    common = RunOptions(task=task, **options)
+    the_task, agents = common.the_task(), common.the_agents()
+    context = common.the_context()
+
+    from cluster.experiments.command import ExperimentCommand, run_experiments
+    from cluster.experiments.registry import ALL, get_experiments
+    from cluster.experiments.report import write_report
+    from cluster.experiments.run import REPORT
+
+    experiments = get_experiments(name)
+    command = ExperimentCommand(the_task, size, common.seed, context, agents, workers)
+    if experiments:
+        run_experiments(command, experiments)
+    if name in (ALL, REPORT):
+        write_report(command)

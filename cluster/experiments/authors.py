@@ -1,0 +1,113 @@
+"""The paper's and the authors' figures, from the data file beside this module, and ours beside
+them."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+
+from bilevel.decode import decode_json
+from cluster.experiments.table import Row, Value, shown
+
+
+@dataclass(frozen=True)
+class AuthorsFigure:
+    """One of their figures, and the row and column of our experiment's summary that it is
+    comparable with."""
+
+    task: str
+    experiment: str
+    row: dict[str, str]  # columns that identify the row in the summary
+    what: str  # column
+    value: float
+    spread: float | None  # standard deviation
+    behind: str  # number of evaluations behind it
+    source: str  # key of `sources`
+    note: str
+
+
+@dataclass(frozen=True)
+class AuthorsFigures:
+    """The data file `authors.json`."""
+
+    sources: dict[str, str]
+    figures: tuple[AuthorsFigure, ...]
+
+
+def authors_figures() -> AuthorsFigures:
+    """Read the data file."""
+    text = files(__package__).joinpath("authors.json").read_text()
+    return decode_json(AuthorsFigures, text, "authors.json")
+
+
+#: Columns of a summary that say how its SEs were learned.
+_SETTING = ("source", "condition")
+
+
+def comparison(task_id: str, summaries: Mapping[str, Sequence[Row]]) -> list[Row]:
+    """Their figures on a task beside ours: in the same setting, and with our default recipe.
+
+    `summaries` are those of the experiments that have been run, by name.
+    """
+    known = authors_figures()
+    rows: list[Row] = []
+    for figure in known.figures:
+        if figure.task != task_id:
+            continue
+        ours = summaries.get(figure.experiment, ())
+        same, default = _same(figure, ours), _default(figure, ours)
+        rows.append(
+            {
+                "experiment": figure.experiment,
+                "of": ", ".join(figure.row.values()),
+                "figure": figure.what.replace("_", " "),
+                "authors": _with_spread(figure.value, figure.spread),
+                "behind theirs": figure.behind,
+                "ours, same setting": _cell(same, figure.what),
+                "behind it": _behind(same, figure.what),
+                "our default recipe": _cell(default, figure.what),
+                "behind this": _behind(default, figure.what),
+                "source, remarks": "; ".join(
+                    part for part in (known.sources[figure.source], figure.note) if part
+                ),
+            }
+        )
+    return rows
+
+
+def _same(figure: AuthorsFigure, ours: Sequence[Row]) -> Row | None:
+    """Our row of the same setting; None for an experiment that has no settings."""
+    if not any(name in figure.row for name in _SETTING):
+        return None
+    return _row(figure.row, ours)
+
+
+def _default(figure: AuthorsFigure, ours: Sequence[Row]) -> Row | None:
+    """Our row with the default recipe; None for the real task, which has none."""
+    if figure.row.get("source") == "real":
+        return None
+    setting = {name: "default" for name in _SETTING if name in figure.row}
+    return _row({**figure.row, **setting}, ours)
+
+
+def _row(wanted: Mapping[str, str], ours: Sequence[Row]) -> Row | None:
+    found = [row for row in ours if all(row.get(k) == v for k, v in wanted.items())]
+    return found[0] if found else None
+
+
+def _cell(row: Row | None, what: str) -> str:
+    return "-" if row is None else _with_spread(row.get(what), row.get(f"{what}_std"))
+
+
+def _with_spread(value: Value, spread: Value) -> str:
+    return shown(value) if spread is None else f"{shown(value)} ± {shown(spread)}"
+
+
+def _behind(row: Row | None, what: str) -> str:
+    """Number of evaluations behind one of our figures."""
+    if row is None:
+        return "-"
+    if "runs" in row:
+        return f"{row['runs']} runs"
+    if what == "train_steps":
+        return f"{row['agents']} agents"
+    return f"{row['evaluations']} test episodes"

@@ -1,0 +1,231 @@
+"""`bilevel experiment`: make the SEs, train the agents, and draw what came out.
+
+for each experiment:
+    for each condition, for each seed:
+        an NES run to its end                # shared by all experiments of the task
+    until the experiment asks for no more:
+        for each source that it asks for:    # an SE, or the real task
+            train the agents on the pool, test them on the real task
+    data, pictures, findings
+
+Every NES run and every agent is on disk once it has ended, so the same command resumes, also on
+another machine that the home was copied to.
+"""
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from bilevel.durable import write_aside
+from bilevel.evaluation import EvaluationResult
+from bilevel.hyperparameters import load_recipe
+from bilevel.tasks import Task
+from cluster.experiments.agents import Ledger, Unit
+from cluster.experiments.conditions import title_of
+from cluster.experiments.experiment import Experiment, Findings, Material, Plan, made_ses
+from cluster.experiments.run import (
+    DATA_FILE,
+    FINDINGS_FILE,
+    KIND,
+    RUNS_FILE,
+    StoredFindings,
+    folder_name,
+)
+from cluster.experiments.sizes import Size
+from cluster.experiments.style import styled, svg
+from cluster.experiments.table import csv_bytes, text_lines
+from cluster.experiments.versions import versions
+from cluster.experiments.view import ExperimentViews
+from cluster.nes.command import run_on
+from cluster.ray.pool import EvaluationPool
+from cluster.session.context import Driver, RunContext
+from cluster.session.session import Session
+from cluster.session.terminal import count, duration
+from cluster.storage.author import Author
+from cluster.storage.jsonl_log import JsonlLog
+from cluster.storage.run_folder import Final, add_final, locked_settings
+
+
+@dataclass(frozen=True)
+class ExperimentCommand:
+    """Experiments on a task, and how and where this command runs them."""
+
+    task: Task
+    size: Size
+    seed: int
+    context: RunContext
+    agents: tuple[str, ...] | None = None  # kinds of agents; None: each experiment's own
+    workers: int | None = None  # actors; None: one per core of this run's share
+
+    def plan(self, experiment: Experiment) -> Plan:
+        """The experiment's subject. Raises InvalidInput."""
+        names = self.agents or experiment.kinds(self.task)
+        kinds = load_recipe("paper", "", names).agents
+        return Plan(self.task, self.size, self.size.trained(kinds), self.seed)
+
+    def name(self, experiment: str) -> str:
+        """Name of an experiment's folder."""
+        return folder_name(self.size.prefix, experiment, self.agents, self.seed)
+
+    def settings(self, experiment: str, kinds: Mapping[str, Any]) -> dict[str, Any]:
+        """What must stay the same when it is resumed; its size may change."""
+        return {
+            "kind": KIND,
+            "experiment": experiment,
+            "task": asdict(self.task),
+            "seed": self.seed,
+            "kinds": kinds,
+        }
+
+
+def run_experiments(command: ExperimentCommand, experiments: Sequence[Experiment]) -> None:
+    """Run or resume the experiments, one after the other.
+
+    Raises InvalidInput before anything is written, StorageFailure if the disk is full. Ctrl-C
+    loses at most a generation, or the agents that are being trained.
+    """
+    plans = [command.plan(experiment) for experiment in experiments]
+    home, task = command.context.home, command.task
+    folders = [home.run_folder(task.id, command.name(one.name)) for one in experiments]
+    with (
+        command.context.connected(command.workers or 1) as driver,
+        EvaluationPool.on_cluster(command.workers) as pool,
+    ):
+        for experiment, plan, folder in zip(experiments, plans, folders, strict=True):
+            kinds = {hp.agent: asdict(hp) for hp in plan.kinds}
+            settings = command.settings(experiment.name, kinds)
+            with driver.session(folder, task.id, settings) as session:
+                _Runner(experiment, plan, driver, session, pool).run()
+
+
+class _Runner:
+    """Runs one experiment."""
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        plan: Plan,
+        driver: Driver,
+        session: Session,
+        pool: EvaluationPool,
+    ) -> None:
+        self.experiment = experiment
+        self.plan = plan
+        self.driver = driver
+        self.session = session
+        self.terminal = session.terminal
+        self.folder = session.folder
+        self.pool = pool
+        runs, size = experiment.runs(plan.size), plan.size
+        self.ses = made_ses(runs, plan.task, size, plan.seed, driver.context.home)
+
+    def run(self) -> Findings:
+        """Make the SEs and agents that are missing, then report."""
+        plan, experiment = self.plan, self.experiment
+        kinds = ", ".join(hp.agent for hp in plan.kinds)
+        self.session.introduce(
+            f"experiment {experiment.name} on {plan.task.id}: {count(len(self.ses), 'NES run')}, "
+            f"agents {kinds}, size {plan.size.name}, {self.pool.size} worker(s), seed {plan.seed}"
+        )
+        views = ExperimentViews(self.folder, self.session.identity, live=True)
+        goes_on = "run the same command again to resume after the last NES run or agent"
+        with self.session.live(views, len(self.ses), goes_on):
+            self._make_ses()
+            ledger = Ledger(self.folder)
+            sources = [made.source for made in self.ses]
+            material = Material(self.ses, sources, ledger.found, self.folder)
+            self._train(material, ledger)
+            if experiment.record is not None:
+                self.terminal.line("recording agents in their readable form, on one core")
+                experiment.record(plan, material, self._recorded)
+            with styled():
+                findings = experiment.findings(plan, material)
+            self._report(findings, len(ledger.found))
+            return findings
+
+    def _make_ses(self) -> None:
+        """Run NES to its end for every SE that is not there yet."""
+        log = JsonlLog(self.folder / RUNS_FILE)
+        for number, made in enumerate(self.ses, start=1):
+            self.session.guard.check()
+            run = made.run
+            if run.ended:
+                with locked_settings(run.folder, run.settings()):
+                    pass  # raises InvalidInput if it was begun with other settings
+            else:
+                self.terminal.line(
+                    f"NES run {number} of {len(self.ses)}: {title_of(made.condition)}, "
+                    f"seed {run.seed}"
+                )
+                run_on(run, self.driver, self.pool)
+            if run.folder.name not in log.values:
+                log.append(run.folder.name)
+
+    def _train(self, material: Material, ledger: Ledger) -> None:
+        """Train the agents that the experiment asks for until it asks for no more."""
+        started, trained = time.monotonic(), 0
+        while True:
+            # By key: the same agent on equal SEs is asked for twice, and trained once.
+            units = {unit.key: unit for unit in self.experiment.units(self.plan, material)}
+            ledger.adopt(units.values())
+            missing = [unit for key, unit in units.items() if key not in ledger.found]
+            if not missing:
+                return
+            done = len(units) - len(missing)
+            for group in _by_source(missing):
+                seconds = time.monotonic() - started
+                left = (len(units) - done) * seconds / max(trained, 1)
+                note = f"ETA {duration(left)}" if trained else ""
+                self.terminal.bar("training", done, len(units), "agents", note)
+                self._train_on(group, ledger)
+                done, trained = done + len(group), trained + len(group)
+
+    def _train_on(self, units: Sequence[Unit], ledger: Ledger) -> None:
+        """Train agents of one source."""
+
+        def keep(result: EvaluationResult) -> None:
+            ledger.add(units[result.index], result)
+            self.terminal.step()
+
+        self.session.guard.check()
+        se = units[0].source.se
+        requests = [unit.request(index) for index, unit in enumerate(units)]
+        self.pool.run(self.plan.task, se.se if se else None, requests, keep)
+
+    def _recorded(self, done: int, total: int) -> None:
+        self.session.guard.check()
+        self.terminal.bar("recording", done, total, "agents")
+
+    def _report(self, findings: Findings, agents: int) -> None:
+        """Write data, pictures and findings, and tell them."""
+        for row in text_lines(findings.summary):
+            self.terminal.line(row)
+        pictures = {f"{name}.svg": figure for name, figure in findings.figures.items()}
+        for name, figure in pictures.items():
+            write_aside(self.folder / name, svg(figure))
+        write_aside(self.folder / DATA_FILE, csv_bytes(findings.data))
+        stored = StoredFindings(
+            self.experiment.name,
+            self.plan.size,
+            self.experiment.runs(self.plan.size),
+            tuple(pictures),
+            tuple(dict(row) for row in findings.summary),
+            tuple(findings.notes),
+            versions(),
+            Author.of_this_process().command,
+        )
+        write_aside(self.folder / FINDINGS_FILE, json.dumps(asdict(stored), indent=2).encode())
+        add_final(self.folder, Final(len(self.ses) + agents, time.time(), dict(findings.metrics)))
+        line = self.terminal.line
+        line(f"data: {self.folder / DATA_FILE}; pictures: {', '.join(pictures)} in the same folder")
+        line(f"MLflow {self.session.shown_at(self.session.identity.uuid)}")
+
+
+def _by_source(units: Sequence[Unit]) -> list[list[Unit]]:
+    """The units in groups that train on the same source."""
+    groups: dict[str, list[Unit]] = {}
+    for unit in units:
+        groups.setdefault(unit.source.digest, []).append(unit)
+    return list(groups.values())

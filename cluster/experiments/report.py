@@ -1,0 +1,136 @@
+"""`bilevel experiment report TASK`: all experiments of a task on one page."""
+
+import time
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from bilevel.durable import write_aside
+from bilevel.errors import InvalidInput
+from cluster.experiments.authors import comparison
+from cluster.experiments.command import ExperimentCommand
+from cluster.experiments.page import Picture, Section, page
+from cluster.experiments.registry import EXPERIMENTS
+from cluster.experiments.run import REPORT, REPORT_FILE, ExperimentSettings, StoredFindings
+from cluster.experiments.view import ExperimentViews
+from cluster.storage.run_folder import Final, add_final
+
+
+@dataclass(frozen=True)
+class Reported:
+    """An experiment that has been run to its end."""
+
+    settings: ExperimentSettings
+    findings: StoredFindings
+    pictures: tuple[Picture, ...]
+
+    @classmethod
+    def read(cls, folder: Path) -> "Reported | None":
+        """Read it from its folder; None if nothing has been found yet. Raises InvalidInput."""
+        if not (folder / "settings.json").exists():
+            return None
+        settings, findings = ExperimentSettings.read(folder), StoredFindings.read(folder)
+        if findings is None:
+            return None
+        return cls(settings, findings, tuple(_picture(folder, name) for name in findings.pictures))
+
+    @property
+    def section(self) -> Section:
+        """The experiment on the page."""
+        experiment, findings = EXPERIMENTS[self.settings.experiment], self.findings
+        runs = ", ".join(f"{number} {name}" for name, number in findings.runs.items())
+        size = ", ".join(f"{name} {value}" for name, value in asdict(findings.size).items())
+        agents = "; ".join(
+            f"{agent}: " + ", ".join(f"{name} {value}" for name, value in hp.items())
+            for agent, hp in self.settings.kinds.items()
+        )
+        versions = ", ".join(f"{name} {number}" for name, number in findings.versions.items())
+        by = self.settings.by
+        return Section(
+            experiment.title,
+            experiment.explanation,
+            self.pictures,
+            findings.summary,
+            findings.notes,
+            (
+                ("command", findings.command),
+                ("commit", by.commit if by is not None and by.commit else "-"),
+                ("seed", str(self.settings.seed)),
+                ("size", size),
+                ("NES runs", runs),
+                ("agents before their hyperparameters are drawn", agents),
+                ("versions", versions),
+            ),
+        )
+
+
+def _picture(folder: Path, name: str) -> Picture:
+    path = folder / name
+    if path.parent != folder or path.suffix != ".svg":
+        raise InvalidInput(f"picture {name!r} of {str(folder)!r} is not allowed")
+    try:
+        return Picture(f"{folder.name}/{name}", path.read_text())
+    except OSError as error:
+        raise InvalidInput(f"cannot read {str(path)!r}: {error.strerror}") from None
+
+
+def report_of(command: ExperimentCommand) -> str:
+    """The page, from the folders alone. Raises InvalidInput if no experiment has been run."""
+    found: dict[str, Reported] = {}
+    for name in EXPERIMENTS:
+        folder = command.context.home.run_folder(command.task.id, command.name(name))
+        reported = Reported.read(folder)
+        if reported is not None:
+            found[name] = reported
+    task = command.task
+    if not found:
+        size = f" --size {command.size.name}" if command.size.quick else ""
+        raise InvalidInput(
+            f"no experiment on {task.id} has ended yet in {str(command.context.home.folder)!r}: "
+            f"begin with `bilevel experiment all {task.id}{size}`"
+        )
+    summaries = {name: one.findings.summary for name, one in found.items()}
+    return page(
+        f"Synthetic environments for {task.id}",
+        _introduction(command, found),
+        comparison(task.id, summaries),
+        [one.section for one in found.values()],
+    )
+
+
+def _introduction(command: ExperimentCommand, found: Mapping[str, Reported]) -> list[str]:
+    task, missing = command.task, [name for name in EXPERIMENTS if name not in found]
+    texts = [
+        f"The experiments of Ferreira, Nierhoff and Hutter, Learning Synthetic Environments for "
+        f"Reinforcement Learning with Evolution Strategies (2021), on {task.id} (episodes of at "
+        f"most {task.step_limit} steps, solved at a mean return of {task.solved_reward:g}). All "
+        "SEs are learned by NES from random ones, unless they are called distilled.",
+        "HP varied and HP fixed: whether NES varied its agents' hyperparameters, with our default "
+        "recipe in all else. In sizes other than paper, varied agents are narrowed: a large "
+        "network is replaced by a narrow one that learns at the same pace. The authors' figures in "
+        "the same settings are of their own code. Values are mean ± standard deviation.",
+    ]
+    if command.size.quick:
+        texts.append("Size smoke: this page shows that all works; its numbers mean nothing.")
+    if missing:
+        texts.append(f"Not run yet: {', '.join(missing)}.")
+    return texts
+
+
+def write_report(command: ExperimentCommand) -> Path:
+    """Write the report and log it to MLflow; return its path. Raises InvalidInput before anything
+    is written if no experiment has been run."""
+    text = report_of(command)
+    folder = command.context.home.run_folder(command.task.id, command.name(REPORT))
+    path = folder / REPORT_FILE
+    with (
+        command.context.offline() as driver,
+        driver.session(folder, command.task.id, command.settings(REPORT, {})) as session,
+    ):
+        views = ExperimentViews(folder, session.identity, live=True)
+        with session.live(views, 0, "run the same command again"):
+            write_aside(path, text.encode())
+            add_final(folder, Final(0, time.time(), {"characters": float(len(text))}))
+        session.terminal.line(f"report: {path}")
+        session.terminal.line(f"MLflow {session.shown_at(session.identity.uuid)}")
+    return path

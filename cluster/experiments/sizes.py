@@ -1,0 +1,85 @@
+"""Sizes of experiments: how many SEs, agents and NES runs each one rests on."""
+
+from dataclasses import dataclass, replace
+
+from bilevel.errors import one_of
+from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
+
+#: Agents of one kind that the paper trains on one SE.
+AGENTS = 10
+
+
+@dataclass(frozen=True)
+class Size:
+    """How much work an experiment does; a larger size adds to what a smaller one has done."""
+
+    name: str
+    ses: int  # SEs a condition (transfer, cost)
+    agents: int  # of each kind, on each SE
+    real_agents: int  # of each kind, on the real task
+    runs: int  # NES runs of our recipe (success)
+    authors_runs: int  # NES runs of each of the recipes `authors` and `paper` (success)
+    curve_ses: int  # SEs a condition (sample-efficiency)
+    curve_agents: int  # on each of them; as many on the real task as on the SEs of a condition
+    varied_agents: int  # on one SE (sensitivity)
+    behaviour_agents: int  # on one SE (behaviour)
+    quick: bool = False  # cut NES and training short: a check that all works, not a measurement
+
+    @property
+    def prefix(self) -> str:
+        """Beginning of the names of all run folders of this size."""
+        return f"experiment-{self.name}-" if self.quick else "experiment-"
+
+    def changed(self, ses: int | None, agents: int | None, real_agents: int | None) -> "Size":
+        """The size with other numbers of SEs a condition, of agents on each, and of agents on the
+        real task."""
+        size = self
+        if ses is not None:
+            size = replace(size, ses=ses, runs=ses, authors_runs=ses, curve_ses=ses)
+        if agents is not None:
+            size = replace(size, agents=agents, curve_agents=agents)
+            size = replace(size, varied_agents=agents, behaviour_agents=agents)
+        return size if real_agents is None else replace(size, real_agents=real_agents)
+
+    def shortened(self, hp: Hyperparameters) -> Hyperparameters:
+        """The hyperparameters of an NES run of this size."""
+        if not self.quick:
+            return hp
+        nes = replace(
+            hp.nes,
+            generations=2,
+            population_size=2,
+            centre_agents=2,
+            start_candidates=min(hp.nes.start_candidates, 8),
+            patient_episodes=min(hp.nes.patient_episodes, QUICK_EPISODES),
+        )
+        return replace(hp, nes=nes, agents=self.trained(hp.agents))
+
+    def trained(self, agents: tuple[AgentHyperparameters, ...]) -> tuple[AgentHyperparameters, ...]:
+        """The agents, as agents of this size train."""
+        if not self.quick:
+            return agents
+        return tuple(
+            replace(hp, init_episodes=min(hp.init_episodes, 3), max_episodes=QUICK_EPISODES)
+            for hp in agents
+        )
+
+
+#: Training episodes of an agent of a quick size.
+QUICK_EPISODES = 5
+
+SIZES = {
+    size.name: size
+    for size in (
+        Size("smoke", 1, 2, 2, 1, 1, 1, 2, 4, 2, quick=True),
+        Size("local", 10, AGENTS, 30, 10, 8, 5, 4, 60, 10),
+        Size("paper", 40, AGENTS, 400, 40, 40, 10, AGENTS, 400, 10),
+    )
+}
+
+
+def get_size(name: str) -> Size:
+    """The size of that name. Raises InvalidInput for another one."""
+    if name not in SIZES:
+        raise one_of("size", name, SIZES)
+    return SIZES[name]

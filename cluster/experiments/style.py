@@ -1,0 +1,117 @@
+"""The style of all pictures of the experiments: vector graphics of one column's width.
+
+Series differ by colour, by its lightness, and by line, marker or hatch: they survive grey printing.
+"""
+
+import contextlib
+import io
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+#: Width in inches of a column of the paper.
+COLUMN = 3.4
+
+#: Lines that mark a value.
+GUIDE = "#404040"
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a series is drawn."""
+
+    colour: str
+    line: str
+    marker: str
+    hatch: str
+
+
+#: By source and condition, from dark to light within each picture.
+LOOKS = {
+    "real": Look("#5c5c5c", "--", "s", ""),
+    "default": Look("#c2491d", "-", "o", "//"),
+    "varied": Look("#1f4e9c", "-.", "^", ".."),
+    "fixed": Look("#8db9e0", ":", "v", "xx"),
+    "authors": Look("#1f4e9c", "--", "^", ".."),
+    "paper": Look("#4fa3a5", ":", "v", "xx"),
+    "distilled": Look("#e0a92e", "-.", "D", ".."),
+}
+
+#: By kind of agent, and any other series, in order.
+SERIES = (
+    Look("#1f4e9c", "-", "o", "//"),
+    Look("#e0872e", "--", "s", ".."),
+    Look("#6fae8c", "-.", "^", "xx"),
+    Look("#8f8f8f", ":", "v", ""),
+)
+
+_STYLE: dict[Any, Any] = {
+    "font.size": 7.5,
+    "axes.labelsize": 7.5,
+    "axes.titlesize": 8,
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "legend.fontsize": 6.8,
+    "legend.frameon": False,
+    "lines.linewidth": 1.3,
+    "lines.markersize": 3.5,
+    "hatch.linewidth": 0.4,
+    "svg.hashsalt": "bilevel",  # the same picture gives the same file
+}
+
+
+@contextlib.contextmanager
+def styled() -> Iterator[None]:
+    """Within the block figures are made in this style."""
+    with mpl.rc_context(_STYLE):
+        yield
+
+
+def column(height: float) -> Figure:
+    """A figure of one column's width and that height in inches."""
+    return Figure(figsize=(COLUMN, height), layout="constrained")
+
+
+def svg(figure: Figure) -> bytes:
+    """Content of the figure's SVG file, which depends on the figure alone."""
+    buffer = io.BytesIO()
+    with styled():
+        figure.savefig(buffer, format="svg", metadata={"Date": None})
+    return buffer.getvalue()
+
+
+def solved_line(axes: Axes, solved_reward: float) -> None:
+    """Mark the return at which the task is solved, by a dotted line and its value beside it."""
+    axes.axhline(solved_reward, color=GUIDE, lw=0.7, ls=(0, (1, 1.5)), zorder=0)
+    axes.annotate(
+        f"{solved_reward:g}",
+        (1, solved_reward),
+        xycoords=("axes fraction", "data"),
+        xytext=(2, 0),
+        textcoords="offset points",
+        va="center",
+        fontsize=6,
+        color=GUIDE,
+    )
+
+
+def violin(axes: Axes, x: float, values: NDArray[np.float64], look: Look) -> None:
+    """Draw the distribution of values (n,) at `x`: violin, quartiles, median and mean."""
+    parts: Any = axes.violinplot(values, [x], widths=0.8, showextrema=False)
+    for body in parts["bodies"]:
+        body.set(facecolor=look.colour, edgecolor="black", alpha=0.55, lw=0.6, hatch=look.hatch)
+    low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
+    axes.vlines(x, low, high, color="black", lw=2.5, zorder=3)
+    axes.scatter([x], [middle], s=9, color="white", edgecolor="black", lw=0.5, zorder=4)
+    axes.scatter([x], [values.mean()], s=14, marker="D", color="black", zorder=4)

@@ -1,0 +1,202 @@
+"""`success`: how scores rise over the generations of many NES runs (paper, Figure "success")."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from bilevel.nes import GenerationRecord
+from bilevel.tasks import Task
+from cluster.experiments.conditions import title_of
+from cluster.experiments.experiment import Experiment, Findings, MadeSE, Material, Plan
+from cluster.experiments.sizes import Size
+from cluster.experiments.style import LOOKS, column, solved_line
+from cluster.experiments.table import Row
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Course:
+    """The course of one run."""
+
+    condition: str
+    seed: int
+    scores: Floats  # (G,) of the unperturbed SE, by generation
+    core_seconds: Floats  # (G,) spent until the end of the generation
+    final_score: float  # of fresh agents on the best SE
+
+    @classmethod
+    def of(cls, made: MadeSE) -> "Course":
+        """The course of a run that has ended."""
+        records: Sequence[GenerationRecord] = made.state.records
+        return cls(
+            made.condition,
+            made.run.seed,
+            np.array([record.score_mean for record in records]),
+            np.array([record.cost for record in records]),
+            made.final["final_score_mean"],
+        )
+
+    def first_solved(self, solved_reward: float) -> int | None:
+        """The first generation that solves the task; None if none does."""
+        solved = np.flatnonzero(self.scores >= solved_reward)
+        return int(solved[0]) if solved.size else None
+
+
+def carried_forward(courses: Sequence[Course]) -> Floats:
+    """Scores (runs, G) of runs of different lengths: a run keeps its last score after its end."""
+    longest = max(course.scores.size for course in courses)
+    return np.stack(
+        [np.pad(one.scores, (0, longest - one.scores.size), mode="edge") for one in courses]
+    )
+
+
+def _runs(size: Size) -> dict[str, int]:
+    return {"default": size.runs, "authors": size.authors_runs, "paper": size.authors_runs}
+
+
+def _findings(plan: Plan, material: Material) -> Findings:
+    courses = [Course.of(made) for made in material.ses]
+    return findings_of(courses, plan.task)
+
+
+def findings_of(courses: Sequence[Course], task: Task) -> Findings:
+    """Table and pictures of these runs."""
+    groups: dict[str, list[Course]] = {}
+    for course in courses:
+        groups.setdefault(course.condition, []).append(course)
+    data: list[Row] = [
+        {
+            "condition": course.condition,
+            "seed": course.seed,
+            "generation": generation,
+            "score": float(score),
+            "core_seconds": float(seconds),
+        }
+        for course in courses
+        for generation, (score, seconds) in enumerate(
+            zip(course.scores, course.core_seconds, strict=True)
+        )
+    ]
+    return Findings(
+        data,
+        [_summary(name, group, task.solved_reward) for name, group in groups.items()],
+        {"curves": _curves(groups, task), "share": _shares(groups, task)},
+        {
+            f"share_solved/{name}": float(
+                np.mean([one.first_solved(task.solved_reward) is not None for one in group])
+            )
+            for name, group in groups.items()
+        },
+        (
+            "A run that has ended early, confirmed, keeps its last score in means and shares.",
+            "Ever solved: the score of some generation reached the solved reward. Handed over: "
+            "fresh agents solve the task on the SE that the run hands over.",
+        ),
+    )
+
+
+def _summary(condition: str, group: Sequence[Course], solved_reward: float) -> Row:
+    ends = carried_forward(group)[:, -1]
+    first = [one.first_solved(solved_reward) for one in group]
+    reached = [generation for generation in first if generation is not None]
+    return {
+        "condition": condition,
+        "runs": len(group),
+        "generations": float(np.median([one.scores.size for one in group])),
+        "core_seconds": float(np.median([one.core_seconds[-1] for one in group])),
+        "score_at_end": float(ends.mean()),
+        "score_at_end_std": float(ends.std()),
+        "ever_solved": len(reached) / len(group),
+        "solved_at_end": float(np.mean(ends >= solved_reward)),
+        "handed_over_solved": float(np.mean([one.final_score >= solved_reward for one in group])),
+        "median_first_solved": float(np.median(reached)) if reached else None,
+    }
+
+
+def _curves(groups: dict[str, list[Course]], task: Task) -> Figure:
+    figure = column(0.5 + 1.35 * len(groups))
+    panels: list[Axes] = list(np.atleast_1d(figure.subplots(len(groups), 1, sharey=True)))
+    for axes, (name, group) in zip(panels, groups.items(), strict=True):
+        look, scores = LOOKS[name], carried_forward(group)
+        generations = np.arange(scores.shape[1])
+        for course in group:
+            axes.plot(course.scores, color=look.colour, lw=0.5, alpha=0.45)
+        mean, spread = scores.mean(axis=0), scores.std(axis=0)
+        axes.fill_between(
+            generations, mean - spread, mean + spread, color=look.colour, alpha=0.18, lw=0
+        )
+        axes.plot(
+            generations,
+            mean,
+            color="black",
+            ls=look.line,
+            marker=look.marker,
+            markevery=max(len(mean) // 8, 1),
+            label="mean and standard deviation",
+        )
+        solved_line(axes, task.solved_reward)
+        axes.set_title(f"{title_of(name)} ({len(group)} runs)")
+        axes.set_xlim(0, max(len(mean) - 1, 1))
+        low = min(float(course.scores.min()) for course in group)
+        span = task.solved_reward - min(task.worst_score, low)
+        axes.set_ylim(min(task.worst_score, low), task.solved_reward + 0.08 * span)
+    panels[0].legend(loc="lower right")
+    panels[-1].set_xlabel("generation")
+    figure.supylabel("score (mean test return)", fontsize=7.5)
+    return figure
+
+
+def _shares(groups: dict[str, list[Course]], task: Task) -> Figure:
+    figure = column(3.3)
+    by_generation, by_time = figure.subplots(2, 1, sharey=True)
+    courses = [one for group in groups.values() for one in group]
+    longest = float(max(1, *(one.scores.size - 1 for one in courses)))
+    last = max(float(one.core_seconds[-1]) for one in courses)
+    for name, group in groups.items():
+        look = LOOKS[name]
+        first = [one.first_solved(task.solved_reward) for one in group]
+        generations = [float(g) for g in first if g is not None]
+        seconds = [
+            float(one.core_seconds[g]) for one, g in zip(group, first, strict=True) if g is not None
+        ]
+        begin = min(float(one.core_seconds[0]) for one in group)
+        for axes, events, start, end in (
+            (by_generation, generations, 0.0, longest),
+            (by_time, seconds, begin, last),
+        ):
+            x = [start, *sorted(events), end]
+            y = [*np.arange(len(events) + 1) / len(group), len(events) / len(group)]
+            axes.step(
+                x,
+                y,
+                where="post",
+                color=look.colour,
+                ls=look.line,
+                marker=look.marker,
+                markevery=slice(1, len(events) + 1),
+                label=f"{title_of(name)} (n = {len(group)})",
+            )
+    by_generation.set_xlabel("generation")
+    by_time.set_xlabel("core time (s)")
+    by_time.set_xscale("log")
+    for axes in (by_generation, by_time):
+        axes.set_ylabel("share of runs")
+        axes.set_ylim(-0.03, 1.05)
+    by_generation.set_title("runs that have solved the task so far")
+    figure.legend(*by_generation.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    return figure
+
+
+SUCCESS = Experiment(
+    "success",
+    "Success of NES",
+    "The score of the unperturbed SE, psi, over the generations of NES runs from different seeds. "
+    "Thin lines are runs; the dotted line is the return that solves the task.",
+    _runs,
+    _findings,
+)

@@ -1,0 +1,78 @@
+"""An experiment (`bilevel experiment`) as MLflow shows it."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from cluster.experiments.agents import RESULTS_FILE
+from cluster.experiments.registry import explanation_of
+from cluster.experiments.run import (
+    KIND,
+    REPORT,
+    RUNS_FILE,
+    ExperimentSettings,
+    StoredFindings,
+    documents,
+)
+from cluster.storage.jsonl_log import JsonlLog
+from cluster.storage.run_folder import RunIdentity, RunStatus, finals
+from cluster.tracking import Document, Point, Progress, RunView
+
+
+@dataclass(frozen=True)
+class ExperimentViews:
+    """The MLflow run of an experiment; `live` while a process works on it."""
+
+    folder: Path
+    identity: RunIdentity
+    live: bool
+
+    @classmethod
+    def of(cls, folder: Path) -> "ExperimentViews":
+        """View of an experiment that no process works on. Raises InvalidInput if it is damaged."""
+        ExperimentSettings.read(folder)
+        return cls(folder, RunIdentity.read(folder), False)
+
+    @property
+    def task_id(self) -> str:
+        """The experiment's task."""
+        return ExperimentSettings.read(self.folder).task.id
+
+    def keys(self) -> list[str]:
+        """The experiment's identity."""
+        return [self.identity.uuid]
+
+    def view(self, key: str) -> RunView:
+        """The run as it is on disk. Raises InvalidInput."""
+        settings, ends = ExperimentSettings.read(self.folder), finals(self.folder)
+        run_status = RunStatus.load(self.folder) or RunStatus("KILLED", self.identity.began, 0)
+        over = not (self.live and run_status.status == "RUNNING")
+        found = StoredFindings.read(self.folder)
+        return RunView(
+            key,
+            self.folder.name,
+            run_status.ended_as if over else "RUNNING",
+            self.identity.began,
+            run_status.since if over else None,
+            {
+                "experiment": settings.experiment,
+                "task": settings.task.id,
+                "seed": settings.seed,
+                "agents": settings.kinds,
+            },
+            # A tag, because it may change: parameters cannot.
+            {"bilevel.kind": KIND, **({"bilevel.size": found.size.name} if found else {})},
+            tuple(Point.of_final(end) for end in ends),
+            tuple(Document.of_file(path) for path in documents(self.folder) if over),
+            author=self.identity.author,
+            description=explanation_of(settings.experiment),
+        )
+
+
+def experiment_progress(folder: Path, runs: int) -> Progress:
+    """Number of NES runs, of `runs`, and of agents trained so far. Raises InvalidInput."""
+    if ExperimentSettings.read(folder).experiment == REPORT:
+        return Progress("1 page")
+    ended = len(JsonlLog(folder / RUNS_FILE).values)
+    agents = len(JsonlLog(folder / RESULTS_FILE).values)
+    trained = f", {agents} agents" if agents else ""
+    return Progress(f"{min(ended, runs)}/{runs} SEs{trained}")

@@ -1,0 +1,62 @@
+"""What agents meet: recorded transitions, and their histograms."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from bilevel.evaluation import record, train_and_test
+from bilevel.hyperparameters import DDQNHyperparameters
+from bilevel.tasks import get_task
+from cluster.experiments.behaviour import ORIGINS, columns, histograms
+from cluster.experiments.style import styled
+from cluster.experiments.table import Row
+from tests.ses import make_se
+
+
+@pytest.fixture
+def short_agent(small_agent: DDQNHyperparameters) -> DDQNHyperparameters:
+    return replace(small_agent, init_episodes=3, max_episodes=5)
+
+
+@pytest.mark.parametrize("task_id", ["CartPole-v0", "MountainCar-v0"])
+def test_the_recorded_agent_is_the_one_that_is_tested(
+    task_id: str, short_agent: DDQNHyperparameters
+) -> None:
+    task = replace(get_task(task_id), step_limit=20)
+    se = make_se(task).se
+    training, tests = record(task, se, short_agent, 5)
+    outcome = train_and_test(task, se, short_agent, 5, compiled=False)
+    assert len(training) == outcome.train_steps
+    assert len(tests) == outcome.real_env_steps
+    total = sum(one.reward for one in tests) / short_agent.test_episodes
+    assert total == pytest.approx(outcome.score)
+
+
+def test_transitions_as_arrays(short_agent: DDQNHyperparameters) -> None:
+    task = replace(get_task("CartPole-v0"), step_limit=20)
+    training, _ = record(task, make_se(task).se, short_agent, 5)
+    arrays = columns("train", training)
+    assert {name: array.shape[1:] for name, array in arrays.items()} == {
+        "train_states": (4,),
+        "train_actions": (),
+        "train_rewards": (),
+        "train_next": (4,),
+    }
+    # States are kept as they were, not as the environment's memory is now.
+    np.testing.assert_array_equal(arrays["train_states"][1], arrays["train_next"][0])
+    assert len(np.unique(arrays["train_states"], axis=0)) > 10
+
+
+def test_histograms_hold_nearly_all_values() -> None:
+    rng = np.random.default_rng(0)
+    seen = {origin: rng.standard_normal((1000, 3)).astype(np.float32) for origin in ORIGINS}
+    seen[ORIGINS[1]][:, 2] = 1.0  # as CartPole's reward is
+    rows: list[Row] = []
+    with styled():
+        figure = histograms(seen, ["a", "b", "reward"], rows)
+    assert [axes.get_xlabel() for axes in figure.axes[:3]] == ["a", "b", "reward"]
+    for name in ("a", "b", "reward"):
+        for origin in ORIGINS:
+            shares = [row[origin] for row in rows if row["value"] == name]
+            assert 0.98 < sum(float(share or 0) for share in shares) <= 1.0 + 1e-9

@@ -1,0 +1,69 @@
+"""Conditions and sizes."""
+
+from pathlib import Path
+
+import pytest
+
+from bilevel.errors import InvalidInput
+from bilevel.nes import NES
+from bilevel.tasks import get_task
+from cluster.experiments.conditions import CONDITIONS, title_of
+from cluster.experiments.registry import EXPERIMENTS, get_experiments
+from cluster.experiments.run import folder_name
+from cluster.experiments.sizes import SIZES, get_size
+from cluster.experiments.style import LOOKS
+from cluster.storage.home import Home
+
+
+@pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"])
+def test_every_condition_is_a_run_with_a_name_of_its_own(task_id: str, tmp_path: Path) -> None:
+    task, home, names = get_task(task_id), Home(tmp_path), set()
+    for condition in CONDITIONS.values():
+        for one in SIZES.values():
+            run = condition.run(task, one, 3, home)
+            assert isinstance(run.nes, NES)
+            names.add((run.folder.name, run.hp))
+    assert len({name for name, _ in names}) == len(names)  # equal names, equal hyperparameters
+
+
+def test_names_of_nes_runs_and_experiments_differ() -> None:
+    labels = {condition.label(size) for condition in CONDITIONS.values() for size in SIZES.values()}
+    assert not labels & {*EXPERIMENTS, "report", "all"}
+    assert folder_name("experiment-", "cost", None, 0) == "experiment-cost-seed0"
+    assert folder_name("experiment-", "cost", ("td3",), 1) == "experiment-cost-td3-seed1"
+
+
+def test_varied_agents_are_of_the_full_ranges_at_paper_size_alone() -> None:
+    task, varied = get_task("CartPole-v0"), CONDITIONS["varied"]
+    found = {name: varied.hyperparameters(task, size).vary_agent for name, size in SIZES.items()}
+    assert found == {"smoke": "narrowed", "local": "narrowed", "paper": "all"}
+    assert CONDITIONS["fixed"].hyperparameters(task, SIZES["local"]).vary_agent == "no"
+    assert CONDITIONS["default"].hyperparameters(task, SIZES["local"]).vary_agent == "small"
+
+
+def test_everything_has_a_title_and_a_look() -> None:
+    for name in (*CONDITIONS, "real"):
+        assert title_of(name)
+        assert name in LOOKS
+    for experiment in EXPERIMENTS.values():
+        for size in SIZES.values():
+            assert set(experiment.runs(size)) <= set(CONDITIONS)
+
+
+def test_larger_sizes_and_options_add() -> None:
+    smoke, local, paper = SIZES.values()
+    for name in ("ses", "agents", "real_agents", "runs", "authors_runs", "curve_ses"):
+        assert getattr(smoke, name) <= getattr(local, name) <= getattr(paper, name)
+    assert local.prefix == paper.prefix != smoke.prefix
+    more = local.changed(ses=12, agents=None, real_agents=50)
+    assert (more.ses, more.runs, more.agents, more.real_agents) == (12, 12, 10, 50)
+    assert local.changed(None, None, None) == local
+
+
+def test_unknown_names() -> None:
+    with pytest.raises(InvalidInput, match="unknown size 'tiny': allowed are smoke, local, paper"):
+        get_size("tiny")
+    with pytest.raises(InvalidInput, match="unknown experiment 'x': allowed are success"):
+        get_experiments("x")
+    assert get_experiments("report") == []
+    assert len(get_experiments("all")) == len(EXPERIMENTS)

@@ -1,0 +1,140 @@
+"""The authors' figures, tables, and the report's page."""
+
+import re
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+
+from bilevel.tasks import BUILT_IN_TASKS
+from cluster.experiments.authors import authors_figures, comparison
+from cluster.experiments.page import Picture, Section, inlined, page
+from cluster.experiments.registry import EXPERIMENTS
+from cluster.experiments.style import column, styled, svg
+from cluster.experiments.table import Row, cells, csv_bytes, shown, text_lines
+from tests.cluster.experiments.made_up import findings_of
+
+
+def test_each_figure_of_the_authors_names_its_source() -> None:
+    known = authors_figures()
+    assert {figure.source for figure in known.figures} == set(known.sources)
+    for figure in known.figures:
+        assert figure.task in BUILT_IN_TASKS
+        assert figure.experiment in EXPERIMENTS
+        assert figure.behind
+
+
+def test_each_figure_of_the_authors_has_one_of_ours(tmp_path: Path) -> None:
+    """Its row and column are found in what our experiments find."""
+    summaries = {
+        name: findings_of(EXPERIMENTS[name], tmp_path).summary
+        for name in ("success", "transfer", "behaviour")
+    }
+    rows = comparison("CartPole-v0", summaries)
+    assert len(rows) == sum(f.task == "CartPole-v0" for f in authors_figures().figures)
+    for row in rows:
+        assert (row["behind it"], row["behind this"]) != ("-", "-")
+    (steps,) = [row for row in rows if (row["of"], row["figure"]) == ("td3, varied", "train steps")]
+    assert steps["authors"] == "5832 ± 1577"
+    assert steps["behind theirs"] == "400 agents"
+    assert steps["behind it"] == "2 agents"
+    (returns,) = [
+        row for row in rows if (row["of"], row["figure"]) == ("ddqn, real", "test return")
+    ]
+    assert returns["behind it"] == "2 test episodes"
+    assert returns["our default recipe"] == "-"  # the real task has no recipe
+
+
+def test_figures_without_experiments_of_ours() -> None:
+    rows = comparison("Acrobot-v1", {})
+    assert rows
+    assert all(row["ours, same setting"] == row["our default recipe"] == "-" for row in rows)
+    assert comparison("MountainCar-v0", {}) == []
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "-"),
+        ("ddqn", "ddqn"),
+        (7, "7"),
+        (4000, "4000"),
+        (16888.4, "16\u202f888"),
+        (190.666, "190.7"),
+        (1234.5, "1234"),
+        (0.35, "0.35"),
+        (0.0, "0.00"),
+        (0.00034, "0.00034"),
+        (-90.24, "-90.2"),
+    ],
+)
+def test_digits(value: str | float | int | None, text: str) -> None:
+    assert shown(value) == text
+
+
+def test_tables() -> None:
+    rows: list[Row] = [{"agent": "ddqn", "x": 20.0, "x_std": 1.5}, {"agent": "td3", "x": None}]
+    assert cells(rows) == (["agent", "x"], [["ddqn", "20.0 ± 1.50"], ["td3", "-"]])
+    assert text_lines(rows) == ["agent  x", "ddqn   20.0 ± 1.50", "td3    -"]
+    assert csv_bytes(rows) == b"agent,x,x_std\nddqn,20.0,1.5\ntd3,,\n"
+
+
+class _Page(HTMLParser):
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.ids: list[str] = []
+        self.loaded: list[str] = []
+        self.feed(text)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.ids += [value or "" for name, value in attrs if name == "id"]
+        self.loaded += [value or "" for name, value in attrs if name.endswith(("src", "href"))]
+        if tag not in ("meta",):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.handle_starttag(tag, attrs)
+        self.handle_endtag(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+
+def picture(name: str) -> Picture:
+    with styled():
+        figure = column(1.5)
+        axes = figure.subplots()
+        axes.bar([1, 2], [3, 4], hatch="//")
+        axes.plot([1, 2], [3, 4], marker="o")
+        axes.set_xlabel(name)
+    return Picture(name, svg(figure).decode())
+
+
+def test_the_page_is_one_file_that_says_what_it_is_given() -> None:
+    section = Section(
+        "Cost & benefit",
+        "What <it> is.",
+        [picture("a/one.svg"), picture("b/one.svg")],
+        [{"x": "<script>"}],
+        ["A note."],
+        [("seed", "0")],
+    )
+    text = page("SEs", ["Begin."], [{"figure": "steps", "authors": "1 ± 2"}], [section])
+    read = _Page(text)
+    assert read.open == []  # each tag is closed
+    assert len(set(read.ids)) == len(read.ids)  # also those of two pictures
+    assert read.loaded
+    assert all(target.startswith("#") for target in read.loaded)  # nothing is fetched
+    assert "Cost &amp; benefit" in text
+    assert "<script>" not in text
+    assert text.count("<svg") == 2
+
+
+def test_pictures_keep_their_own_references() -> None:
+    text = inlined(picture("a/one.svg"))
+    assert text.startswith("<svg")
+    ids = set(re.findall(r'\bid="([^"]+)"', text))
+    used = {*re.findall(r"url\(#([^)]+)\)", text), *re.findall(r'href="#([^"]+)"', text)}
+    assert used
+    assert used <= ids
