@@ -42,6 +42,14 @@ def test_the_tutorial(tmp_path: Path) -> None:
     assert float(scores[-1]) >= 95  # this task is solved within seconds
 
 
+def test_the_page_on_other_tasks() -> None:
+    (code,) = python_blocks("docs/other-tasks.md")
+    command = [sys.executable, "-c", code]
+    run = subprocess.run(command, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    assert -125 < float(run.stdout) < -115
+
+
 def test_the_readme(tmp_path: Path) -> None:
     """With a small recipe."""
     hp = load_recipe("default", "CartPole-v0")
