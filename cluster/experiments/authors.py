@@ -107,7 +107,7 @@ def _behind(row: Row | None, what: str) -> str:
     if row is None:
         return "-"
     if "runs" in row:
-        return f"{row['runs']} runs"
+        return f"{row['runs']} run(s)"
     if what == "train_steps":
-        return f"{row['agents']} agents"
+        return f"{row['agents']} agent(s)"
     return f"{row['evaluations']} test episodes"

@@ -60,7 +60,12 @@ class Size:
         if not self.quick:
             return agents
         return tuple(
-            replace(hp, init_episodes=min(hp.init_episodes, 3), max_episodes=QUICK_EPISODES)
+            replace(
+                hp,
+                init_episodes=min(hp.init_episodes, 3),
+                max_episodes=QUICK_EPISODES,
+                test_episodes=2,  # a gymnasium task's tests take most of the time
+            )
             for hp in agents
         )
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from bilevel.nes import GenerationRecord
@@ -15,6 +16,7 @@ from cluster.experiments.experiment import Experiment, Findings, MadeSE, Materia
 from cluster.experiments.sizes import Size
 from cluster.experiments.style import LOOKS, column, solved_line
 from cluster.experiments.table import Row
+from cluster.session.terminal import count
 
 Floats = NDArray[np.float64]
 
@@ -140,14 +142,16 @@ def _curves(groups: dict[str, list[Course]], task: Task) -> Figure:
             label="mean and standard deviation",
         )
         solved_line(axes, task.solved_reward)
-        axes.set_title(f"{title_of(name)} ({len(group)} runs)")
+        axes.set_title(f"{title_of(name)} ({count(len(group), 'run')})")
         axes.set_xlim(0, max(len(mean) - 1, 1))
+        axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
         low = min(float(course.scores.min()) for course in group)
         span = task.solved_reward - min(task.worst_score, low)
         axes.set_ylim(min(task.worst_score, low), task.solved_reward + 0.08 * span)
-    panels[0].legend(loc="lower right")
     panels[-1].set_xlabel("generation")
     figure.supylabel("score (mean test return)", fontsize=7.5)
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center")
     return figure
 
 
@@ -184,6 +188,8 @@ def _shares(groups: dict[str, list[Course]], task: Task) -> Figure:
     by_generation.set_xlabel("generation")
     by_time.set_xlabel("core time (s)")
     by_time.set_xscale("log")
+    by_time.xaxis.set_minor_formatter(NullFormatter())
+    by_generation.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     for axes in (by_generation, by_time):
         axes.set_ylabel("share of runs")
         axes.set_ylim(-0.03, 1.05)

@@ -37,7 +37,7 @@ def test_each_figure_of_the_authors_has_one_of_ours(tmp_path: Path) -> None:
     (steps,) = [row for row in rows if (row["of"], row["figure"]) == ("td3, varied", "train steps")]
     assert steps["authors"] == "5832 ± 1577"
     assert steps["behind theirs"] == "400 agents"
-    assert steps["behind it"] == "2 agents"
+    assert steps["behind it"] == "2 agent(s)"
     (returns,) = [
         row for row in rows if (row["of"], row["figure"]) == ("ddqn, real", "test return")
     ]
