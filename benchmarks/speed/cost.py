@@ -18,7 +18,7 @@ from bilevel.tasks import get_task
 from bilevel.zoo import zoo_file
 
 _REPEATS = 3
-_DRAWN = {"small": 40, "narrowed": 40, "all": 6}
+_DRAWN = {"small": 20, "narrowed": 20, "all": 4}
 _AGENTS = ("ddqn", "dueling-ddqn", "td3")
 
 
