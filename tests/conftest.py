@@ -1,5 +1,6 @@
 """Shared fixtures: small hyperparameters, so that tests can run real training fast."""
 
+import os
 import signal
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,10 @@ from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_r
 from bilevel.synthetic_env import save_se
 from bilevel.tasks import Task, get_task
 from tests.ses import make_se
+
+# Windows are drawn without a screen; audio devices are not looked for.
+os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
+os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
 
 # Tests must not fail because the machine is busy.
 hypothesis.settings.register_profile("no-deadline", deadline=None)

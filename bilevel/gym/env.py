@@ -7,7 +7,7 @@
 
 The first observation is drawn from the real task's reset distribution, the others follow the SE.
 `info["done"]` is the raw done output: the episode terminates above 0.5. It is truncated at the SE's
-own step limit.
+own step limit. With `render_mode` the real task's renderer draws the SE's states.
 """
 
 from pathlib import Path
@@ -18,6 +18,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
+from bilevel.gym.rendering import MODES, Renderer
 from bilevel.gym.source import se_file
 
 
@@ -25,12 +26,13 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     """The SE of a file, with observations Box (S,) float32 and actions Discrete(A).
 
     `path` may also be MLflow's address of an SE (`bilevel.gym.source`). Raises InvalidInput if the
-    file is missing or damaged, or gymnasium does not know its task.
+    file is missing or damaged, if gymnasium does not know its task, or if the task cannot draw the
+    SE's states in this `render_mode` (`bilevel.gym.rendering`).
     """
 
-    metadata = {"render_modes": []}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": list(MODES), "render_fps": 30}  # noqa: RUF012
 
-    def __init__(self, path: str | Path) -> None:
+    def __init__(self, path: str | Path, render_mode: str | None = None) -> None:
         from bilevel.synthetic_env import load_se
 
         self.se = se = load_se(se_file(path))
@@ -43,6 +45,10 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         shape = (se.architecture.state_size,)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
         self.action_space = gymnasium.spaces.Discrete(se.architecture.n_actions)
+        self.render_mode = render_mode
+        self._renderer = None if render_mode is None else Renderer(self._task, render_mode)
+        if self._renderer is not None:
+            self.metadata = {**self.metadata, "render_fps": self._renderer.fps}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -51,6 +57,7 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         super().reset(seed=seed)
         self._state = state = self.initial_state(self.np_random)
         self._steps = 0
+        self._shown()
         return state.copy(), {}
 
     def initial_state(self, rng: np.random.Generator) -> NDArray[np.float32]:
@@ -75,5 +82,26 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         reward, done = step(self.kernel, self._state, number, next_state, self._work)
         self._state = next_state
         self._steps += 1
+        self._shown()
         truncated = self._steps >= self.step_limit
         return next_state.copy(), float(reward), bool(done > 0.5), truncated, {"done": float(done)}
+
+    def render(self) -> Any:
+        """The current state as the real task draws it: an image (height, width, 3), or None in the
+        mode `human`, which draws every state by itself. Raises ResetNeeded before the first reset.
+        """
+        if self._renderer is None:
+            gymnasium.logger.warn("render was called without a render_mode: give one to make")
+            return None
+        if self._state is None:
+            raise ResetNeeded("call reset before render")
+        return self._renderer.draw(self._state)
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        if self._renderer is not None:
+            self._renderer.close()
+
+    def _shown(self) -> None:
+        if self.render_mode == "human":
+            self.render()

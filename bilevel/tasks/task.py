@@ -62,9 +62,9 @@ class Task:
         """Whether the task's dynamics are compiled."""
         return self.dynamics != dynamics.OBSERVED
 
-    def make(self) -> gymnasium.Env[NDArray[np.float32], np.int64]:
+    def make(self, render_mode: str | None = None) -> gymnasium.Env[NDArray[np.float32], np.int64]:
         """The gymnasium environment, truncated at this task's step limit."""
-        return _make(self.id, self.step_limit)
+        return _make(self.id, self.step_limit, render_mode)
 
     def initial_physics(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
         """`n` draws (n, p) from the task's reset distribution.
@@ -201,13 +201,17 @@ def _inspect(
     return env, env.spec
 
 
-def _make(task_id: str, step_limit: int | None) -> gymnasium.Env[NDArray[np.float32], np.int64]:
+def _make(
+    task_id: str, step_limit: int | None, render_mode: str | None = None
+) -> gymnasium.Env[NDArray[np.float32], np.int64]:
+    # A task without pictures need not know the argument.
+    mode = {} if render_mode is None else {"render_mode": render_mode}
     with warnings.catch_warnings():
         # CartPole-v0 is the paper's task: ignore the warning that a newer version exists.
         warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)
         warnings.filterwarnings("ignore", ".*out of date", UserWarning)
         warnings.filterwarnings("ignore", ".*latest versioned environment", UserWarning)
         env: gymnasium.Env[NDArray[np.float32], np.int64] = gymnasium.make(
-            task_id, max_episode_steps=step_limit
+            task_id, max_episode_steps=step_limit, **mode
         )
         return env

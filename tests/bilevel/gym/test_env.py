@@ -37,7 +37,7 @@ def test_passes_gymnasiums_own_check(name: str | None, se_file: Path) -> None:
         env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file)
     else:
         env = gymnasium.make(env_id(name))
-    check_env(env.unwrapped, skip_render_check=True)
+    check_env(env.unwrapped)
 
 
 def test_step_comes_after_reset(se_file: Path) -> None:

@@ -1,0 +1,75 @@
+"""Pictures of an SE's states, drawn by the renderer of the real task.
+
+Gymnasium's classic control tasks draw what their attribute `state` holds. It is the observation, or
+what the functions below make of it.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.errors import InvalidInput, first_line, one_of
+from bilevel.tasks import Task
+
+Observation = NDArray[np.float32]
+
+#: Render modes, as gymnasium calls them.
+MODES = ("human", "rgb_array")
+
+
+def _as_it_is(observation: Observation) -> NDArray[np.float64]:
+    return observation.astype(np.float64)
+
+
+def _acrobot(observation: Observation) -> NDArray[np.float64]:
+    """Angles and angular velocities (4,) of an observation (6,), whose cosines and sines an SE need
+    not keep on the circle."""
+    x1, y1, x2, y2, *velocities = (float(value) for value in observation)
+    return np.array([np.arctan2(y1, x1), np.arctan2(y2, x2), *velocities])
+
+
+#: What the tasks draw, where it is not the observation.
+_DRAWN: dict[str, Callable[[Observation], NDArray[np.float64]]] = {"Acrobot-v1": _acrobot}
+
+
+class Renderer:
+    """Draws states of an SE as states of its task.
+
+    Raises InvalidInput for another mode than MODES, and for a task that cannot draw a given state.
+    """
+
+    def __init__(self, task: Task, mode: str) -> None:
+        if mode not in MODES:
+            raise one_of("render mode", mode, MODES)
+        unavailable = f"render mode {mode!r} is not available: {task.id} cannot draw a given state"
+        self._drawn = _DRAWN.get(task.id, _as_it_is)
+        try:
+            self._env: Any = task.make(render_mode=mode).unwrapped
+        except (TypeError, gymnasium.error.Error) as error:
+            raise InvalidInput(f"{unavailable} ({first_line(error)})") from None
+        self.fps = int(self._env.metadata.get("render_fps", 30))
+        if not self._draws_its_state():
+            self.close()
+            raise InvalidInput(unavailable)
+
+    def _draws_its_state(self) -> bool:
+        """Whether the attribute `state` of the task is what is drawn of its observation."""
+        expected = self._drawn(self._env.reset(seed=0)[0])
+        try:
+            state = np.asarray(getattr(self._env, "state", None), np.float64)
+        except (TypeError, ValueError):
+            return False
+        return state.shape == expected.shape and np.allclose(state, expected, atol=1e-5)
+
+    def draw(self, observation: Observation) -> Any:
+        """Draw an observation (S,) of the SE: an image (height, width, 3) in the mode `rgb_array`,
+        None in the mode `human`, whose window it updates."""
+        self._env.state = self._drawn(observation)
+        return self._env.render()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self._env.close()
