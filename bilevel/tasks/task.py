@@ -10,6 +10,7 @@ import math
 import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -205,7 +206,7 @@ def _make(
     task_id: str, step_limit: int | None, render_mode: str | None = None
 ) -> gymnasium.Env[NDArray[np.float32], np.int64]:
     # A task without pictures need not know the argument.
-    mode = {} if render_mode is None else {"render_mode": render_mode}
+    mode: dict[str, Any] = {} if render_mode is None else {"render_mode": render_mode}
     with warnings.catch_warnings():
         # CartPole-v0 is the paper's task: ignore the warning that a newer version exists.
         warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)
