@@ -42,6 +42,14 @@ def test_the_tutorial(tmp_path: Path) -> None:
     assert float(scores[-1]) >= 95  # this task is solved within seconds
 
 
+def test_the_page_on_recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (code,) = python_blocks("docs/recipes.md")
+    exec(code, {})
+    written = load_recipe("mine.toml", "CartPole-v0")
+    assert replace(written, recipe="default") == load_recipe("default", "CartPole-v0")
+
+
 def test_the_page_on_other_tasks() -> None:
     (code,) = python_blocks("docs/other-tasks.md")
     command = [sys.executable, "-c", code]
