@@ -105,7 +105,7 @@ class Unit:
 Found = dict[str, EvaluationResult]
 
 
-class Ledger:
+class AgentResults:
     """The results of an experiment's agents, on disk as they come.
 
     Raises InvalidInput for a damaged file.

@@ -22,7 +22,7 @@ from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import Task
-from cluster.experiments.agents import Ledger, Unit
+from cluster.experiments.agents import AgentResults, Unit
 from cluster.experiments.conditions import title_of
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan, made_ses
 from cluster.experiments.run import (
@@ -133,16 +133,16 @@ class _Runner:
         goes_on = "run the same command again to resume after the last NES run or agent"
         with self.session.live(views, len(self.ses), goes_on):
             self._make_ses()
-            ledger = Ledger(self.folder)
+            results = AgentResults(self.folder)
             sources = [made.source for made in self.ses]
-            material = Material(self.ses, sources, ledger.found, self.folder)
-            self._train(material, ledger)
+            material = Material(self.ses, sources, results.found, self.folder)
+            self._train(material, results)
             if experiment.record is not None:
                 self.terminal.line("recording agents in their readable form, on one core")
                 experiment.record(plan, material, self._recorded)
             with styled():
                 findings = experiment.findings(plan, material)
-            self._report(findings, len(ledger.found))
+            self._report(findings, len(results.found))
             return findings
 
     def _make_ses(self) -> None:
@@ -163,14 +163,14 @@ class _Runner:
             if run.folder.name not in log.values:
                 log.append(run.folder.name)
 
-    def _train(self, material: Material, ledger: Ledger) -> None:
+    def _train(self, material: Material, results: AgentResults) -> None:
         """Train the agents that the experiment asks for until it asks for no more."""
         started, trained = time.monotonic(), 0
         while True:
             # By key: the same agent on equal SEs is asked for twice, and trained once.
             units = {unit.key: unit for unit in self.experiment.units(self.plan, material)}
-            ledger.adopt(units.values())
-            missing = [unit for key, unit in units.items() if key not in ledger.found]
+            results.adopt(units.values())
+            missing = [unit for key, unit in units.items() if key not in results.found]
             if not missing:
                 return
             done = len(units) - len(missing)
@@ -179,14 +179,14 @@ class _Runner:
                 left = (len(units) - done) * seconds / max(trained, 1)
                 note = f"ETA {duration(left)}" if trained else ""
                 self.terminal.bar("training", done, len(units), "agents", note)
-                self._train_on(group, ledger)
+                self._train_on(group, results)
                 done, trained = done + len(group), trained + len(group)
 
-    def _train_on(self, units: Sequence[Unit], ledger: Ledger) -> None:
+    def _train_on(self, units: Sequence[Unit], results: AgentResults) -> None:
         """Train agents of one source."""
 
         def keep(result: EvaluationResult) -> None:
-            ledger.add(units[result.index], result)
+            results.add(units[result.index], result)
             self.terminal.step()
 
         self.session.guard.check()

@@ -17,27 +17,27 @@ from cluster.experiments.transfer import units_on
 
 
 @dataclass(frozen=True)
-class Bill:
+class Cost:
     """What one way of training agents costs, in real steps or in core seconds: once, and for each
     agent."""
 
-    once: float
-    each: float
+    fixed: float
+    marginal: float
 
-    def paid_back(self, other: "Bill") -> float | None:
+    def break_even(self, other: "Cost") -> float | None:
         """Number of agents from which this way is as cheap as the other; None if it never is."""
-        if other.each <= self.each:
+        if other.marginal <= self.marginal:
             return None
-        return max(self.once - other.once, 0.0) / (other.each - self.each)
+        return max(self.fixed - other.fixed, 0.0) / (other.marginal - self.marginal)
 
 
 @dataclass(frozen=True)
 class SECost:
-    """The bills of one SE."""
+    """The costs of one SE."""
 
     number: int
-    steps: Bill
-    core: Bill
+    steps: Cost
+    core: Cost
     test_return: float  # mean of the agents trained on it
 
 
@@ -53,8 +53,8 @@ def _units(plan: Plan, material: Material) -> list[Unit]:
 def _findings(plan: Plan, material: Material) -> Findings:
     found, units = material.found, _units(plan, material)
     real = [found[unit.key] for unit in units if unit.source.se is None]
-    steps = Bill(0.0, float(np.mean([one.train_steps for one in real])))
-    core = Bill(0.0, float(np.mean([one.cost for one in real])))
+    steps = Cost(0.0, float(np.mean([one.train_steps for one in real])))
+    core = Cost(0.0, float(np.mean([one.cost for one in real])))
     costs = []
     for made, source in zip(material.ses, material.sources, strict=True):
         assert source.se is not None
@@ -62,8 +62,8 @@ def _findings(plan: Plan, material: Material) -> Findings:
         costs.append(
             SECost(
                 made.number,
-                Bill(float(source.se.info["real_env_steps"]), 0.0),
-                Bill(made.state.cost, float(np.mean([one.cost for one in taught]))),
+                Cost(float(source.se.info["real_env_steps"]), 0.0),
+                Cost(made.state.cost, float(np.mean([one.cost for one in taught]))),
                 float(np.mean([one.score for one in taught])),
             )
         )
@@ -73,13 +73,13 @@ def _findings(plan: Plan, material: Material) -> Findings:
         [_median(rows), *rows],
         {"payback": payback(costs, steps, core, plan.kinds[0].agent)},
         {
-            "real_env_steps": float(np.median([cost.steps.once for cost in costs])),
-            "real_train_steps_of_an_agent": steps.each,
+            "real_env_steps": float(np.median([cost.steps.fixed for cost in costs])),
+            "real_train_steps_of_an_agent": steps.marginal,
         },
         (
-            f"{len(real)} {plan.kinds[0].agent} agents on the real task train for {steps.each:.0f} "
-            f"steps and {core.each:.1f} core seconds on average; on an SE an agent makes no real "
-            "step before its tests.",
+            f"{len(real)} {plan.kinds[0].agent} agents on the real task train for "
+            f"{steps.marginal:.0f} steps and {core.marginal:.1f} core seconds on average; on an SE "
+            "an agent makes no real step before its tests.",
             "Real steps of making an SE are all that its run made: tests of every evaluation, the "
             "scale of observations, and the last tests. Core seconds are estimated from gradient "
             "steps, real steps and network sizes, and leave out the retest at the end.",
@@ -87,14 +87,14 @@ def _findings(plan: Plan, material: Material) -> Findings:
     )
 
 
-def _row(cost: SECost, steps: Bill, core: Bill) -> Row:
+def _row(cost: SECost, steps: Cost, core: Cost) -> Row:
     return {
         "se": str(cost.number),
-        "real_steps_to_make_it": round(cost.steps.once),
-        "paid_back_in_real_steps_after_agents": cost.steps.paid_back(steps),
-        "core_seconds_to_make_it": cost.core.once,
-        "core_seconds_of_an_agent": cost.core.each,
-        "paid_back_in_core_time_after_agents": cost.core.paid_back(core),
+        "real_steps_to_make_it": round(cost.steps.fixed),
+        "paid_back_in_real_steps_after_agents": cost.steps.break_even(steps),
+        "core_seconds_to_make_it": cost.core.fixed,
+        "core_seconds_of_an_agent": cost.core.marginal,
+        "paid_back_in_core_time_after_agents": cost.core.break_even(core),
         "test_return": cost.test_return,
     }
 
@@ -109,7 +109,7 @@ def _median(rows: Sequence[Row]) -> Row:
     return medians
 
 
-def payback(costs: Sequence[SECost], steps: Bill, core: Bill, kind: str) -> Figure:
+def payback(costs: Sequence[SECost], steps: Cost, core: Cost, kind: str) -> Figure:
     """Cumulated cost over the number of agents, on the real task and on SEs."""
     figure = column(3.6)
     above, below = figure.subplots(2, 1)
@@ -123,18 +123,20 @@ def payback(costs: Sequence[SECost], steps: Bill, core: Bill, kind: str) -> Figu
     return figure
 
 
-def _panel(axes: Axes, bills: Sequence[Bill], real: Bill) -> None:
-    paid = [bill.paid_back(real) for bill in bills]
+def _panel(axes: Axes, costs: Sequence[Cost], real: Cost) -> None:
+    paid = [cost.break_even(real) for cost in costs]
     last = 3 * max([10.0, *(one for one in paid if one is not None)])
     agents = np.geomspace(1, last, 60)
     ours, theirs = LOOKS["default"], LOOKS[REAL]
-    for bill, at in zip(bills, paid, strict=True):
-        axes.plot(agents, bill.once + bill.each * agents, color=ours.colour, lw=0.5, alpha=0.6)
+    for cost, at in zip(costs, paid, strict=True):
+        axes.plot(agents, cost.fixed + cost.marginal * agents, color=ours.colour, lw=0.5, alpha=0.6)
         if at is not None and at >= 1:
-            axes.plot([at], [real.each * at], marker=ours.marker, color=ours.colour, ls="none")
-    middle = np.median([bill.once + bill.each * agents for bill in bills], axis=0)
+            axes.plot([at], [real.marginal * at], marker=ours.marker, color=ours.colour, ls="none")
+    middle = np.median([cost.fixed + cost.marginal * agents for cost in costs], axis=0)
     axes.plot(agents, middle, color=ours.colour, ls=ours.line, label="SEs (thick: median)")
-    axes.plot(agents, real.each * agents, color=theirs.colour, ls=theirs.line, label="real task")
+    axes.plot(
+        agents, real.marginal * agents, color=theirs.colour, ls=theirs.line, label="real task"
+    )
     axes.set_xscale("log")
     axes.set_yscale("log")
 

@@ -22,8 +22,8 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Course:
-    """The course of one run."""
+class LearningCurve:
+    """The curve of one run."""
 
     condition: str
     seed: int
@@ -32,8 +32,8 @@ class Course:
     final_score: float  # of fresh agents on the best SE
 
     @classmethod
-    def of(cls, made: MadeSE) -> "Course":
-        """The course of a run that has ended."""
+    def of(cls, made: MadeSE) -> "LearningCurve":
+        """The curve of a run that has ended."""
         records: Sequence[GenerationRecord] = made.state.records
         return cls(
             made.condition,
@@ -49,11 +49,11 @@ class Course:
         return int(solved[0]) if solved.size else None
 
 
-def carried_forward(courses: Sequence[Course]) -> Floats:
+def carried_forward(curves: Sequence[LearningCurve]) -> Floats:
     """Scores (runs, G) of runs of different lengths: a run keeps its last score after its end."""
-    longest = max(course.scores.size for course in courses)
+    longest = max(curve.scores.size for curve in curves)
     return np.stack(
-        [np.pad(one.scores, (0, longest - one.scores.size), mode="edge") for one in courses]
+        [np.pad(one.scores, (0, longest - one.scores.size), mode="edge") for one in curves]
     )
 
 
@@ -62,26 +62,26 @@ def _runs(size: Size) -> dict[str, int]:
 
 
 def _findings(plan: Plan, material: Material) -> Findings:
-    courses = [Course.of(made) for made in material.ses]
-    return findings_of(courses, plan.task)
+    curves = [LearningCurve.of(made) for made in material.ses]
+    return findings_of(curves, plan.task)
 
 
-def findings_of(courses: Sequence[Course], task: Task) -> Findings:
+def findings_of(curves: Sequence[LearningCurve], task: Task) -> Findings:
     """Table and pictures of these runs."""
-    groups: dict[str, list[Course]] = {}
-    for course in courses:
-        groups.setdefault(course.condition, []).append(course)
+    groups: dict[str, list[LearningCurve]] = {}
+    for curve in curves:
+        groups.setdefault(curve.condition, []).append(curve)
     data: list[Row] = [
         {
-            "condition": course.condition,
-            "seed": course.seed,
+            "condition": curve.condition,
+            "seed": curve.seed,
             "generation": generation,
             "score": float(score),
             "core_seconds": float(seconds),
         }
-        for course in courses
+        for curve in curves
         for generation, (score, seconds) in enumerate(
-            zip(course.scores, course.core_seconds, strict=True)
+            zip(curve.scores, curve.core_seconds, strict=True)
         )
     ]
     return Findings(
@@ -102,7 +102,7 @@ def findings_of(courses: Sequence[Course], task: Task) -> Findings:
     )
 
 
-def _summary(condition: str, group: Sequence[Course], solved_reward: float) -> Row:
+def _summary(condition: str, group: Sequence[LearningCurve], solved_reward: float) -> Row:
     ends = carried_forward(group)[:, -1]
     first = [one.first_solved(solved_reward) for one in group]
     reached = [generation for generation in first if generation is not None]
@@ -120,14 +120,14 @@ def _summary(condition: str, group: Sequence[Course], solved_reward: float) -> R
     }
 
 
-def _curves(groups: dict[str, list[Course]], task: Task) -> Figure:
+def _curves(groups: dict[str, list[LearningCurve]], task: Task) -> Figure:
     figure = column(0.5 + 1.35 * len(groups))
     panels: list[Axes] = list(np.atleast_1d(figure.subplots(len(groups), 1, sharey=True)))
     for axes, (name, group) in zip(panels, groups.items(), strict=True):
         look, scores = LOOKS[name], carried_forward(group)
         generations = np.arange(scores.shape[1])
-        for course in group:
-            axes.plot(course.scores, color=look.colour, lw=0.5, alpha=0.45)
+        for curve in group:
+            axes.plot(curve.scores, color=look.colour, lw=0.5, alpha=0.45)
         mean, spread = scores.mean(axis=0), scores.std(axis=0)
         axes.fill_between(
             generations, mean - spread, mean + spread, color=look.colour, alpha=0.18, lw=0
@@ -145,7 +145,7 @@ def _curves(groups: dict[str, list[Course]], task: Task) -> Figure:
         axes.set_title(f"{title_of(name)} ({count(len(group), 'run')})")
         axes.set_xlim(0, max(len(mean) - 1, 1))
         axes.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
-        low = min(float(course.scores.min()) for course in group)
+        low = min(float(curve.scores.min()) for curve in group)
         span = task.solved_reward - min(task.worst_score, low)
         axes.set_ylim(min(task.worst_score, low), task.solved_reward + 0.08 * span)
     panels[-1].set_xlabel("generation")
@@ -155,12 +155,12 @@ def _curves(groups: dict[str, list[Course]], task: Task) -> Figure:
     return figure
 
 
-def _shares(groups: dict[str, list[Course]], task: Task) -> Figure:
+def _shares(groups: dict[str, list[LearningCurve]], task: Task) -> Figure:
     figure = column(3.3)
     by_generation, by_time = figure.subplots(2, 1, sharey=True)
-    courses = [one for group in groups.values() for one in group]
-    longest = float(max(1, *(one.scores.size - 1 for one in courses)))
-    last = max(float(one.core_seconds[-1]) for one in courses)
+    curves = [one for group in groups.values() for one in group]
+    longest = float(max(1, *(one.scores.size - 1 for one in curves)))
+    last = max(float(one.core_seconds[-1]) for one in curves)
     for name, group in groups.items():
         look = LOOKS[name]
         first = [one.first_solved(task.solved_reward) for one in group]

@@ -9,7 +9,7 @@ import numpy as np
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import Task, get_task
-from cluster.experiments.agents import Ledger, Unit
+from cluster.experiments.agents import AgentResults, Unit
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan, made_ses
 from cluster.experiments.sizes import get_size
 from cluster.experiments.style import styled
@@ -55,13 +55,13 @@ def material_of(experiment: Experiment, plan: Plan, home: Home) -> Material:
             end_run(made.run)
     folder = home.run_folder(plan.task.id, f"experiment-smoke-{experiment.name}-seed{plan.seed}")
     folder.mkdir(parents=True, exist_ok=True)
-    ledger = Ledger(folder)
-    material = Material(ses, [made.source for made in ses], ledger.found, folder)
+    results = AgentResults(folder)
+    material = Material(ses, [made.source for made in ses], results.found, folder)
     while missing := [
-        unit for unit in experiment.units(plan, material) if unit.key not in ledger.found
+        unit for unit in experiment.units(plan, material) if unit.key not in results.found
     ]:
         for unit in missing:
-            ledger.add(unit, result_of(unit))
+            results.add(unit, result_of(unit))
     if experiment.record is not None:
         experiment.record(plan, material, lambda done, total: None)
     return material

@@ -8,7 +8,7 @@ import pytest
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import Task
-from cluster.experiments.agents import RESULTS_FILE, Ledger, Place, Source, Unit
+from cluster.experiments.agents import RESULTS_FILE, AgentResults, Place, Source, Unit
 from cluster.experiments.conditions import REAL
 from tests.cluster.experiments.made_up import result_of
 from tests.ses import make_se
@@ -52,15 +52,15 @@ def test_the_key_tells_whatever_a_result_depends_on(cartpole: Task, ses: list[So
 
 def test_results_are_on_disk_at_once(tmp_path: Path, cartpole: Task, ses: list[Source]) -> None:
     units = [unit(cartpole, ses[0], Place(0, i)) for i in range(3)]
-    ledger = Ledger(tmp_path)
+    results = AgentResults(tmp_path)
     for one in units[:2]:
-        ledger.add(one, result_of(one))
+        results.add(one, result_of(one))
     with (tmp_path / RESULTS_FILE).open("ab") as file:
         file.write(b'["cut')  # of a process that was killed
-    again = Ledger(tmp_path)
+    again = AgentResults(tmp_path)
     assert again.found == {one.key: result_of(one) for one in units[:2]}
     again.add(units[2], result_of(units[2]))
-    assert set(Ledger(tmp_path).found) == {one.key for one in units}
+    assert set(AgentResults(tmp_path).found) == {one.key for one in units}
 
 
 def test_agents_of_other_experiments_are_not_trained_again(
@@ -70,15 +70,15 @@ def test_agents_of_other_experiments_are_not_trained_again(
     folders = [tmp_path / name for name in ("experiment-cost-seed0", "experiment-transfer-seed0")]
     for folder in folders:
         folder.mkdir()
-    cost, transfer = map(Ledger, folders)
+    cost, transfer = map(AgentResults, folders)
     for one in units[:2]:
         transfer.add(one, result_of(one))
     cost.adopt(units[1:])
     assert set(cost.found) == {units[1].key}
-    assert set(Ledger(folders[0]).found) == {units[1].key}
+    assert set(AgentResults(folders[0]).found) == {units[1].key}
 
 
 def test_a_damaged_line_is_told(tmp_path: Path) -> None:
     (tmp_path / RESULTS_FILE).write_text('["key", {"score": 1}]\n')
     with pytest.raises(InvalidInput, match=r"results.jsonl', line 1"):
-        Ledger(tmp_path)
+        AgentResults(tmp_path)

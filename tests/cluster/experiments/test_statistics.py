@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 
 from bilevel.tasks import Task
-from cluster.experiments.cost import Bill
+from cluster.experiments.cost import Cost
 from cluster.experiments.sensitivity import grouped
 from cluster.experiments.style import styled
-from cluster.experiments.success import Course, carried_forward, findings_of
+from cluster.experiments.success import LearningCurve, carried_forward, findings_of
 
 
-def course(*scores: float, condition: str = "default", final: float = 200.0) -> Course:
-    return Course(
+def course(*scores: float, condition: str = "default", final: float = 200.0) -> LearningCurve:
+    return LearningCurve(
         condition, 0, np.array(scores), np.arange(1.0, len(scores) + 1), final_score=final
     )
 
@@ -49,11 +49,11 @@ def test_no_run_that_solves(cartpole: Task) -> None:
 
 
 def test_when_an_se_is_paid_back() -> None:
-    real = Bill(once=0.0, each=1000.0)
-    assert Bill(50_000.0, 0.0).paid_back(real) == 50.0
-    assert Bill(50_000.0, 500.0).paid_back(real) == 100.0
-    assert Bill(1.0, 1000.0).paid_back(real) is None
-    assert Bill(0.0, 1.0).paid_back(real) == 0.0
+    real = Cost(fixed=0.0, marginal=1000.0)
+    assert Cost(50_000.0, 0.0).break_even(real) == 50.0
+    assert Cost(50_000.0, 500.0).break_even(real) == 100.0
+    assert Cost(1.0, 1000.0).break_even(real) is None
+    assert Cost(0.0, 1.0).break_even(real) == 0.0
 
 
 def test_groups_of_agents() -> None:
