@@ -5,6 +5,7 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+import pygame
 import pytest
 from gymnasium.error import ResetNeeded
 
@@ -41,12 +42,24 @@ def test_each_state_is_drawn(name: str) -> None:
     env.close()
 
 
+def window() -> Any:
+    """The pixels of the open window."""
+    surface = pygame.display.get_surface()
+    assert surface is not None
+    return pygame.surfarray.array3d(surface)
+
+
 def test_a_window_follows_the_episode(se_file: Path) -> None:
     env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file, render_mode="human")
     with pytest.raises(ResetNeeded):
         env.unwrapped.render()
+    seen = []
     env.reset(seed=0)
-    env.step(1)
+    for _ in range(5):
+        seen.append(window())
+        env.step(1)
+    seen.append(window())
+    assert np.any(seen[0] != seen[-1])
     env.close()
 
 

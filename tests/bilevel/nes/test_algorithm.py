@@ -215,10 +215,13 @@ class TestTell:
         assert (record.train_steps_mean, record.train_episodes_mean) == (100.0, 10.0)
         assert (record.non_finite, record.solved_fraction) == (1, 0.0)
         assert record.real_env_steps == 7 * 8
+        assert record.cost == pytest.approx(sum(result.cost for result in results))
         assert record.core_utilisation == pytest.approx(8 * 0.01 / 4)
         assert (record.generation_seconds, record.finished) == (2.0, 99.0)
         later = nes.tell(state, answers(nes, state, 0.0))
         assert later.records[-1].real_env_steps == 2 * 7 * 8
+        assert later.cost == pytest.approx(2 * record.cost)
+        assert record.cost > 0
 
     def test_the_best_ses_are_kept(self, cartpole: Task, small: Hyperparameters) -> None:
         nes = NES(cartpole, with_nes(small, generations=100), 0)

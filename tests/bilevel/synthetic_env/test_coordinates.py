@@ -57,11 +57,13 @@ def test_what_the_structure_promises(task_id: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("task_id", TASKS)
-def test_states_of_random_ses_spread_in_all_directions(task_id: str) -> None:
+@pytest.mark.parametrize("spread", [0.9, 1.12, 1.3])
+def test_states_of_random_ses_spread_in_all_directions(task_id: str, spread: float) -> None:
     """Near the mean observation a step turns x and makes it `se.spread` times as long."""
     task = get_task(task_id)
     scale = task.observation_scale(1)
-    space = coordinates(task, load_recipe("default", task_id).se, scale)
+    hp = replace(load_recipe("default", task_id).se, spread=spread)
+    space = coordinates(task, hp, scale)
     directions = 1e-2 * np.eye(task.state_size)
     states = scale.mean + scale.deviation * np.vstack([directions, -directions])
     for seed in range(3):
@@ -70,7 +72,6 @@ def test_states_of_random_ses_spread_in_all_directions(task_id: str) -> None:
         next_states, _, _ = answers(task_id, se, states.astype(np.float32))
         x = (next_states[:, 0] - scale.mean) / scale.deviation
         stretched = np.linalg.svd(x[: task.state_size] - x[task.state_size :], compute_uv=False)
-        spread = load_recipe("default", task_id).se.spread
         np.testing.assert_allclose(stretched / 2e-2, spread, rtol=0.02)
 
 
