@@ -8,6 +8,7 @@ from pathlib import Path
 import hypothesis
 import numpy as np
 import pytest
+import torch
 
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_recipe
 from bilevel.synthetic_env import save_se
@@ -17,6 +18,10 @@ from tests.ses import make_se
 # Windows are drawn without a screen; audio devices are not looked for.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
+
+# Several processes run tests. On networks as small as these, threads of one process that wait for
+# each other while another one has their core take ten times as long.
+torch.set_num_threads(1)
 
 # Tests must not fail because the machine is busy.
 hypothesis.settings.register_profile("no-deadline", deadline=None)

@@ -10,7 +10,7 @@ from pathlib import Path
 from cluster.storage.home import Home
 from tests.faults.outcome import Outcome
 from tests.faults.row import Row
-from tests.faults.stage import ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
+from tests.faults.stage import ONE_BY_ONE, STUDY, TASK, Stage, StudyOnStage, smoke
 from tests.system.mlflow_shown import disagreements
 
 
@@ -83,7 +83,7 @@ def full_disk(folder: Path, whole: Outcome) -> Row:
     disk.mkdir()
     log = folder / "full-disk.log"
     bilevel = Path(sys.executable).with_name("bilevel")
-    command = " ".join(map(str, (bilevel, "bohb", TASK, *SMOKE, *ONE_BY_ONE, "--home", disk)))
+    command = " ".join(map(str, (bilevel, "bohb", TASK, *smoke(), *ONE_BY_ONE, "--home", disk)))
     uri = f"sqlite:///{folder}/full-disk.db"
     script = f"""
         mount -t tmpfs -o size=100k none {disk} || exit 99

@@ -15,14 +15,17 @@ from cluster.storage.run_folder import RunStatus
 from tests.commands import run_bilevel
 from tests.faults.outcome import Outcome
 from tests.faults.row import Row
-from tests.faults.stage import ACTOR, ONE_BY_ONE, SMOKE, STUDY, TASK, Stage, StudyOnStage
+from tests.faults.stage import ACTOR, BRACKETS, ONE_BY_ONE, STUDY, TASK, Stage, StudyOnStage, smoke
 from tests.system.mlflow_shown import Server, disagreements
 
+#: Seconds after which the driver is stopped at the latest.
+LATEST = 9.0
 
-def driver(stage: Stage, whole: Outcome, kills: int) -> Row:
+
+def driver(stage: Stage, whole: Outcome, kills: int, latest: float = LATEST) -> Row:
     """SIGKILL the driver of one study at random moments; then let the study end."""
     study = stage.study("driver", *ONE_BY_ONE)
-    killed, code = _stopped_again_and_again(stage, study, kills, 0.5, signal.SIGKILL)
+    killed, code = _stopped_again_and_again(stage, study, kills, (0.5, latest), signal.SIGKILL)
     return Row.of("driver killed (SIGKILL), one study", killed, code, whole, study)
 
 
@@ -31,7 +34,7 @@ def driver_of_two(stage: Stage, whole: Outcome, kills: int) -> Row:
     node = stage.cluster.add_node(num_cpus=1)
     with Server(stage.folder / "two-server") as server:
         study = stage.study("two", "--concurrent-trials", "2", tracking_uri=server.uri)
-        killed, code = _stopped_again_and_again(stage, study, kills, 0.5, signal.SIGKILL)
+        killed, code = _stopped_again_and_again(stage, study, kills, (0.5, LATEST), signal.SIGKILL)
         name = "driver killed (SIGKILL), two trials at a time"
         wrong, outcome = study.disagreements(), study.outcome().in_any_order()
     stage.cluster.remove_node(node)
@@ -41,18 +44,19 @@ def driver_of_two(stage: Stage, whole: Outcome, kills: int) -> Row:
 def ctrl_c(stage: Stage, whole: Outcome, times: int, presses: int) -> Row:
     """Press Ctrl-C once, for a clean stop, or twice, which stops at once."""
     study = stage.study(f"ctrl-c-{presses}", *ONE_BY_ONE)
-    stopped, code = _stopped_again_and_again(stage, study, times, 3.0, *[signal.SIGINT] * presses)
+    signals = [signal.SIGINT] * presses
+    stopped, code = _stopped_again_and_again(stage, study, times, (3.0, LATEST), *signals)
     return Row.of("Ctrl-C" if presses == 1 else "Ctrl-C twice", stopped, code, whole, study)
 
 
 def _stopped_again_and_again(
-    stage: Stage, study: StudyOnStage, times: int, earliest: float, *signals: int
+    stage: Stage, study: StudyOnStage, times: int, seconds: tuple[float, float], *signals: int
 ) -> tuple[int, int]:
-    """Give the command repeatedly, signal it at random moments, and let it end at last; return how
-    many signals arrived before the study's end, and the last exit code. (Another command after the
-    end would add brackets.)"""
+    """Give the command repeatedly, signal it at a random moment between these seconds, and let it
+    end at last; return how many signals arrived before the study's end, and the last exit code.
+    (Another command after the end would add brackets.)"""
     for stopped in range(times):
-        code = study.live(stage.chance.uniform(earliest, 9.0), *signals)
+        code = study.live(stage.chance.uniform(*seconds), *signals)
         assert code in (0, -signals[0], 130), f"exit code {code}: see {study.log}"
         if code == 0:
             return stopped, code
@@ -86,14 +90,23 @@ def killed_children(
     return Row.of(f"{what} killed (SIGKILL)", len(killed), code, whole, study)
 
 
-def nodes(folder: Path, whole: Outcome, times: int) -> Row:
+def nodes(
+    folder: Path,
+    whole: Outcome,
+    times: int,
+    brackets: int = BRACKETS,
+    database: Path | None = None,
+) -> Row:
     """SIGKILL the raylet of the node that does all the work (the head has no core), while
-    another joins."""
-    with Stage(folder / "nodes", cores=0) as stage, Server(folder / "nodes-server") as server:
+    another joins. `database` is one of MLflow's without a run, if there is one."""
+    with (
+        Stage(folder / "nodes", cores=0, brackets=brackets) as stage,
+        Server(folder / "nodes-server", empty=database) as server,
+    ):
         study = stage.study("nodes", *ONE_BY_ONE, tracking_uri=server.uri)
         working = [stage.cluster.add_node(num_cpus=1)]
         left = [0]
-        pause = [time.monotonic() + 8.0]
+        pause = [time.monotonic() + 4.0]
 
         def move() -> None:
             if left[0] >= times or time.monotonic() < pause[0] or not stage.processes(*ACTOR):
@@ -130,7 +143,7 @@ def _alone(
     """Kill and repeat the console script with its own Ray cluster."""
     folder.mkdir()
     home = Home(folder / "home")
-    command = [str(Path(sys.executable).with_name("bilevel")), "bohb", TASK, *SMOKE, *ONE_BY_ONE]
+    command = [str(Path(sys.executable).with_name("bilevel")), "bohb", TASK, *smoke(), *ONE_BY_ONE]
     command += ["--home", str(home.folder)]
     with (folder / "log").open("a") as log:
         killed = 0

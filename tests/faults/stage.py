@@ -19,8 +19,8 @@ from tests.system.mlflow_shown import disagreements
 TASK = "CartPole-v0"
 STUDY = "study"
 
-#: Small enough to run repeatedly: two brackets, six results, eleven generations.
-SMOKE = ("--profile", "smoke", "--brackets", "2", "--study", STUDY)
+#: Brackets of a study: one has four results, two have six, and last twice as long.
+BRACKETS = 2
 ONE_BY_ONE = ("--concurrent-trials", "1")
 
 #: Titles of the processes of actors and trials, when they work and when they wait.
@@ -29,15 +29,24 @@ ACTOR, TRIAL = ("ray::_Worker",), ("ray::ResourceTrainable", "ray::NESTrial")
 _LONGEST = 240.0  # seconds that any study may take
 
 
+def smoke(brackets: int = BRACKETS) -> tuple[str, ...]:
+    """Options of a study that is small enough to run repeatedly."""
+    return ("--profile", "smoke", "--brackets", str(brackets), "--study", STUDY)
+
+
 class Stage:
     """A Ray cluster on this machine; a context manager that ends it.
 
-    `folder` holds homes and logs. Each node is a raylet with one core.
+    `folder` holds homes and logs. Each node is a raylet with one core. Studies have so many
+    brackets.
     """
 
-    def __init__(self, folder: Path, cores: int = 1, seed: int = 0) -> None:
+    def __init__(
+        self, folder: Path, cores: int = 1, seed: int = 0, brackets: int = BRACKETS
+    ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
         self.folder = folder
+        self.brackets = brackets
         self.chance = random.Random(seed)
         self.cluster = Cluster(
             initialize_head=True, head_node_args={"num_cpus": cores, "include_dashboard": False}
@@ -58,7 +67,7 @@ class Stage:
         """A new study in its own home `name`, not started yet."""
         home = Home(self.folder / name)
         uri = tracking_uri or home.database_uri
-        arguments = ["bohb", TASK, *SMOKE, *options, "--home", str(home.folder)]
+        arguments = ["bohb", TASK, *smoke(self.brackets), *options, "--home", str(home.folder)]
         arguments += ["--address", self.cluster.address, "--tracking-uri", uri]
         return StudyOnStage(home, uri, arguments, self.folder / f"{name}.log")
 

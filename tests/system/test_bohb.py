@@ -23,7 +23,7 @@ from tests.system.conftest import client, run_until
 pytestmark = pytest.mark.timeout(290)
 
 SMOKE = (
-    *("bohb", "CartPole-v0", "--profile", "smoke", "--study", "smoke"),
+    *("bohb", "CartPole-v0", "--profile", "smoke", "--study", "smoke", "--brackets", "1"),
     *("--set", "nes.centre_agents=2", "--set", "nes.patient_episodes=0", "--vary-hp", "no"),
     *("--set", "ddqn.hidden_size=16", "--set", "ddqn.batch_size=16"),
 )
@@ -52,7 +52,7 @@ def study_home(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 
 def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     home, output = study_home
-    assert len(results(home)) == 6
+    assert len(results(home)) == 4
     assert re.search(r"000-0-00\d (no SE|\d SEs?) in 3 core s", output)
     assert "drawn at random: nes.1-averaging 0." in output
     assert "4 fresh agents trained on the best SE score" in output
@@ -63,7 +63,7 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     study = Study.read(home / "CartPole-v0" / "smoke")
     runs = [ConfigurationRuns.read(study, line.id, line.configuration) for line in journal.configs]
     spent = sorted(round(one.tally.cost) for one in runs)
-    assert spent == [1, 1, 3, 3, 3]
+    assert spent == [1, 1, 3]
 
 
 def test_a_terminal_shows_what_has_begun(
@@ -87,7 +87,7 @@ def test_a_terminal_shows_what_has_begun(
     process.wait()
     os.close(controller)
     text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown.decode(errors="ignore"))
-    assert re.search(r"searching .* 6/12 results .* 00[23]-0-000 begins", text)
+    assert re.search(r"searching .* 4/6 results .* 001-0-00[01] begins", text)
 
 
 def test_mlflow_shows_parent_children_curves_and_artifacts(
@@ -98,7 +98,7 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
     assert {r.info.status for r in runs} == {"FINISHED"}
     (parent,) = [r for r in runs if "mlflow.parentRunId" not in r.data.tags]
     children = [r for r in runs if r is not parent]
-    assert len(children) == 5
+    assert len(children) == 3
     assert {r.data.tags["mlflow.parentRunId"] for r in children} == {parent.info.run_id}
     assert "BOHB over NES" in parent.data.tags["mlflow.note.content"]
     assert parent.data.metrics["final_score_mean"] > 0
@@ -147,11 +147,11 @@ def test_the_same_command_adds_brackets(
 ) -> None:
     home = tmp_home
     shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
-    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", home, "--address", address)
+    result = run_bilevel(*SMOKE, "--home", home, "--address", address)
     assert result.returncode == 0, result.stderr
-    assert "resuming with the 6 results of this study so far" in result.stdout
+    assert "resuming with the 4 results of this study so far" in result.stdout
     before, after = results(study_home[0]), results(home)
-    assert len(after) == 10
+    assert len(after) == 6
     assert before.items() <= after.items()
 
 
@@ -170,7 +170,7 @@ def test_ctrl_c_stops_orderly_and_the_same_command_goes_on(
     (told,) = re.findall(r"its best SE, not retested: (\S+)", rest)
     assert told == str(tmp_home / "CartPole-v0" / "smoke" / INCUMBENT_FILE)
     assert load_se(told).task_id == "CartPole-v0"
-    assert 1 <= len(results(tmp_home)) < 6
+    assert 1 <= len(results(tmp_home)) < 4
     runs = tracked_runs(tmp_home)
     assert "RUNNING" not in {r.info.status for r in runs}
     assert "KILLED" in {r.info.status for r in runs}
@@ -183,7 +183,7 @@ def test_ctrl_c_stops_orderly_and_the_same_command_goes_on(
     assert results(tmp_home) == results(study_home[0])
     assert not Path(told).exists()  # a retested one is there instead
     runs = tracked_runs(tmp_home)
-    assert len(runs) == 6
+    assert len(runs) == 4
     assert {r.info.status for r in runs} == {"FINISHED"}
     for tracked in runs:
         history = client(tmp_home).get_metric_history(tracked.info.run_id, "score_mean")
@@ -214,7 +214,7 @@ def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(
     in_the_way = tmp_home / "CartPole-v0" / "smoke" / "configurations" / "000-0-001"
     in_the_way.parent.mkdir(parents=True)
     in_the_way.touch()
-    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", tmp_home, "--address", address)
+    result = run_bilevel(*SMOKE, "--home", tmp_home, "--address", address)
     assert result.returncode == 0, result.stderr
     assert "000-0-001 failed: " in result.stdout
     losses = results(tmp_home)
@@ -229,7 +229,7 @@ def test_a_study_whose_trials_all_fail_ends_with_1(tmp_home: Path, address: str)
     in_the_way = tmp_home / "CartPole-v0" / "smoke" / "configurations"
     in_the_way.parent.mkdir(parents=True)
     in_the_way.touch()
-    result = run_bilevel(*SMOKE, "--brackets", "1", "--home", tmp_home, "--address", address)
+    result = run_bilevel(*SMOKE, "--home", tmp_home, "--address", address)
     assert result.returncode == 1
     assert result.stdout.count(" failed: ") == 4
     assert "no configuration finished a generation" in result.stdout

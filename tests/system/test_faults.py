@@ -17,7 +17,7 @@ pytestmark = pytest.mark.timeout(295)
 
 @pytest.fixture(scope="module")
 def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
-    with Stage(tmp_path_factory.mktemp("stage")) as stage:
+    with Stage(tmp_path_factory.mktemp("stage"), brackets=1) as stage:
         yield stage
 
 
@@ -38,8 +38,8 @@ def assert_nothing_can_be_told(row: Row) -> None:
 
 def test_a_driver_killed_again_and_again(stage: Stage, whole: Outcome) -> None:
     """At random moments of one study; `python -m benchmarks.faults` does it twenty times."""
-    row = processes.driver(stage, whole, 4)
-    assert row.injected >= 3  # the others came after the study's end
+    row = processes.driver(stage, whole, 3, latest=5.0)
+    assert row.injected >= 2  # the last one may come after the study's end
     assert_nothing_can_be_told(row)
 
 
@@ -50,13 +50,13 @@ def test_two_presses_of_ctrl_c_stop_at_once(stage: Stage, whole: Outcome) -> Non
 
 
 def test_killed_trials_go_on_from_their_checkpoints(stage: Stage, whole: Outcome) -> None:
-    row = processes.killed_children(stage, whole, TRIAL, "trial", 2)
-    assert row.injected == 2
+    row = processes.killed_children(stage, whole, TRIAL, "trial", 1)
+    assert row.injected == 1
     assert_nothing_can_be_told(row)
 
 
-def test_nodes_come_and_go(whole: Outcome, tmp_path: Path) -> None:
-    row = processes.nodes(tmp_path, whole, 1)
+def test_nodes_come_and_go(whole: Outcome, tmp_path: Path, database: Path) -> None:
+    row = processes.nodes(tmp_path, whole, 1, brackets=1, database=database)
     assert row.injected >= 1
     assert_nothing_can_be_told(row)
 

@@ -127,7 +127,7 @@ def test_a_run_its_tracking_and_its_continuation(
 def whole(tmp_path_factory: pytest.TempPathFactory, address: str) -> Path:
     """The home of an undisturbed run."""
     home = tmp_path_factory.mktemp("whole")
-    result = run_bilevel(*SMALL, "--generations", "12", "--home", home, "--address", address)
+    result = run_bilevel(*SMALL, "--generations", "7", "--home", home, "--address", address)
     assert result.returncode == 0, result.stderr
     return home
 
@@ -135,17 +135,17 @@ def whole(tmp_path_factory: pytest.TempPathFactory, address: str) -> Path:
 def test_stopped_and_then_killed_it_goes_on(whole: Path, tmp_home: Path, address: str) -> None:
     """The run resumes from each, in the end with one worker instead of two."""
     parts = tmp_home
-    command = (*SMALL, "--generations", "12", "--home", parts)
+    command = (*SMALL, "--generations", "7", "--home", parts)
     stopped = run_until("generation   1", *command)
     os.killpg(stopped.pid, signal.SIGINT)  # to everyone, as a terminal does
     rest, _ = stopped.communicate(timeout=60)
     assert stopped.returncode == 130, rest
     assert "run the same command again to resume after the last finished generation" in rest
-    killed = run_until("generation   4", *command)
+    killed = run_until("generation   3", *command)
     os.killpg(killed.pid, signal.SIGKILL)
     killed.communicate(timeout=60)
     assert killed.returncode == -signal.SIGKILL
-    resumed = (*SMALL, "--generations", "12", "--home", parts, "--address", address)
+    resumed = (*SMALL, "--generations", "7", "--home", parts, "--address", address)
     again = run_bilevel(*resumed, "--workers", "1")
     assert again.returncode == 0, again.stderr
     assert scores(parts) == scores(whole)
@@ -157,7 +157,7 @@ def test_stopped_and_then_killed_it_goes_on(whole: Path, tmp_home: Path, address
     (tracked,) = mlflow_client.search_runs([experiment.experiment_id])
     assert tracked.info.status == "FINISHED"
     history = mlflow_client.get_metric_history(tracked.info.run_id, "score_mean")
-    assert [metric.step for metric in history] == list(range(12))
+    assert [metric.step for metric in history] == list(range(7))
 
 
 EASY = (

@@ -56,9 +56,9 @@ def folder(home: Home) -> Path:
 
 
 @pytest.fixture(scope="module")
-def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+def server(tmp_path_factory: pytest.TempPathFactory, database: Path) -> Iterator[Server]:
     """A server that each test leaves running; every study has its own identity."""
-    with Server(tmp_path_factory.mktemp("server")) as server:
+    with Server(tmp_path_factory.mktemp("server"), empty=database) as server:
         yield server
 
 
