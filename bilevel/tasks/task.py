@@ -91,6 +91,15 @@ class Task:
         dynamics.observe(self.dynamics, physics, state)
         return state
 
+    def physics(self, state: NDArray[np.float32]) -> NDArray[np.float64]:
+        """The simulator's state (p,) at an observation (S,) of a compiled task; for others, as in
+        `initial_physics`, the observation itself."""
+        values = state.astype(np.float64)
+        if self.dynamics == dynamics.ACROBOT:
+            angles = np.arctan2(values[1], values[0]), np.arctan2(values[3], values[2])
+            return np.array([*angles, *values[4:]])
+        return values
+
     @property
     def unit_scale(self) -> ObservationScale:
         """Mean 0 and standard deviation 1, for use where no scale is needed or known."""

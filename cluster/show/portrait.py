@@ -1,4 +1,5 @@
-"""The numbers behind a picture of an SE: fields over two of its observations, and episodes."""
+"""The numbers behind a picture of an SE, beside those of the real task: fields over two of the
+observations, and episodes."""
 
 from dataclasses import dataclass
 from functools import cached_property
@@ -7,6 +8,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from bilevel.kernels import dynamics
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.storage import DONE
@@ -33,6 +35,8 @@ _ACTIONS = {
 #: Points of the grid in each direction; half-width of the fields, in standard deviations of the
 #: observations; episodes.
 GRID, WIDTH, EPISODES = 61, 2.5, 10
+#: Steps of random actions that stand for the dynamics of a task which is not compiled.
+RANDOM_STEPS = 600
 
 
 @dataclass(frozen=True)
@@ -79,6 +83,31 @@ class Episode:
 
 
 @dataclass(frozen=True)
+class Transitions:
+    """What n states lead to: `following` (A, n, S), `rewards` (A, n) and `ends` (A, n), by action;
+    NaN, and no end, where an action was not tried."""
+
+    states: Floats  # (n, S)
+    following: Floats
+    rewards: Floats
+    ends: NDArray[np.bool_]
+
+    @property
+    def whole(self) -> bool:
+        """Whether every action was tried in every state."""
+        return not np.isnan(self.rewards).any()
+
+    def grid(self, every: int) -> "Transitions":
+        """Of states on a grid (`Plane.states`), those of every so manieth row and column."""
+        chosen = np.zeros((GRID, GRID), bool)
+        chosen[every // 2 :: every, every // 2 :: every] = True
+        kept = chosen.ravel()
+        return Transitions(
+            self.states[kept], self.following[:, kept], self.rewards[:, kept], self.ends[:, kept]
+        )
+
+
+@dataclass(frozen=True)
 class Portrait:
     """An SE in numbers."""
 
@@ -117,6 +146,19 @@ class Portrait:
     def fields(self) -> tuple[Floats, Floats, Floats]:
         """The fields over the plane."""
         return self.answers(self.plane.states)
+
+    @cached_property
+    def transitions(self) -> Transitions:
+        """The SE's transitions over the plane."""
+        following, rewards, dones = self.fields
+        return Transitions(self.plane.states, following, rewards, dones > DONE)
+
+    @cached_property
+    def real_transitions(self) -> Transitions:
+        """The real task's transitions: over the plane if it is compiled, else those of
+        RANDOM_STEPS random actions. They are drawn, and nothing learns from them."""
+        task = self.se.task()
+        return _simulated(task, self.plane.states) if task.compiled else _met(task)
 
     def rewarded(self, state: Floats) -> int:
         """The action of the highest reward in a state (S,)."""
@@ -175,3 +217,46 @@ class Portrait:
             f"taking the action that it rewards most earns {np.mean(returns):.1f} on "
             f"{self.se.task_id} ({min(returns):.1f} to {max(returns):.1f} in {EPISODES} episodes)",
         ]
+
+
+def _simulated(task: Task, states: Floats) -> Transitions:
+    """What a compiled task makes of every action in these states (n, S)."""
+    shape = task.n_actions, len(states)
+    found = Transitions(
+        states,
+        np.empty((*shape, task.state_size), np.float32),
+        np.empty(shape, np.float32),
+        np.empty(shape, bool),
+    )
+    for action in range(task.n_actions):
+        for row, state in enumerate(states):
+            physics = task.physics(state)
+            reward, over = dynamics.step(task.dynamics, physics, action)
+            found.following[action, row] = task.observe(physics)
+            found.rewards[action, row], found.ends[action, row] = reward, over
+    return found
+
+
+def _met(task: Task) -> Transitions:
+    """What random actions met on the task, each in a row of its own."""
+    env = task.make()
+    env.action_space.seed(0)
+    start = int(env.action_space.start)  # type: ignore[attr-defined]
+    shape = task.n_actions, RANDOM_STEPS
+    found = Transitions(
+        np.empty((RANDOM_STEPS, task.state_size), np.float32),
+        np.full((*shape, task.state_size), np.nan, np.float32),
+        np.full(shape, np.nan, np.float32),
+        np.zeros(shape, bool),
+    )
+    state, _ = env.reset(seed=0)
+    for row in range(RANDOM_STEPS):
+        chosen = env.action_space.sample()
+        found.states[row] = state
+        state, reward, terminated, truncated, _ = env.step(chosen)
+        found.following[chosen - start, row] = state
+        found.rewards[chosen - start, row], found.ends[chosen - start, row] = reward, terminated
+        if terminated or truncated:
+            state, _ = env.reset()
+    env.close()
+    return found

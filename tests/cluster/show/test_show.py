@@ -37,10 +37,47 @@ def test_fields_and_episodes_are_the_ses(task_id: str) -> None:
         assert len(episode.states) == len(episode.actions) + 1 <= task.step_limit + 1
         assert portrait.rewarded(episode.states[3]) == episode.actions[3]
     drawn = picture(portrait, "title")
-    assert [axes.get_title() for axes in drawn.axes][:2] == [
-        "the action it rewards most (pale: by little)",
-        "where it goes next; hatched: the episode ends",
+    reward = {"CartPole-v0": 1}.get(task_id, -1)
+    told = "hatched: it ends" if task.compiled else "600 random steps"
+    assert [axes.get_title() for axes in drawn.axes][:5] == [
+        "the action that the SE rewards most (pale: by little)",
+        "where the SE goes next; hatched: it ends",
+        "episodes on the SE",
+        f"rewards of {task_id}: {reward}, whatever the action",
+        f"where {task_id} goes next; {told}",
     ]
+
+
+@pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"])
+def test_the_real_tasks_transitions_are_gymnasiums(task_id: str) -> None:
+    """MountainCar's are those of random actions."""
+    task = get_task(task_id)
+    found = Portrait.of(make_se(task)).real_transitions
+    assert found.whole is task.compiled
+    env = task.make()
+    env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for row in rng.integers(len(found.states), size=20):
+        for action in range(task.n_actions):
+            if np.isnan(found.rewards[action, row]):
+                continue
+            state = found.states[row]
+            physics = task.physics(state) if task.compiled else state
+            env.unwrapped.state = np.array(physics, np.float64)  # type: ignore[attr-defined]
+            if env.spec is not None and task.id.startswith("CartPole"):
+                env.unwrapped.steps_beyond_terminated = None  # type: ignore[attr-defined]
+            after, reward, over, _, _ = env.unwrapped.step(np.int64(action))
+            np.testing.assert_allclose(found.following[action, row], after, rtol=1e-4, atol=1e-5)
+            assert found.rewards[action, row] == reward
+            assert found.ends[action, row] == over
+    env.close()
+
+
+def test_an_observation_gives_the_simulators_state() -> None:
+    for task_id in ("CartPole-v0", "Acrobot-v1"):
+        task = get_task(task_id)
+        for physics in task.initial_physics(np.random.default_rng(1), 5):
+            np.testing.assert_allclose(task.physics(task.observe(physics)), physics, atol=1e-6)
 
 
 def test_the_command(se_file: Path, tmp_path: Path) -> None:
