@@ -19,8 +19,8 @@ FORMATS = (".png", ".svg", ".pdf")
     help="File of the picture, *.png, *.svg or *.pdf (default: the SE's name, in this folder).",
 )
 def show(path: Path, out: Path | None) -> None:
-    """Draw an SE above the real task: which action is rewarded, where each goes next, where episodes
-    end, and episodes by the SE's rewards.
+    """Draw an SE above the real task: which action is rewarded, where each goes next, where
+    episodes end, and episodes by the SE's rewards.
 
     SE is a file, the name of one of the zoo, or MLflow's address (runs:/..., models:/...).
     """
