@@ -23,15 +23,20 @@ STUDY = "study"
 BRACKETS = 2
 ONE_BY_ONE = ("--concurrent-trials", "1")
 
+#: Arguments of a head node without the services that only show what happens.
+WITHOUT_VIEWS = {"include_dashboard": False, "include_log_monitor": False}
+
 #: Titles of the processes of actors and trials, when they work and when they wait.
 ACTOR, TRIAL = ("ray::_Worker",), ("ray::ResourceTrainable", "ray::NESTrial")
 
-_LONGEST = 240.0  # seconds that any study may take
+_LONGEST = 480.0  # seconds that any study may take
 
 
 def smoke(brackets: int = BRACKETS) -> tuple[str, ...]:
     """Options of a study that is small enough to run repeatedly."""
-    return ("--profile", "smoke", "--brackets", str(brackets), "--study", STUDY)
+    size = ("--profile", "smoke", "--brackets", str(brackets), "--study", STUDY)
+    small = ("--set", "ddqn.hidden_size=16", "--set", "ddqn.batch_size=16", "--vary-hp", "no")
+    return (*size, *small, "--set", "nes.centre_agents=2", "--set", "nes.patient_episodes=0")
 
 
 class Stage:
@@ -49,7 +54,7 @@ class Stage:
         self.brackets = brackets
         self.chance = random.Random(seed)
         self.cluster = Cluster(
-            initialize_head=True, head_node_args={"num_cpus": cores, "include_dashboard": False}
+            initialize_head=True, head_node_args={"num_cpus": cores, **WITHOUT_VIEWS}
         )
 
     def __enter__(self) -> Self:

@@ -20,6 +20,7 @@ from cluster.ray.environment import environment_kept
 from cluster.tracking.database import database_ready
 from tests.commands import BILEVEL
 from tests.faults.outcome import TIMES
+from tests.faults.stage import WITHOUT_VIEWS
 
 
 @pytest.fixture(scope="session", autouse=True)
@@ -36,9 +37,7 @@ def ray_folder() -> Iterator[None]:
 def address() -> Iterator[str]:
     """Address of a Ray cluster of two cores, which commands join where it does not matter whether
     they start one of their own: each start takes both cores some seconds."""
-    cluster = Cluster(
-        initialize_head=True, head_node_args={"num_cpus": 2, "include_dashboard": False}
-    )
+    cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, **WITHOUT_VIEWS})
     yield cluster.address
     cluster.shutdown()
 

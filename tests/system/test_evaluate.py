@@ -57,7 +57,8 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path, add
     both = ("evaluate", se_file, "--real", "CartPole-v0", "--agent", "ddqn,td3", *FEW)
     path = tmp_path / "CartPole-v0" / "few" / "results.jsonl"
     with run_until(
-        "fresh ddqn and td3 agents", *both, "--agents", "2", "--home", tmp_path
+        *("fresh ddqn and td3 agents", *both, "--agents", "2"),
+        *("--home", tmp_path, "--address", address),
     ) as process:
         while not path.exists() or path.read_bytes().count(b"\n") < 2:
             assert process.poll() is None
@@ -109,6 +110,7 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path, address: str) -> None:
         *("--set", "ddqn.max_episodes=13", "--set", "reinforce.max_episodes=13"),
         *("--set", "ddqn.test_episodes=2", "--set", "reinforce.test_episodes=2"),
         *("--set", "se.step_limit=15", "--vary-hp", "no"),
+        *("--set", "ddqn.hidden_size=16", "--set", "ddqn.batch_size=16"),
     )
     common = ("nes", "CartPole-v0", *chosen, *small, "--generations", "1", "--name", "mixed")
     joined = (*common, "--address", address)

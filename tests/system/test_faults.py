@@ -12,7 +12,7 @@ from tests.faults.outcome import Outcome
 from tests.faults.row import Row
 from tests.faults.stage import ONE_BY_ONE, TRIAL, Stage
 
-pytestmark = pytest.mark.timeout(295)
+pytestmark = pytest.mark.timeout(590)
 
 
 @pytest.fixture(scope="module")

@@ -135,7 +135,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory, address: str) -> Path:
 def test_stopped_and_then_killed_it_goes_on(whole: Path, tmp_home: Path, address: str) -> None:
     """The run resumes from each, in the end with one worker instead of two."""
     parts = tmp_home
-    command = (*SMALL, "--generations", "7", "--home", parts)
+    command = (*SMALL, "--generations", "7", "--home", parts, "--address", address)
     stopped = run_until("generation   1", *command)
     os.killpg(stopped.pid, signal.SIGINT)  # to everyone, as a terminal does
     rest, _ = stopped.communicate(timeout=60)
@@ -145,8 +145,7 @@ def test_stopped_and_then_killed_it_goes_on(whole: Path, tmp_home: Path, address
     os.killpg(killed.pid, signal.SIGKILL)
     killed.communicate(timeout=60)
     assert killed.returncode == -signal.SIGKILL
-    resumed = (*SMALL, "--generations", "7", "--home", parts, "--address", address)
-    again = run_bilevel(*resumed, "--workers", "1")
+    again = run_bilevel(*command, "--workers", "1")
     assert again.returncode == 0, again.stderr
     assert scores(parts) == scores(whole)
     np.testing.assert_array_equal(state_of(whole).se.mean, state_of(parts).se.mean)
