@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
-from cluster.show.portrait import GRID, Episode, Portrait, Transitions
+from cluster.show.portrait import GRID, Episode, Portrait, TransitionField
 from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
 #: Colours of actions, told apart also in grey.
@@ -86,7 +86,7 @@ def _real_rewards(axes: Axes, portrait: Portrait) -> None:
     axes.set_title(f"rewards of {portrait.se.task_id}{told}", fontsize="medium")
 
 
-def _course(axes: Axes, portrait: Portrait, found: Transitions, what: str) -> None:
+def _course(axes: Axes, portrait: Portrait, found: TransitionField, what: str) -> None:
     """Where states lead, an arrow for each action if these differ, and where episodes end."""
     i, j = portrait.plane.indices
     gaps = [float(axis[1] - axis[0]) * _EVERY for axis in portrait.plane.axes]

@@ -8,6 +8,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from bilevel.distilled.transitions import Transitions
+from bilevel.errors import InvalidInput
 from bilevel.kernels import dynamics
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
@@ -83,7 +85,7 @@ class Episode:
 
 
 @dataclass(frozen=True)
-class Transitions:
+class TransitionField:
     """What n states lead to: `following` (A, n, S), `rewards` (A, n) and `ends` (A, n), by action;
     NaN, and no end, where an action was not tried."""
 
@@ -97,12 +99,12 @@ class Transitions:
         """Whether every action was tried in every state."""
         return not np.isnan(self.rewards).any()
 
-    def grid(self, every: int) -> "Transitions":
+    def grid(self, every: int) -> "TransitionField":
         """Of states on a grid (`Plane.states`), those of every so manieth row and column."""
         chosen = np.zeros((GRID, GRID), bool)
         chosen[every // 2 :: every, every // 2 :: every] = True
         kept = chosen.ravel()
-        return Transitions(
+        return TransitionField(
             self.states[kept], self.following[:, kept], self.rewards[:, kept], self.ends[:, kept]
         )
 
@@ -116,7 +118,10 @@ class Portrait:
 
     @classmethod
     def of(cls, se: StoredSE) -> "Portrait":
-        """The portrait of an SE. Raises InvalidInput if gymnasium does not know its task."""
+        """The portrait of an SE. Raises InvalidInput if gymnasium does not know its task, or for
+        parameters that are not finite."""
+        if not np.isfinite(se.se.psi).all():
+            raise InvalidInput("cannot draw the SE: some of its parameters are not finite")
         return cls(se, Plane.of(se.task()))
 
     @cached_property
@@ -148,13 +153,13 @@ class Portrait:
         return self.answers(self.plane.states)
 
     @cached_property
-    def transitions(self) -> Transitions:
+    def transitions(self) -> TransitionField:
         """The SE's transitions over the plane."""
         following, rewards, dones = self.fields
-        return Transitions(self.plane.states, following, rewards, dones > DONE)
+        return TransitionField(self.plane.states, following, rewards, dones > DONE)
 
     @cached_property
-    def real_transitions(self) -> Transitions:
+    def real_transitions(self) -> TransitionField:
         """The real task's transitions: over the plane if it is compiled, else those of
         RANDOM_STEPS random actions. They are drawn, and nothing learns from them."""
         task = self.se.task()
@@ -219,10 +224,10 @@ class Portrait:
         ]
 
 
-def _simulated(task: Task, states: Floats) -> Transitions:
+def _simulated(task: Task, states: Floats) -> TransitionField:
     """What a compiled task makes of every action in these states (n, S)."""
     shape = task.n_actions, len(states)
-    found = Transitions(
+    found = TransitionField(
         states,
         np.empty((*shape, task.state_size), np.float32),
         np.empty(shape, np.float32),
@@ -237,26 +242,13 @@ def _simulated(task: Task, states: Floats) -> Transitions:
     return found
 
 
-def _met(task: Task) -> Transitions:
-    """What random actions met on the task, each in a row of its own."""
-    env = task.make()
-    env.action_space.seed(0)
-    start = int(env.action_space.start)  # type: ignore[attr-defined]
-    shape = task.n_actions, RANDOM_STEPS
-    found = Transitions(
-        np.empty((RANDOM_STEPS, task.state_size), np.float32),
-        np.full((*shape, task.state_size), np.nan, np.float32),
-        np.full(shape, np.nan, np.float32),
-        np.zeros(shape, bool),
+def _met(task: Task) -> TransitionField:
+    """What random actions meet on the task; each state has one action that was tried."""
+    met = Transitions.recorded(task, RANDOM_STEPS, derive(0, Purpose.EVALUATION))
+    tried = met.actions == np.arange(task.n_actions)[:, None]  # (A, n)
+    return TransitionField(
+        met.states,
+        np.where(tried[..., None], met.next_states, np.float32(np.nan)),
+        np.where(tried, met.rewards, np.float32(np.nan)),
+        tried & (met.ends > 0),
     )
-    state, _ = env.reset(seed=0)
-    for row in range(RANDOM_STEPS):
-        chosen = env.action_space.sample()
-        found.states[row] = state
-        state, reward, terminated, truncated, _ = env.step(chosen)
-        found.following[chosen - start, row] = state
-        found.rewards[chosen - start, row], found.ends[chosen - start, row] = reward, terminated
-        if terminated or truncated:
-            state, _ = env.reset()
-    env.close()
-    return found

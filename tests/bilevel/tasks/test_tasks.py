@@ -20,6 +20,13 @@ def test_papers_fixed_values() -> None:
         assert env.spec.max_episode_steps == task.step_limit
 
 
+@pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
+def test_an_observation_gives_the_simulators_state(task_id: str) -> None:
+    task = get_task(task_id)
+    for physics in task.initial_physics(np.random.default_rng(1), 5):
+        np.testing.assert_allclose(task.physics(task.observe(physics)), physics, atol=1e-6)
+
+
 def test_any_suitable_gymnasium_id() -> None:
     task = get_task("MountainCar-v0")
     assert task == Task("MountainCar-v0", 2, 3, 200, -110.0, -200.0)

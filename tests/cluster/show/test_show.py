@@ -4,9 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.quiver import Quiver
 
+from bilevel.errors import InvalidInput
 from bilevel.synthetic_env import load_se, save_se
-from bilevel.tasks import get_task
+from bilevel.tasks import Task, get_task
+from bilevel.zoo import zoo_file
 from cluster.show.picture import picture
 from cluster.show.portrait import GRID, Portrait
 from tests.commands import run_bilevel
@@ -73,11 +76,15 @@ def test_the_real_tasks_transitions_are_gymnasiums(task_id: str) -> None:
     env.close()
 
 
-def test_an_observation_gives_the_simulators_state() -> None:
-    for task_id in ("CartPole-v0", "Acrobot-v1"):
-        task = get_task(task_id)
-        for physics in task.initial_physics(np.random.default_rng(1), 5):
-            np.testing.assert_allclose(task.physics(task.observe(physics)), physics, atol=1e-6)
+@pytest.mark.parametrize(("path", "arrows"), [("plain", [2, 2]), ("CartPole-v0", [1, 2])])
+def test_actions_that_lead_elsewhere_have_arrows_of_their_own(
+    path: str, arrows: list[int], cartpole: Task
+) -> None:
+    """The SE of the zoo goes the same way whatever the action; a plain one and the task do not."""
+    se = make_se(cartpole) if path == "plain" else load_se(zoo_file(path))
+    panels = picture(Portrait.of(se), "title").axes
+    found = [sum(isinstance(one, Quiver) for one in panels[k].collections) for k in (1, 4)]
+    assert found == arrows
 
 
 def test_the_command(se_file: Path, tmp_path: Path) -> None:
@@ -107,6 +114,13 @@ def test_bad_input_is_one_line(
     assert result.returncode == 2
     assert told in result.stderr
     assert result.stderr.count("\n") == 1
+
+
+def test_an_se_that_is_not_finite_is_refused(cartpole: Task) -> None:
+    se = make_se(cartpole)
+    se.se.psi[3] = np.nan
+    with pytest.raises(InvalidInput, match="not finite"):
+        Portrait.of(se)
 
 
 def test_an_se_of_a_task_that_gymnasium_does_not_know(tmp_path: Path) -> None:
