@@ -1,9 +1,11 @@
 """The picture of an SE shows what the SE says."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.contour import ContourSet
 from matplotlib.quiver import Quiver
 
 from bilevel.errors import InvalidInput
@@ -11,7 +13,7 @@ from bilevel.synthetic_env import load_se, save_se
 from bilevel.tasks import Task, get_task
 from bilevel.zoo import zoo_file
 from cluster.show.picture import picture
-from cluster.show.portrait import GRID, Portrait
+from cluster.show.portrait import GRID, Portrait, _met
 from tests.commands import run_bilevel
 from tests.ses import make_se
 
@@ -85,6 +87,17 @@ def test_actions_that_lead_elsewhere_have_arrows_of_their_own(
     panels = picture(Portrait.of(se), "title").axes
     found = [sum(isinstance(one, Quiver) for one in panels[k].collections) for k in (1, 4)]
     assert found == arrows
+    ends = [any(isinstance(one, ContourSet) for one in panels[k].collections) for k in (1, 4)]
+    assert ends == [path != "plain", True]  # inside the plane the plain one never ends
+
+
+def test_random_steps_stand_for_a_task_that_is_not_compiled(cartpole: Task) -> None:
+    met = _met(replace(cartpole, dynamics=0))
+    tried = ~np.isnan(met.rewards)
+    assert (tried.sum(axis=0) == 1).all()
+    fallen = np.abs(met.following[..., 2]) > 12 * np.pi / 180
+    assert fallen.any()
+    np.testing.assert_array_equal(met.ends, fallen)  # in so few steps the cart stays on the track
 
 
 def test_the_command(se_file: Path, tmp_path: Path) -> None:
