@@ -168,6 +168,9 @@ class _Runner:
         if self.journal.results:
             found = count(len(self.journal.results), "result")
             line(f"resuming with the {found} of this study so far")
+        elif self.journal.configs:
+            begun = count(len(self.journal.configs), "configuration")
+            line(f"resuming {begun} of this study from checkpoints; none has a result yet")
         if self._unfinished and self.brackets > command.brackets and command.time_budget is None:
             line(f"it was begun with {count(self.brackets, 'bracket')}, which it completes")
 

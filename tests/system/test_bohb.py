@@ -190,10 +190,16 @@ def test_ctrl_c_stops_orderly_and_the_same_command_goes_on(
         assert [metric.step for metric in history] == list(range(len(history)))
 
 
-def test_time_budget_ends_the_search(tmp_home: Path, address: str) -> None:
-    """The number of results depends on the machine; without any, a message says so."""
+def test_time_budget_ends_the_search(
+    study_home: tuple[Path, str], tmp_home: Path, address: str
+) -> None:
+    """The number of results depends on the machine; without any, a message says so. The study was
+    stopped before its first result."""
+    shutil.copytree(study_home[0] / "CartPole-v0", tmp_home / "CartPole-v0")
+    (tmp_home / "CartPole-v0" / "smoke" / "results.json").unlink()
     args = ("--brackets", "99", "--time-budget", "16s", "--address", address)
     result = run_bilevel(*SMOKE, *args, "--home", tmp_home)
+    assert "resuming 3 configurations of this study from checkpoints" in result.stdout
     assert "the time budget is spent" in result.stdout
     # a number of brackets that the study will not reach is not shown
     assert "/99" not in result.stdout
