@@ -12,13 +12,15 @@ its agents learn nothing and all scores are noise. Here
     x   = (s - m) / c                                     m, c: mean and scale of observations
     s'  = m + c * (f Q W^+ tanh(W x + b) + v)             the same whatever the action
     G   = U tanh(R x + d)                                 A_a = G_a - mean of G over actions
-    r(s, a) = A_a(x) - A_a(0)
+    r(s, a) = A_a(x) - A_a(0) - p
     done  rises above its threshold where a component of x leaves +-E
 
-Rewards whose mean over actions is zero in all states say which action is better and nothing else,
-and no action is preferred at the mean observation. An agent that has learned nothing yet, and one
-that keeps to one action, then earn about nothing: between such returns relative differences are
-large, so that the stopping rule ends training only once there is something to lose. States that
+Rewards whose mean over actions is the same in all states say which action is better and nothing
+else, and no action is preferred at the mean observation. An agent that has learned nothing yet, and
+one that keeps to one action, then earn little: between such returns relative differences are large,
+so that the stopping rule ends training only once there is something to lose. A price p of a step,
+of about a fifth of what the best action earns, takes from the values of states, against which
+actions differ little, and makes returns differ more. States that
 follow their own course make the action of the highest reward optimal for every discount, so that an
 agent that looks one step ahead and one that looks a hundred agree on what is to be learned; Liesen
 et al. (2024, "Discovering Minimal Reinforcement Learning Environments") found that SEs which are
@@ -32,8 +34,8 @@ theta      (D,)         all coordinates: normal in a random SE, biases zero
 W, W^+     (H, S), (S, H)   of the next state; W^+ is the pseudoinverse of W
 Q          (S, S)       the rotation nearest to a matrix of coordinates
 R, U       (K, S), (A, K)   of the reward, K = (H - A) // A
-E          (S,)         half-widths of the box in which an episode goes on
-f                       `se.spread`
+E          (S,)         half-widths of the box in which an episode goes on; in a random SE `se.box`
+f, p                    `se.spread`, `se.step_price`
 """
 
 import math
@@ -89,7 +91,7 @@ def coordinates(task: Task, hp: SEHyperparameters, scale: ObservationScale) -> C
             f"SE structure 'exogenous' needs a hidden_size of at least {least}, two units an "
             f"action and an observation of {task.id}; got {hp.hidden_size}"
         )
-    return ExogenousCoordinates(architecture, scale, hp.spread)
+    return ExogenousCoordinates(architecture, scale, hp.spread, hp.box, hp.step_price)
 
 
 @dataclass(frozen=True)
@@ -114,8 +116,8 @@ class PlainCoordinates:
 
 #: Size of the components of x at which tanh begins to saturate.
 RANGE = 3.0
-#: Half-width of the box in a random SE, in units of c, and how steeply done rises at its sides.
-EDGE, SIDES = 2.0, 2.0
+#: How steeply done rises at the sides of the box.
+SIDES = 2.0
 #: Of the reward's units: below 2 they are nearly linear over the observations' scale, which is
 #: what most agents interpolate well. And of the reward itself.
 STEEPNESS, REWARD = 1.5, 3.0
@@ -140,6 +142,10 @@ class ExogenousCoordinates:
     #: Above 1, an episode leaves the narrow region in which the task's own episodes start. Further
     #: out tanh holds it back; some episodes leave the box, others go on until the step limit.
     spread: float
+    #: Half-width of the box in a random SE, in units of c.
+    box: float
+    #: Subtracted from every reward.
+    step_price: float
 
     @property
     def _reward_units(self) -> int:
@@ -240,11 +246,12 @@ class ExogenousCoordinates:
             unit = n_actions * rewarding + action
             layers.weights[unit, action] = SATURATED
             layers.output_weights[0, unit] = total - preference[action].sum() - at_mean[action]
+        layers.output_biases[0] = -self.step_price
 
     def _write_done(self, layers: "_Layers", parts: dict[str, Theta]) -> None:
         """Two units a component of x, one for each side of the box; 0 inside, 1 at the side, 2
         beyond, all of which times 1/2 is the done output."""
-        edges = np.float32(EDGE) * np.exp(BIAS / INERTIA * parts["e"])
+        edges = np.float32(self.box) * np.exp(BIAS / INERTIA * parts["e"])
         for component, edge in enumerate(edges):
             steep = np.zeros((1, edges.size), np.float32)
             steep[0, component] = SIDES
