@@ -18,8 +18,6 @@ def make_se(task: Task, layers: int = 1, activation: Any = "lrelu", seed: int = 
         activation=activation,
         step_limit=0,
         spread=1.0,
-        box=2.0,
-        step_price=0.0,
     )
     architecture = Architecture.of(task, hp)
     psi = architecture.initialize(np.random.default_rng(seed))

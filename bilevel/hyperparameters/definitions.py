@@ -103,12 +103,6 @@ class SEHyperparameters:
     # Factor by which one step carries states away from the mean observation, read by `exogenous`.
     # The nearer to 1, the longer the episodes; below it, states stay where episodes begin.
     spread: Annotated[float, Field(ge=0.5, le=2.0)]
-    # Half-width of the box outside which an episode ends, in standard deviations of observations,
-    # read by `exogenous`.
-    box: Annotated[float, Field(ge=1.0, le=10.0)]
-    # Subtracted from every reward, which is 3 at most and .8 on average for the best action; read
-    # by `exogenous`.
-    step_price: Annotated[float, Field(ge=0.0, le=2.0)]
 
 
 @hyperparameters

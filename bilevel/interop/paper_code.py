@@ -70,8 +70,6 @@ def read_paper_se(path: Path, task_id: str | None = None) -> StoredSE:
         activation=_ACTIVATIONS.get(of.activation_fn, of.activation_fn),  # type: ignore[arg-type]
         step_limit=of.max_steps,
         spread=1.0,
-        box=2.0,
-        step_price=0.0,
     )
     architecture = Architecture.of(task, hp)
     psi = np.concatenate(parts)

@@ -170,8 +170,6 @@ class _Sizes:
             activation=self.activation,
             step_limit=limit,
             spread=1.0,
-            box=2.0,
-            step_price=0.0,
         )
         return Architecture(
             self.state_size,

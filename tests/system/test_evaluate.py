@@ -34,8 +34,6 @@ def se_file(tmp_path: Path) -> Path:
         activation="lrelu",
         step_limit=30,
         spread=1.0,
-        box=2.0,
-        step_price=0.0,
     )
     architecture = Architecture.of(task, hp)
     se = SE(architecture, architecture.initialize(np.random.default_rng(0)))

@@ -186,8 +186,6 @@ def se_environment(task: Task, seed: int, episodes: int, step_limit: int) -> Env
         activation="lrelu",
         step_limit=0,
         spread=1.0,
-        box=2.0,
-        step_price=0.0,
     )
     architecture = Architecture.of(task, se_hp)
     psi = architecture.initialize(np.random.default_rng(seed))
