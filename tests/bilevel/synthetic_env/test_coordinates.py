@@ -9,7 +9,6 @@ import torch
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters, load_recipe
 from bilevel.synthetic_env import SE, SEDistribution, StoredSE, coordinates, load_se, save_se
-from bilevel.synthetic_env.coordinates import ExogenousCoordinates
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import get_task
 
@@ -55,31 +54,6 @@ def test_what_the_structure_promises(task_id: str, seed: int) -> None:
     # At the mean observation no action is better.
     np.testing.assert_allclose(rewards[0], 0.0, atol=1e-3 * size + 1e-4)
     assert np.ptp(rewards.argmax(axis=1)) > 0  # no action is the best everywhere
-
-
-@pytest.mark.parametrize("task_id", TASKS)
-def test_rewards_are_linear_apart_from_their_bends(task_id: str) -> None:
-    """Also in the smallest networks that hold the structure, which may have no bends at all."""
-    task = get_task(task_id)
-    scale = task.observation_scale(1)
-    least = 2 * max(task.n_actions, task.state_size)
-    rng = np.random.default_rng(0)
-    x = rng.standard_normal((20, task.state_size))
-    states = [(scale.mean + k * scale.deviation * x).astype(np.float32) for k in (1.0, -1.5)]
-    for size in (least, 27):
-        hp = replace(load_recipe("default", task_id).se, hidden_size=size)
-        space = coordinates(task, hp, scale)
-        assert isinstance(space, ExogenousCoordinates)
-        theta = space.initialize(rng)
-        for straight in (False, True):
-            if straight:
-                space.parts(theta)["U"][...] = 0
-            se = SEDistribution(space, theta, theta, theta).centre
-            at, beyond = (answers(task_id, se, some)[1] for some in states)
-            size_of = np.abs(at).max()
-            assert size_of > 0.1
-            bent = np.abs(beyond + 1.5 * at).max() > 0.01 * size_of
-            assert bent == (not straight and space.parts(theta)["U"].size > 0)
 
 
 @pytest.mark.parametrize("task_id", TASKS)
