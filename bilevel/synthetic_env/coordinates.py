@@ -30,7 +30,7 @@ symbol     shape        meaning
 --------   ----------   --------------------------------------------------------------
 theta      (D,)         all coordinates: normal in a random SE, biases zero
 W, W^+     (H, S), (S, H)   of the next state; W^+ is the pseudoinverse of W
-Q          (S, S)       the rotation nearest to a matrix of coordinates
+Q          (S, S)       the orthogonal matrix nearest to a matrix of coordinates
 R, U       (K, S), (A, K)   of the reward, K = (H - A) // A
 E          (S,)         half-widths of the box in which an episode goes on
 f                       `se.spread`
@@ -214,7 +214,7 @@ class ExogenousCoordinates:
     def _write_next_state(self, layers: "_Layers", parts: dict[str, Theta]) -> None:
         """Near the mean observation, x -> spread Q x."""
         weights = parts["W"].astype(np.float64) / (RANGE * INERTIA * math.sqrt(parts["v"].size))
-        out = self.spread * _nearest_rotation(parts["Q"]) @ np.linalg.pinv(weights)
+        out = self.spread * _nearest_orthogonal(parts["Q"]) @ np.linalg.pinv(weights)
         units = slice(len(weights))
         self._read_states(layers, units, weights.astype(np.float32), BIAS / INERTIA * parts["b"])
         deviation = self.scale.deviation
@@ -255,11 +255,11 @@ class ExogenousCoordinates:
         layers.output_biases[...] = 0.5 * 2 * edges.size
 
 
-def _nearest_rotation(matrix: Theta) -> NDArray[np.float64]:
-    """The orthogonal matrix (S, S) that is nearest to this one."""
+def _nearest_orthogonal(matrix: Theta) -> NDArray[np.float64]:
+    """The orthogonal matrix (S, S) that is nearest to this one: a rotation, or a reflection."""
     left, _, right = np.linalg.svd(matrix.astype(np.float64))
-    rotation: NDArray[np.float64] = left @ right
-    return rotation
+    nearest: NDArray[np.float64] = left @ right
+    return nearest
 
 
 @dataclass(frozen=True)
