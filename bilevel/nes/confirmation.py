@@ -24,9 +24,8 @@ ROUNDS = (1 / 8, 1 / 2, 1)
 #: task; as many as the paper trains on each of its SEs.
 FINAL_AGENTS = 10
 #: Share of such means that must solve it at first, how much less must after each confirmation that
-#: failed, and the least. A run must end; and narrowed agents, which learn at high rates, fail a bit
-#: more often than those they stand for, however good the SE has become.
-REQUIRED_SHARE, DECREASE, LEAST_SHARE = 0.95, 0.03, 0.8
+#: failed, and the least: a run must end.
+REQUIRED_SHARE, DECREASE, LEAST_SHARE = 0.95, 0.01, 0.9
 #: Number of such means that are drawn, with replacement, from all agents (bootstrap).
 BOOTSTRAP_SAMPLES = 20_000
 

@@ -11,7 +11,8 @@ its agents learn nothing and all scores are noise. Here
 
     x   = (s - m) / c                                     m, c: mean and scale of observations
     s'  = m + c * (f Q W^+ tanh(W x + b) + v)             the same whatever the action
-    G   = U tanh(R x + d)                                 A_a = G_a - mean of G over actions
+    Q   = B' R(phi) B                                     turns x by the angles phi
+    G   = L x + U tanh(R x + d)                           A_a = G_a - mean of G over actions
     r(s, a) = A_a(x) - A_a(0)
     done  rises above its threshold where a component of x leaves +-E
 
@@ -22,7 +23,10 @@ large, so that the stopping rule ends training only once there is something to l
 follow their own course make the action of the highest reward optimal for every discount, so that an
 agent that looks one step ahead and one that looks a hundred agree on what is to be learned; Liesen
 et al. (2024, "Discovering Minimal Reinforcement Learning Environments") found that SEs which are
-free to do so become such contextual bandits by themselves. Episodes that end where the usual
+free to do so become such contextual bandits by themselves. Q turns x in S // 2 planes, in each by
+an angle of its own, and none of them small: where Q is any orthogonal matrix, half of them reflect,
+and a component of x that keeps its sign for a whole episode shows the agent one side of the reward
+alone. Episodes that end where the usual
 observations do keep returns, and so the errors of bootstrapped values, small. m and c are those of
 a few episodes of random actions.
 
@@ -30,8 +34,10 @@ symbol     shape        meaning
 --------   ----------   --------------------------------------------------------------
 theta      (D,)         all coordinates: normal in a random SE, biases zero
 W, W^+     (H, S), (S, H)   of the next state; W^+ is the pseudoinverse of W
-Q          (S, S)       the orthogonal matrix nearest to a matrix of coordinates
-R, U       (K, S), (A, K)   of the reward, K = (H - A) // A
+B          (S, S)       the orthogonal matrix nearest to one of coordinates: the planes of Q
+phi        (S // 2,)    angles of Q, from LEAST_ANGLE to pi - LEAST_ANGLE
+L          (A, S)           of the reward's linear part
+R, U       (K, S), (A, K)   of what bends it, K = H // A - 2
 E          (S,)         half-widths of the box in which an episode goes on
 f                       `se.spread`
 """
@@ -116,9 +122,12 @@ class PlainCoordinates:
 RANGE = 3.0
 #: Half-width of the box in a random SE, in units of c, and how steeply done rises at its sides.
 EDGE, SIDES = 2.0, 2.0
-#: Of the reward's units: below 2 they are nearly linear over the observations' scale, which is
-#: what most agents interpolate well. And of the reward itself.
-STEEPNESS, REWARD = 1.5, 3.0
+#: Of the reward: its linear part, and what bends it, whose units are steep by STEEPNESS. The linear
+#: part is the larger one and has few coordinates, so that NES finds it soon and accurately; and
+#: rewards that are nearly linear are what agents interpolate well.
+LINEAR, BEND, STEEPNESS = 1.0, 0.5, 1.5
+#: A unit whose input is so many times as small as what it stands for is nearly linear.
+NEARLY = 0.02
 #: Scale of biases.
 BIAS = 0.3
 #: Coordinates of the next state and of the box are so many times as large as the others, so that
@@ -129,6 +138,9 @@ INERTIA = 4.0
 #: A unit at this distance from zero is saturated: tanh(20) is 1 in float32. One-hot inputs times
 #: it switch units on, and so express in a plain MLP a reward with one output an action.
 SATURATED = 20.0
+#: A step turns x by this angle at least, and by as much less than half a turn. Each plane has its
+#: part of the range between, so that no two planes turn alike.
+LEAST_ANGLE = math.radians(20)
 
 
 @dataclass(frozen=True)
@@ -142,24 +154,26 @@ class ExogenousCoordinates:
     spread: float
 
     @property
-    def _reward_units(self) -> int:
-        n_actions = self.architecture.n_actions
-        return (self.architecture.hidden_size - n_actions) // n_actions
+    def _bends(self) -> int:
+        """K: beside them, each action has a unit for its linear part and one for its constants."""
+        return self.architecture.hidden_size // self.architecture.n_actions - 2
 
     @cached_property
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the parts of theta, in their order."""
         arch = self.architecture
         states, n_actions, units = arch.state_size, arch.n_actions, arch.hidden_size
-        rewarding = self._reward_units
+        bends = self._bends
         return {
             "W": (units, states),
             "b": (units,),
-            "Q": (states, states),
+            "B": (states, states),
+            "phi": (states // 2,),
             "v": (states,),
-            "R": (rewarding, states),
-            "d": (rewarding,),
-            "U": (n_actions, rewarding),
+            "L": (n_actions, states),
+            "R": (bends, states),
+            "d": (bends,),
+            "U": (n_actions, bends),
             "e": (states,),
         }
 
@@ -181,7 +195,7 @@ class ExogenousCoordinates:
         """Standard normal, INERTIA times as large for the next state; biases zero."""
         theta = rng.standard_normal(self.size, np.float32)
         parts = self.parts(theta)
-        for name in ("W", "Q"):
+        for name in ("W", "B", "phi"):
             parts[name][...] *= INERTIA
         for name in ("b", "v", "d", "e"):
             parts[name][...] = 0
@@ -214,7 +228,7 @@ class ExogenousCoordinates:
     def _write_next_state(self, layers: "_Layers", parts: dict[str, Theta]) -> None:
         """Near the mean observation, x -> spread Q x."""
         weights = parts["W"].astype(np.float64) / (RANGE * INERTIA * math.sqrt(parts["v"].size))
-        out = self.spread * _nearest_orthogonal(parts["Q"]) @ np.linalg.pinv(weights)
+        out = self.spread * _rotation(parts["B"], parts["phi"] / INERTIA) @ np.linalg.pinv(weights)
         units = slice(len(weights))
         self._read_states(layers, units, weights.astype(np.float32), BIAS / INERTIA * parts["b"])
         deviation = self.scale.deviation
@@ -222,24 +236,31 @@ class ExogenousCoordinates:
         layers.output_biases[...] = self.scale.mean + BIAS / INERTIA * parts["v"] * deviation
 
     def _write_reward(self, layers: "_Layers", parts: dict[str, Theta]) -> None:
-        """One block of units an action, switched on by its one-hot input; off, a unit is -1."""
-        rewarding, states = parts["R"].shape
+        """One block of units an action, the first of them nearly linear, switched on by its one-hot
+        input; off, a unit is -1."""
+        bends, states = parts["R"].shape
+        linear = parts["L"] - parts["L"].mean(axis=0)
+        linear *= np.float32(LINEAR / math.sqrt(states))
         weights = parts["R"] * np.float32(STEEPNESS / math.sqrt(states))
         biases = BIAS * parts["d"]
         preference = parts["U"] - parts["U"].mean(axis=0)
-        preference *= np.float32(REWARD / math.sqrt(rewarding))
+        preference *= np.float32(BEND / math.sqrt(max(bends, 1)))
         at_mean = preference @ np.tanh(biases)  # (A,)
         total = preference.sum()
-        n_actions = len(preference)
+        n_actions, units = len(preference), bends + 1
         for action in range(n_actions):
-            block = slice(action * rewarding, (action + 1) * rewarding)
-            self._read_states(layers, block, weights, biases - SATURATED)
+            line, *_ = block = range(action * units, (action + 1) * units)
+            bent = slice(line + 1, block.stop)
+            self._read_states(layers, slice(line, line + 1), NEARLY * linear[[action]], -SATURATED)
+            self._read_states(layers, bent, weights, biases - SATURATED)
             layers.weights[block, action] = SATURATED
-            layers.output_weights[0, block] = preference[action]
+            layers.output_weights[0, line] = 1 / NEARLY
+            layers.output_weights[0, bent] = preference[action]
             # What the other blocks add while they are off, and the reward at the mean.
-            unit = n_actions * rewarding + action
+            unit = n_actions * units + action
             layers.weights[unit, action] = SATURATED
-            layers.output_weights[0, unit] = total - preference[action].sum() - at_mean[action]
+            others = total - preference[action].sum() + (n_actions - 1) / NEARLY
+            layers.output_weights[0, unit] = others - at_mean[action]
 
     def _write_done(self, layers: "_Layers", parts: dict[str, Theta]) -> None:
         """Two units a component of x, one for each side of the box; 0 inside, 1 at the side, 2
@@ -255,11 +276,20 @@ class ExogenousCoordinates:
         layers.output_biases[...] = 0.5 * 2 * edges.size
 
 
-def _nearest_orthogonal(matrix: Theta) -> NDArray[np.float64]:
-    """The orthogonal matrix (S, S) that is nearest to this one: a rotation, or a reflection."""
-    left, _, right = np.linalg.svd(matrix.astype(np.float64))
-    nearest: NDArray[np.float64] = left @ right
-    return nearest
+def _rotation(basis: Theta, coordinates: Theta) -> NDArray[np.float64]:
+    """Q (S, S), which turns the planes that `basis` (S, S) stands for by the angles that
+    `coordinates` (S // 2,) stand for; the last component of an odd S changes its sign."""
+    size, planes = len(basis), len(coordinates)
+    left, _, right = np.linalg.svd(basis.astype(np.float64))
+    orthogonal = left @ right  # the nearest orthogonal matrix
+    share = (np.arange(planes) + 0.5 + 0.5 * np.tanh(coordinates.astype(np.float64))) / planes
+    turned = -np.eye(size)
+    for plane, angle in enumerate(LEAST_ANGLE + share * (math.pi - 2 * LEAST_ANGLE)):
+        cosine, sine = math.cos(angle), math.sin(angle)
+        both = slice(2 * plane, 2 * plane + 2)
+        turned[both, both] = [[cosine, -sine], [sine, cosine]]
+    rotation: NDArray[np.float64] = orthogonal.T @ turned @ orthogonal
+    return rotation
 
 
 @dataclass(frozen=True)

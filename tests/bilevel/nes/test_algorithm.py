@@ -3,6 +3,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from bilevel.agents.variation import SIZES
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import (
     Centre,
@@ -276,7 +277,7 @@ class TestTell:
             requests, before = nes.ask(state), state
             assert {request.on for request in requests} == {Centre()}
             assert {vars(request.agent)["early_out_difference"] for request in requests} == {0.01}
-            assert max(vars(r.agent)["learning_rate"] for r in requests) > 3e-3  # beyond the range
+            assert min(vars(r.agent)["hidden_size"] for r in requests) < SIZES[0]  # narrowed
             rounds.append(len(requests))
             state = nes.tell(state, answers(nes, state, confirming))
             assert state.real_env_steps > before.real_env_steps
@@ -284,7 +285,11 @@ class TestTell:
         assert rounds == ([8, 24, 32] if ends else [8])
         assert (state.confirmed, state.finished, state.refuted) == (ends, ends, int(not ends))
         if not ends:
-            assert max(vars(r.agent)["learning_rate"] for r in nes.ask(state)) > 3e-3
+            small_ones, others = (
+                [request.agent for request in nes.ask(replace(state, refuted=refuted))]
+                for refuted in (0, 1)
+            )
+            assert small_ones != others
 
     def test_out_of_generations_it_is_still_confirmed(
         self, cartpole: Task, small: Hyperparameters

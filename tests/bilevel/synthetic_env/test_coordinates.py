@@ -9,6 +9,7 @@ import torch
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters, load_recipe
 from bilevel.synthetic_env import SE, SEDistribution, StoredSE, coordinates, load_se, save_se
+from bilevel.synthetic_env.coordinates import ExogenousCoordinates
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import get_task
 
@@ -57,22 +58,55 @@ def test_what_the_structure_promises(task_id: str, seed: int) -> None:
 
 
 @pytest.mark.parametrize("task_id", TASKS)
+def test_rewards_are_linear_apart_from_their_bends(task_id: str) -> None:
+    """Also in the smallest networks that hold the structure, which may have no bends at all."""
+    task = get_task(task_id)
+    scale = task.observation_scale(1)
+    least = 2 * max(task.n_actions, task.state_size)
+    rng = np.random.default_rng(0)
+    x = rng.standard_normal((20, task.state_size))
+    states = [(scale.mean + k * scale.deviation * x).astype(np.float32) for k in (1.0, -1.5)]
+    for size in (least, 27):
+        hp = replace(load_recipe("default", task_id).se, hidden_size=size)
+        space = coordinates(task, hp, scale)
+        assert isinstance(space, ExogenousCoordinates)
+        theta = space.initialize(rng)
+        for straight in (False, True):
+            if straight:
+                space.parts(theta)["U"][...] = 0
+            se = SEDistribution(space, theta, theta, theta).centre
+            at, beyond = (answers(task_id, se, some)[1] for some in states)
+            size_of = np.abs(at).max()
+            assert size_of > 0.1
+            bent = np.abs(beyond + 1.5 * at).max() > 0.01 * size_of
+            assert bent == (not straight and space.parts(theta)["U"].size > 0)
+
+
+@pytest.mark.parametrize("task_id", TASKS)
 @pytest.mark.parametrize("spread", [0.9, 1.12, 1.3])
 def test_states_of_random_ses_spread_in_all_directions(task_id: str, spread: float) -> None:
-    """Near the mean observation a step turns x and makes it `se.spread` times as long."""
+    """Near the mean observation a step makes x `se.spread` times as long, and turns it: nowhere
+    does a component keep its sign for long."""
     task = get_task(task_id)
     scale = task.observation_scale(1)
     hp = replace(load_recipe("default", task_id).se, spread=spread)
     space = coordinates(task, hp, scale)
     directions = 1e-2 * np.eye(task.state_size)
     states = scale.mean + scale.deviation * np.vstack([directions, -directions])
-    for seed in range(3):
+    smallest = []
+    for seed in range(5):
         theta = space.initialize(np.random.default_rng(seed))
         se = SEDistribution(space, theta, theta, theta).centre
         next_states, _, _ = answers(task_id, se, states.astype(np.float32))
         x = (next_states[:, 0] - scale.mean) / scale.deviation
-        stretched = np.linalg.svd(x[: task.state_size] - x[task.state_size :], compute_uv=False)
-        np.testing.assert_allclose(stretched / 2e-2, spread, rtol=0.02)
+        step = (x[: task.state_size] - x[task.state_size :]).T / 2e-2  # x -> step @ x
+        np.testing.assert_allclose(np.linalg.svd(step, compute_uv=False), spread, rtol=0.02)
+        angles = np.sort(np.degrees(np.abs(np.angle(np.linalg.eigvals(step)))))
+        assert angles[0] > 17
+        assert angles[-1] < 163
+        assert np.diff(angles[::2]).min(initial=90) > 1  # one pair a plane, no two alike
+        smallest.append(angles[0])
+    assert np.ptp(smallest) > 5  # the angles are coordinates
 
 
 @pytest.mark.parametrize("task_id", TASKS)
