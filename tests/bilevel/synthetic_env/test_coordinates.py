@@ -134,7 +134,7 @@ def test_the_file_is_that_of_a_plain_se(tmp_path_factory: pytest.TempPathFactory
     loaded = load_se(path)
     assert loaded.architecture == se.architecture
     np.testing.assert_array_equal(loaded.psi, se.psi)
-    assert loaded.architecture.step_limit == 60
+    assert loaded.architecture.step_limit == load_recipe("default", task.id).se.step_limit
 
 
 def test_perturbations_are_mirrored_and_reproducible() -> None:
