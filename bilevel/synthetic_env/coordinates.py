@@ -19,16 +19,18 @@ its agents learn nothing and all scores are noise. Here
 Rewards whose mean over actions is zero in all states say which action is better and nothing else,
 and no action is preferred at the mean observation. An agent that has learned nothing yet, and one
 that keeps to one action, then earn about nothing: between such returns relative differences are
-large, so that the stopping rule ends training only once there is something to lose. States that
-follow their own course make the action of the highest reward optimal for every discount, so that an
-agent that looks one step ahead and one that looks a hundred agree on what is to be learned; Liesen
-et al. (2024, "Discovering Minimal Reinforcement Learning Environments") found that SEs which are
-free to do so become such contextual bandits by themselves. Q turns x in S // 2 planes, in each by
-an angle of its own, and none of them small: where Q is any orthogonal matrix, half of them reflect,
-and a component of x that keeps its sign for a whole episode shows the agent one side of the reward
-alone. Episodes that end where the usual
-observations do keep returns, and so the errors of bootstrapped values, small. m and c are those of
-a few episodes of random actions.
+large, so that the stopping rule ends training only once there is something to lose.
+
+States that follow their own course make the action of the highest reward optimal for every
+discount, so that an agent that looks one step ahead and one that looks a hundred agree on what is
+to be learned; Liesen et al. (2024, "Discovering Minimal Reinforcement Learning Environments") found
+that SEs which are free to do so become such contextual bandits by themselves.
+
+Q turns x in S // 2 planes, in each by an angle of its own, and none of them small: where Q is any
+orthogonal matrix, half of them reflect, and a component of x that keeps its sign for a whole
+episode shows the agent one side of the reward alone. Episodes that end where the usual observations
+do keep returns, and so the errors of bootstrapped values, small. m and c are those of a few
+episodes of random actions.
 
 symbol     shape        meaning
 --------   ----------   --------------------------------------------------------------
