@@ -113,6 +113,7 @@ def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> No
     command += [
         *("nes", "CartPole-v0", "--population", "2", "--generations", "1", "--home", str(up.home)),
         *("--set", "nes.start_candidates=2", "--set", "ddqn.max_episodes=13"),
+        *("--set", "se.step_limit=20"),
         *("--name", "submitted"),
     ]
     (head,) = (service for service in services(Home(up.home)) if service.name == "ray")
