@@ -45,13 +45,20 @@ SB3_STEPS = 10_000
 
 
 def run_seed(
-    task: str, seed: int, recipe: str, home: Path, generations: int | None = None
+    task: str,
+    seed: int,
+    recipe: str,
+    folder: Path,
+    agent: str | None = None,
+    generations: int | None = None,
 ) -> dict[str, Any]:
-    """Run NES with one seed, for at most so many generations (None: the recipe's); return its
-    results."""
-    folder = home / task / f"{recipe}-seed{seed}"
+    """Run NES with one seed, with these kinds of agents and for at most so many generations (None:
+    the recipe's); return its results."""
+    home = folder.parent.parent
     command = [str(Path(sys.executable).with_name("bilevel")), "nes", task, "--seed", str(seed)]
     command += ["--recipe", recipe, "--home", str(home), "--name", folder.name]
+    if agent is not None:
+        command += ["--agent", agent]
     if generations is not None:
         command += ["--generations", str(generations)]
     began = time.time()
@@ -124,6 +131,7 @@ def main() -> None:
     parser.add_argument("task")
     parser.add_argument("--seeds", type=int, nargs="+", required=True)
     parser.add_argument("--recipe", default="default")
+    parser.add_argument("--agent", help="kinds of agents that NES trains; default: the recipe's")
     parser.add_argument(
         "--taught", type=int, default=5, help="number of seeds on whose SEs agents are trained"
     )
@@ -134,14 +142,16 @@ def main() -> None:
     parser.add_argument("--generations", type=int, help="at most; default: the recipe's")
     parser.add_argument("--home", type=Path, required=True)
     options = parser.parse_args()
-    name = f"nes_seeds_{options.task}"
-    if options.recipe != "default":
-        name += f"_{options.recipe}"
+    of = options.recipe
+    if options.agent is not None:
+        of += f"-{options.agent.replace(',', '-')}"
+    name = f"nes_seeds_{options.task}" + (f"_{of}" if of != "default" else "")
     try:
         runs = {run["seed"]: run for run in read_result(name)["runs"]}
     except NotMeasured:
         runs = {}
-    limit = f"--generations {options.generations} " if options.generations else ""
+    limit = f"--agent {options.agent} " if options.agent else ""
+    limit += f"--generations {options.generations} " if options.generations else ""
     command = (
         f"python -m benchmarks.nes.seeds {options.task} --recipe {options.recipe} --seeds "
         f"{' '.join(map(str, options.seeds))} --taught {options.taught} --agents "
@@ -153,13 +163,17 @@ def main() -> None:
         write_result(name, command, {"runs": [runs[seed] for seed in sorted(runs)]})
         print(run, flush=True)
 
+    def folder(seed: int) -> Path:
+        return Path(options.home, options.task, f"{of}-seed{seed}")
+
     for seed in options.seeds:
         if seed not in runs:
-            keep(run_seed(options.task, seed, options.recipe, options.home, options.generations))
+            how = (options.recipe, folder(seed), options.agent, options.generations)
+            keep(run_seed(options.task, seed, *how))
     for seed in options.seeds[: options.taught]:
         if "taught" not in runs[seed]:
-            path = options.home / options.task / f"{options.recipe}-seed{seed}" / BEST_FILE
-            keep({**runs[seed], "taught": taught(path, options.agents, options.sb3)})
+            lessons = taught(folder(seed) / BEST_FILE, options.agents, options.sb3)
+            keep({**runs[seed], "taught": lessons})
 
 
 if __name__ == "__main__":

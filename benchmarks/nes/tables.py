@@ -63,6 +63,12 @@ def distilled() -> str:
     return _both("_distilled", PAPER_TASKS)
 
 
+def mixed() -> str:
+    """Both tables for runs in which NES trains TD3 agents too, on the task whose SEs teach them
+    little otherwise."""
+    return _both("_default-ddqn-td3", ("Acrobot-v1",))
+
+
 def others() -> str:
     """Both tables for a task outside the paper."""
     return _both("", OTHER_TASKS)
@@ -144,5 +150,6 @@ def _taught_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
 TABLES: dict[str, Callable[[], str]] = {
     "nes-seeds": seeds,
     "nes-taught": taught,
+    "nes-mixed": mixed,
     "nes-distilled": distilled,
 }
