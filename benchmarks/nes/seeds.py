@@ -142,20 +142,20 @@ def main() -> None:
     parser.add_argument("--generations", type=int, help="at most; default: the recipe's")
     parser.add_argument("--home", type=Path, required=True)
     options = parser.parse_args()
-    of = options.recipe
+    label = options.recipe
     if options.agent is not None:
-        of += f"-{options.agent.replace(',', '-')}"
-    name = f"nes_seeds_{options.task}" + (f"_{of}" if of != "default" else "")
+        label += f"-{options.agent.replace(',', '-')}"
+    name = f"nes_seeds_{options.task}" + (f"_{label}" if label != "default" else "")
     try:
         runs = {run["seed"]: run for run in read_result(name)["runs"]}
     except NotMeasured:
         runs = {}
-    limit = f"--agent {options.agent} " if options.agent else ""
-    limit += f"--generations {options.generations} " if options.generations else ""
+    more = f"--agent {options.agent} " if options.agent else ""
+    more += f"--generations {options.generations} " if options.generations else ""
     command = (
         f"python -m benchmarks.nes.seeds {options.task} --recipe {options.recipe} --seeds "
         f"{' '.join(map(str, options.seeds))} --taught {options.taught} --agents "
-        f"{options.agents} --sb3 {options.sb3} {limit}--home FOLDER"
+        f"{options.agents} --sb3 {options.sb3} {more}--home FOLDER"
     )
 
     def keep(run: dict[str, Any]) -> None:
@@ -164,7 +164,7 @@ def main() -> None:
         print(run, flush=True)
 
     def folder(seed: int) -> Path:
-        return Path(options.home, options.task, f"{of}-seed{seed}")
+        return Path(options.home, options.task, f"{label}-seed{seed}")
 
     for seed in options.seeds:
         if seed not in runs:

@@ -70,9 +70,9 @@ def narrowed(agent: AgentHyperparameters) -> AgentHyperparameters:
     With Adam at a given learning rate, the outputs of a network change by an amount that grows with
     its width (Yang and Hu, 2021, "Tensor Programs IV"). The higher rate lets the narrow network
     learn at the pace of the wide one, so that an SE on which wide agents fail is found out cheaply.
-    The square root was measured (docs/nes.md): with it, narrow agents fail on an SE about as often
-    as those they replace; with the ratio itself they fail more often, and at the old rate never
-    badly.
+    The square root was chosen in trials (docs/nes.md): with it, narrow agents fail on an SE about
+    as often as those they replace; with the ratio itself they fail more often, and at the old rate
+    never badly.
     """
     narrow = _cut(_cut(agent, "hidden_size", NARROWEST), "batch_size", SIZES[0])
     before, after = (getattr(hp, "hidden_size", 1) for hp in (agent, narrow))

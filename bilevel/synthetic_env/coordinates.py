@@ -251,8 +251,8 @@ class ExogenousCoordinates:
         total = preference.sum()
         n_actions, units = len(preference), bends + 1
         for action in range(n_actions):
-            line, *_ = block = range(action * units, (action + 1) * units)
-            bent = slice(line + 1, block.stop)
+            line = action * units
+            block, bent = slice(line, line + units), slice(line + 1, line + units)
             self._read_states(layers, slice(line, line + 1), NEARLY * linear[[action]], -SATURATED)
             self._read_states(layers, bent, weights, biases - SATURATED)
             layers.weights[block, action] = SATURATED
