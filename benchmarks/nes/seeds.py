@@ -13,6 +13,7 @@ import os
 import subprocess
 import sys
 import time
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
@@ -40,25 +41,22 @@ AGENTS = {
     "td3": ("td3", "all"),
 }
 
-#: Environment steps of a Stable-Baselines3 agent on the SE.
-SB3_STEPS = 10_000
-
 
 def run_seed(
     task: str,
     seed: int,
     recipe: str,
     folder: Path,
-    agent: str | None = None,
+    changes: Sequence[str] = (),
     generations: int | None = None,
 ) -> dict[str, Any]:
-    """Run NES with one seed, with these kinds of agents and for at most so many generations (None:
-    the recipe's); return its results."""
+    """Run NES with one seed, with these changes of the recipe (FIELD=VALUE) and for at most so many
+    generations (None: the recipe's); return its results."""
     home = folder.parent.parent
     command = [str(Path(sys.executable).with_name("bilevel")), "nes", task, "--seed", str(seed)]
     command += ["--recipe", recipe, "--home", str(home), "--name", folder.name]
-    if agent is not None:
-        command += ["--agent", agent]
+    for change in changes:
+        command += ["--set", change]
     if generations is not None:
         command += ["--generations", str(generations)]
     began = time.time()
@@ -95,33 +93,38 @@ def teach(path: Path, kind: str, number: int) -> tuple[float, int]:
     return outcome.score, outcome.train_steps
 
 
-def teach_sb3(path: Path, kind: str, seed: int) -> float:
-    """Mean return on the real task of a Stable-Baselines3 agent that was trained on the SE."""
+def teach_sb3(path: Path, kind: str, steps: int, seed: int) -> float:
+    """Mean return on the real task of a Stable-Baselines3 agent that was trained on the SE for so
+    many steps."""
     se = partial(gymnasium.make, "bilevel/SyntheticEnv-v0", path=path)
-    agent = sb3.trained(kind, se, SB3_STEPS, seed)
+    agent = sb3.trained(kind, se, steps, seed)
     return sb3.score(agent, load_se(path).task().make(), seed)
 
 
-def taught(path: Path, agents: int, others: int) -> dict[str, Any]:
-    """Results of agents trained on the SE, by kind of agent."""
-    found: dict[str, Any] = {}
+def taught(path: Path, agents: int, others: int, known: Mapping[str, Any]) -> dict[str, Any]:
+    """Results of agents trained on the SE, by kind of agent: those that are `known`, and the
+    others' measured now."""
+    found = dict(known)
+    of_sb3 = [(kind, steps) for kind in sb3.KINDS for steps in sb3.STEPS] if others else []
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        jobs = {
+        ours = {
             kind: [pool.submit(teach, path, kind, number) for number in range(agents)]
             for kind in AGENTS
+            if kind not in known
         }
-        of_sb3 = {
-            kind: [pool.submit(teach_sb3, path, kind, seed) for seed in range(others)]
-            for kind in (sb3.KINDS if others else ())
+        theirs = {
+            name: [pool.submit(teach_sb3, path, kind, steps, seed) for seed in range(others)]
+            for kind, steps in of_sb3
+            if (name := f"sb3 {kind}, {steps:,} steps") not in known
         }
-        for kind, futures in jobs.items():
-            results = [future.result() for future in futures]
+        for kind, jobs in ours.items():
+            results = [job.result() for job in jobs]
             found[kind] = {
                 "scores": [round(score, 1) for score, _ in results],
                 "train_steps": [steps for _, steps in results],
             }
-        for kind, waiting in of_sb3.items():
-            found[f"sb3 {kind}"] = {"scores": [round(f.result(), 1) for f in waiting]}
+        for name, waiting in theirs.items():
+            found[name] = {"scores": [round(job.result(), 1) for job in waiting]}
     return found
 
 
@@ -131,7 +134,9 @@ def main() -> None:
     parser.add_argument("task")
     parser.add_argument("--seeds", type=int, nargs="+", required=True)
     parser.add_argument("--recipe", default="default")
-    parser.add_argument("--agent", help="kinds of agents that NES trains; default: the recipe's")
+    parser.add_argument(
+        "--set", nargs="+", default=[], metavar="FIELD=VALUE", help="changes of the recipe"
+    )
     parser.add_argument(
         "--taught", type=int, default=5, help="number of seeds on whose SEs agents are trained"
     )
@@ -142,15 +147,13 @@ def main() -> None:
     parser.add_argument("--generations", type=int, help="at most; default: the recipe's")
     parser.add_argument("--home", type=Path, required=True)
     options = parser.parse_args()
-    label = options.recipe
-    if options.agent is not None:
-        label += f"-{options.agent.replace(',', '-')}"
+    label = "-".join([options.recipe, *(change.replace("=", "-") for change in options.set)])
     name = f"nes_seeds_{options.task}" + (f"_{label}" if label != "default" else "")
     try:
         runs = {run["seed"]: run for run in read_result(name)["runs"]}
     except NotMeasured:
         runs = {}
-    more = f"--agent {options.agent} " if options.agent else ""
+    more = f"--set {' '.join(options.set)} " if options.set else ""
     more += f"--generations {options.generations} " if options.generations else ""
     command = (
         f"python -m benchmarks.nes.seeds {options.task} --recipe {options.recipe} --seeds "
@@ -168,11 +171,12 @@ def main() -> None:
 
     for seed in options.seeds:
         if seed not in runs:
-            how = (options.recipe, folder(seed), options.agent, options.generations)
+            how = (options.recipe, folder(seed), options.set, options.generations)
             keep(run_seed(options.task, seed, *how))
     for seed in options.seeds[: options.taught]:
-        if "taught" not in runs[seed]:
-            lessons = taught(folder(seed) / BEST_FILE, options.agents, options.sb3)
+        known = runs[seed].get("taught", {})
+        lessons = taught(folder(seed) / BEST_FILE, options.agents, options.sb3, known)
+        if lessons != known:
             keep({**runs[seed], "taught": lessons})
 
 

@@ -9,7 +9,6 @@ from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import rankdata
 
 Scores = NDArray[np.float64]
 
@@ -83,8 +82,13 @@ def utilities(scores: Scores, ties: str = "mean") -> Scores:
 
 def _ranks(scores: Scores, ties: str) -> Scores:
     """Ranks from 1 (lowest) to n."""
-    ranks: Scores = rankdata(scores, method="average" if ties == "mean" else "ordinal")
-    return ranks.astype(np.float64)
+    if ties == "mean":
+        _, value, equal = np.unique(scores, return_inverse=True, return_counts=True)
+        last = equal.cumsum()  # rank of the last of equal scores, whose ranks go back from there
+        return np.asarray(last - (equal - 1) / 2)[value]
+    ranks = np.empty(scores.size)
+    ranks[scores.argsort(kind="stable")] = np.arange(1.0, scores.size + 1)
+    return ranks
 
 
 def _log_rank_utilities(scores: Scores, ties: str) -> Scores:

@@ -1,6 +1,7 @@
 """`bilevel bohb`: run or resume a study."""
 
 import math
+import time
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Self
@@ -28,6 +29,7 @@ from cluster.nes.selection import (
     choose_best,
     evaluate_holdout,
     export_best,
+    in_time,
     race,
 )
 from cluster.ray.connection import Capacity, require_server_for_nodes, scaled_to
@@ -174,6 +176,14 @@ class _Runner:
         if self._unfinished and self.brackets > command.brackets and command.time_budget is None:
             line(f"it was begun with {count(self.brackets, 'bracket')}, which it completes")
 
+    @property
+    def _budget(self) -> float:
+        """The time budget in seconds, infinite where there is none."""
+        return math.inf if self.command.time_budget is None else self.command.time_budget
+
+    def _time_is_up(self) -> bool:
+        return time.monotonic() > self.terminal.started + self._budget
+
     def _pool(self) -> EvaluationPool:
         """A pool as large as those of all trials together, for use while no trial runs."""
         return EvaluationPool(self.command.workers_per_trial * self.command.trials)
@@ -185,8 +195,7 @@ class _Runner:
             require_server_for_nodes(command.context.tracking_uri)  # a node may have joined
             return command.trials
 
-        budget = math.inf if command.time_budget is None else command.time_budget
-        deadline = self.terminal.started + max(budget - _RESERVE, budget / 2)
+        deadline = self.terminal.started + max(self._budget - _RESERVE, self._budget / 2)
         searcher = BohbSearcher(self.search, trials, deadline, command.workers_per_trial)
         report = StudyReport(
             command.study,
@@ -236,7 +245,8 @@ class _Runner:
             rounds = race(self.command.final_agents)
             self.terminal.bar("retesting", 0, agents_needed(len(contenders), rounds), "tests")
             step = self.terminal.step
-            best = choose_best(study.task, contenders, (study.seed,), pool, step, rounds)
+            asked = in_time(rounds, self._time_is_up)
+            best = choose_best(study.task, contenders, (study.seed,), pool, step, asked)
             score = evaluate_holdout(
                 study.task, best, self.command.final_agents, (study.seed,), pool
             )

@@ -1,10 +1,14 @@
 """`bilevel bohb --dry-run`: the brackets of a study and their estimated time."""
 
-import time
 from bisect import bisect_right
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Self
 
+from loky import cpu_count
+
+from bilevel.agents import get_agent
 from bilevel.evaluation import evaluate
 from bilevel.nes import NES
 from cluster.bohb.brackets import Schedule, configurations_to_begin, core_seconds_to_run
@@ -60,8 +64,9 @@ class Estimate:
 def dry_run(command: StudyCommand) -> None:
     """Print the bracket table, the cost, and whether the cluster can place it.
 
-    The time is estimated from a few evaluations of random configurations, measured on one core.
-    Raises InvalidInput where the study itself would.
+    The time is estimated from a few evaluations of random configurations, measured on this machine
+    with as many cores busy as the study would use. Raises InvalidInput where the study itself
+    would.
     """
     capacity = command.context.capacity()
     command = command.placed(capacity)
@@ -96,22 +101,24 @@ def _print_estimate(command: StudyCommand, trials: int, terminal: Terminal) -> N
 
 
 def _estimate(command: StudyCommand, trials: int) -> Estimate:
-    study = command.study
+    study, cores = command.study, trials * command.workers_per_trial
     samples = study.space.build(study.agents, study.seed).sample_configuration(_SAMPLES)
-    cost = seconds = 0.0
+    jobs = []
     for number, sample in enumerate(samples):
         nes = NES(study.task, to_hyperparameters(study.base, dict(sample)), number)
         state = nes.init()
-        requests = nes.ask(state)
-        if number == 0:
-            evaluate(study.task, state.se, requests[0])  # loads the kernels, untimed
-        began = time.perf_counter()
-        results = [evaluate(study.task, state.se, request) for request in requests[:_EVALUATIONS]]
-        seconds += time.perf_counter() - began
-        cost += sum(result.cost for result in results)
-    return Estimate(
-        study.schedule,
-        command.brackets,
-        seconds / max(cost, 1e-9),
-        trials * command.workers_per_trial,
-    )
+        jobs += [(state.se, request) for request in nes.ask(state)[:_EVALUATIONS]]
+    evaluate(study.task, *jobs[0])  # loads the kernels, untimed
+    with ThreadPoolExecutor(_busy(study.agents, cores)) as pool:
+        results = list(pool.map(lambda job: evaluate(study.task, *job), jobs))
+    seconds = sum(result.seconds for result in results)
+    cost = sum(result.cost for result in results)
+    return Estimate(study.schedule, command.brackets, seconds / max(cost, 1e-9), cores)
+
+
+def _busy(agents: Sequence[str], cores: int) -> int:
+    """Number of evaluations that are timed at once: cores share caches, memory and frequency, so
+    that each is slower while others work. Compiled agents release Python's lock; others would only
+    wait for each other."""
+    compiled = all(get_agent(agent).build_kernel is not None for agent in agents)
+    return min(cores, cpu_count()) if compiled else 1

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
@@ -96,6 +96,14 @@ def race(final_agents: int) -> tuple[Round, ...]:
     return Round(RACERS, fewest), Round(6, 4 * fewest), Round(2, 12 * fewest)
 
 
+def in_time(rounds: Iterable[Round], is_over: Callable[[], bool]) -> Iterator[Round]:
+    """The first round, and the next ones as long as time is left when they begin."""
+    for number, one in enumerate(rounds):
+        if number > 0 and is_over():
+            return
+        yield one
+
+
 def agents_needed(contenders: int, rounds: Sequence[Round]) -> int:
     """Number of agents that a choice trains; a single contender needs none."""
     if contenders == 1:
@@ -113,7 +121,7 @@ def choose_best(
     seed: Seed,
     pool: EvaluationPool,
     on_test: Callable[[], None] = lambda: None,
-    rounds: Sequence[Round] = RETEST,
+    rounds: Iterable[Round] = RETEST,
 ) -> Contender:
     """The contender whose agents score highest; ties go to fewer train steps, then to the order
     of `contenders`, best first. Each round trains more fresh agents, the same for all, on the

@@ -17,6 +17,7 @@ from cluster.nes.selection import (
     agents_needed,
     choose_best,
     evaluate_holdout,
+    in_time,
     race,
 )
 from cluster.ray.pool import EvaluationPool
@@ -123,6 +124,13 @@ def test_a_score_that_was_lucky_is_found_out(
     rounds = (Round(2, 2), Round(2, 8))
     assert choose_best(cartpole, entered, (1,), pool, rounds=rounds[:1]) is entered[0]
     assert choose_best(cartpole, entered, (1,), pool, rounds=rounds) is entered[expected]
+
+
+@pytest.mark.parametrize(("left", "asked"), [(0, 1), (1, 2), (5, 3)])
+def test_no_round_begins_once_time_is_up_but_the_first(left: int, asked: int) -> None:
+    rounds = (Round(4, 2), Round(2, 5), Round(1, 9))
+    over = iter([False] * left + [True])
+    assert tuple(in_time(rounds, lambda: next(over))) == rounds[:asked]
 
 
 @pytest.mark.parametrize("final_agents", [1, 4, 10])
