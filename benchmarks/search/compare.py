@@ -51,7 +51,8 @@ def search(task: str, method: str, seed: int, core_seconds: int, home: Path) -> 
     folder = home / task / f"{method}-seed{seed}"
     command = [str(Path(sys.executable).with_name("bilevel")), "bohb", task, "--method", method]
     command += ["--seed", str(seed), "--brackets", str(brackets), "--time-budget", "100h"]
-    command += ["--study", folder.name, "--home", str(home)]
+    # The recipe is the same for all methods: what they find without it is compared.
+    command += ["--prior", "none", "--study", folder.name, "--home", str(home)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     rungs = schedule.brackets(brackets)
     summary = StudySummary(Journal(folder), rungs)

@@ -160,7 +160,8 @@ class _Runner:
         study = command.study
         self.session.introduce(
             f"{study.method_name} on {study.task.id}: study {study.name!r}, "
-            f"space {study.space.name}, recipe {study.base.recipe}, {start_of(study.base.nes)}, "
+            f"space {study.space.name}, recipe {study.base.recipe}, prior {study.prior}, "
+            f"{start_of(study.base.nes)}, "
             f"rule {study.base.nes.update}, "
             f"budgets {'/'.join(map(str, study.schedule.budgets))} core seconds, "
             f"{command.trials} trial(s) at a time with {command.workers_per_trial} worker(s) each"

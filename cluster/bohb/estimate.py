@@ -79,7 +79,8 @@ def dry_run(command: StudyCommand) -> None:
 def _print_estimate(command: StudyCommand, trials: int, terminal: Terminal) -> None:
     study, schedule = command.study, command.study.schedule
     terminal.line(
-        f"{study.method_name} on {study.task.id}: study {study.name!r}, budgets in core seconds"
+        f"{study.method_name} on {study.task.id}: study {study.name!r}, prior {study.prior}, "
+        "budgets in core seconds"
     )
     terminal.line("bracket   configurations x budget")
     for bracket in range(min(command.brackets, schedule.cycle)):

@@ -109,10 +109,9 @@ def nes(
 )
 @click.option(
     "--prior",
-    default="none",
-    show_default=True,
     help="none; recipe: the first configuration is the recipe's, and every second random one is "
-    "drawn around it; or the name of a study on the task, with whose results the model begins.",
+    "drawn around it; or the name of a study on the task, with whose results the model begins "
+    "(default: recipe in the profile local, else none).",
 )
 @click.option(
     "--dry-run", is_flag=True, help="Print brackets, cost and estimated time without running."
@@ -126,7 +125,7 @@ def bohb(
     workers_per_trial: int | None,
     concurrent_trials: int | None,
     method: str,
-    prior: str,
+    prior: str | None,
     dry_run: bool,
     **options: Any,
 ) -> None:
@@ -144,6 +143,7 @@ def bohb(
         "space": space,
         "brackets": brackets,
         "time_budget": time_budget,
+        "prior": prior,
     }
     size = replace(size, **{key: value for key, value in changes.items() if value is not None})
     for name, value in common.settings:
@@ -172,8 +172,8 @@ def bohb(
     from cluster.bohb.study import Study
 
     schedule = Schedule.of(method, size.smallest_budget, size.largest_budget, size.cycle)
-    defined = Study(folder, task, common.seed, searched, schedule, hp, method, prior)
-    context.home.run_folder(task.id, prior)  # raises for a name that is not allowed
+    defined = Study(folder, task, common.seed, searched, schedule, hp, method, size.prior)
+    context.home.run_folder(task.id, size.prior)  # raises for a name that is not allowed
     defined.check_prior()
     command = StudyCommand(
         defined,

@@ -228,7 +228,7 @@ def test_dry_run_says_what_would_be_run_and_writes_nothing(
     result = run_bilevel("bohb", *arguments, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
     study = f"{method}-smoke-core-default-seed0"
-    assert result.stdout.startswith(f"{title} on CartPole-v0: study {study!r}")
+    assert result.stdout.startswith(f"{title} on CartPole-v0: study {study!r}, prior none")
     assert f"      0   {rungs}\n" in result.stdout
     assert cost in result.stdout
     # measured on this machine, whatever it is
@@ -239,10 +239,13 @@ def test_dry_run_says_what_would_be_run_and_writes_nothing(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_all_brackets_of_the_local_profile_begin_at_the_smallest_budget(tmp_path: Path) -> None:
+def test_the_local_profile_begins_with_the_recipe_and_at_the_smallest_budget(
+    tmp_path: Path,
+) -> None:
     arguments = ("--profile", "local", "--brackets", "3", "--time-budget", "9h", "--dry-run")
     result = run_bilevel("bohb", "CartPole-v0", *arguments, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
+    assert ", prior recipe, " in result.stdout
     assert "      0   9 x 30 -> 3 x 90 -> 1 x 270\n    ...   and so on\n" in result.stdout
     assert "3 brackets: 27 configurations, 1890 core seconds" in result.stdout
     assert "time budget" not in result.stdout
