@@ -41,6 +41,11 @@ AGENTS = {
     "td3": ("td3", "all"),
 }
 
+#: Agents of Stable-Baselines3: their kind, and for how many steps they are trained on an SE.
+OF_SB3 = {
+    f"sb3 {kind}, {steps:,} steps": (kind, steps) for kind in sb3.KINDS for steps in sb3.STEPS
+}
+
 
 def run_seed(
     task: str,
@@ -105,7 +110,6 @@ def taught(path: Path, agents: int, others: int, known: Mapping[str, Any]) -> di
     """Results of agents trained on the SE, by kind of agent: those that are `known`, and the
     others' measured now."""
     found = dict(known)
-    of_sb3 = [(kind, steps) for kind in sb3.KINDS for steps in sb3.STEPS] if others else []
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         ours = {
             kind: [pool.submit(teach, path, kind, number) for number in range(agents)]
@@ -114,8 +118,8 @@ def taught(path: Path, agents: int, others: int, known: Mapping[str, Any]) -> di
         }
         theirs = {
             name: [pool.submit(teach_sb3, path, kind, steps, seed) for seed in range(others)]
-            for kind, steps in of_sb3
-            if (name := f"sb3 {kind}, {steps:,} steps") not in known
+            for name, (kind, steps) in OF_SB3.items()
+            if others and name not in known
         }
         for kind, jobs in ours.items():
             results = [job.result() for job in jobs]
@@ -125,7 +129,7 @@ def taught(path: Path, agents: int, others: int, known: Mapping[str, Any]) -> di
             }
         for name, waiting in theirs.items():
             found[name] = {"scores": [round(job.result(), 1) for job in waiting]}
-    return found
+    return {kind: found[kind] for kind in (*AGENTS, *OF_SB3) if kind in found}
 
 
 def main() -> None:
