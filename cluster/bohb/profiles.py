@@ -40,8 +40,8 @@ class Profile:
 PROFILES = {
     # A quick check of all three layers.
     "smoke": Profile("default", "core", "none", 2, 1, 3, None, 2, 2, 15, 2, None, 4),
-    # For a laptop, in half an hour: it begins with the recipe, so that even where that is enough for
-    # a dozen configurations alone, what it hands over has at least been compared with the recipe.
+    # For a laptop, in half an hour. It begins with the recipe, so that what it hands over has been
+    # compared with that, also where the time is enough for a dozen configurations alone.
     "local": Profile(
         "default", "core", "recipe", None, 30, 270, 1, None, None, None, ENDLESS, 30 * 60.0, 10
     ),
