@@ -242,7 +242,8 @@ class _Runner:
                     else "no configuration finished a generation in this time"
                 )
                 return 1
-            line(f"retesting the {len(contenders)} best SEs with fresh agents")
+            if len(contenders) > 1:
+                line(f"retesting the {len(contenders)} best SEs with fresh agents")
             rounds = race(self.command.final_agents)
             self.terminal.bar("retesting", 0, agents_needed(len(contenders), rounds), "tests")
             step = self.terminal.step
