@@ -42,7 +42,7 @@ def objective_against_cost(points: Sequence[ResultPoint], task: Task, title: str
                 color=colour,
                 alpha=0.6,
                 lw=0,
-                label="proposed by the model" if model_based else "drawn at random",
+                label="proposed by the model" if model_based else "others",
             )
     _mark_incumbent(axes, points)
     _add_time(axes, points)

@@ -154,12 +154,11 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             f"{configuration_name(job.id)} {Tally.told(result[TALLY].info)}; "
             f"objective {result[OBJECTIVE]:.0f}{best}; {self._time_to_go()}"
         )
-        proposer = "the model proposed:" if job.model_based else "drawn at random:"
         tried = (
             f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
             for name, value in job.configuration.items()
         )
-        self._terminal.line(f"    {proposer} {', '.join(tried)}")
+        self._terminal.line(f"    {job.origin}: {', '.join(tried)}")
 
     def _time_to_go(self) -> str:
         left = duration(self._seconds_left())

@@ -45,6 +45,7 @@ class Job:
     budget: int
     model_based: bool
     submitted: float  # unix time, seconds
+    origin: str = "drawn at random"  # of the configuration, in words
 
 
 class BracketSearch:
@@ -179,7 +180,7 @@ class BracketSearch:
         """
         number = len(self._journal.configs)
         if self._prior is not None and number == 0:
-            return dict(self._prior), {"model_based_pick": False, "prior": True}
+            return dict(self._prior), {"model_based_pick": False, "prior": "itself"}
         seed = derive(self._seed, Purpose.PROPOSAL, number)
         of_model, of_space, of_prior = (word % 2**32 for word in split(seed, 3))
         before = np.random.get_state()
@@ -202,8 +203,19 @@ class BracketSearch:
         if run is None:
             return None
         config_id, configuration, budget = run
-        model_based = bool(self._info[config_id].get("model_based_pick", False))
-        return Job(config_id, configuration, int(budget), model_based, time.time())
+        info = self._info[config_id]
+        model_based = bool(info.get("model_based_pick", False))
+        return Job(
+            config_id, configuration, int(budget), model_based, time.time(), self._origin(info)
+        )
+
+    @staticmethod
+    def _origin(info: dict[str, Any]) -> str:
+        if info.get("model_based_pick"):
+            return "the model proposed"
+        if not info.get("prior"):
+            return "drawn at random"
+        return "the recipe's own" if info["prior"] == "itself" else "drawn around the recipe"
 
     def _apply(self, line: ResultLine, configuration: Configuration) -> None:
         job = _hpbandsters(line, configuration)
