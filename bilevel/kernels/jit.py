@@ -35,19 +35,21 @@ def _cache_folder() -> str:
 _CACHE_FOLDER = _cache_folder()
 
 
-def _compile(function: Callable[..., Any], fastmath: set[str]) -> Callable[..., Any]:
+def _compile(
+    function: Callable[..., Any], fastmath: set[str], inlined: bool = True
+) -> Callable[..., Any]:
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _CACHE_FOLDER
     try:
-        # Always inlined: otherwise several libraries hold their own optimised copy of a
-        # function, whose sums differ in the last bits, and the copy that a call reaches
-        # depends on what the process has compiled or loaded before.
+        # Inlined, where the compiler may order sums as it likes: otherwise several libraries
+        # hold their own optimised copy of a function, whose sums differ in the last bits, and
+        # the copy that a call reaches depends on what the process has compiled or loaded before.
         jitted: Callable[..., Any] = numba.njit(
             function,
             cache=True,
             nogil=True,
             error_model="numpy",
             fastmath=fastmath,
-            forceinline=True,
+            forceinline=inlined,
         )
     finally:
         numba.config.CACHE_DIR = before
@@ -57,6 +59,12 @@ def _compile(function: Callable[..., Any], fastmath: set[str]) -> Callable[..., 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile with Numba on first call; later processes load the machine code from a disk cache."""
     return _compile(function, FAST_MATH)
+
+
+def compiled_apart(function: Callable[..., Any]) -> Callable[..., Any]:
+    """Compile as `compiled` does a function that orders its sums itself: no caller gets a copy of
+    its code, which shortens the compilation of kernels that call it often."""
+    return _compile(function, FAST_MATH, inlined=False)
 
 
 def _approximated(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -11,8 +11,7 @@ z        (depth, H, B)      values before activation (PReLU alone reads them)
 y        (outputs, B)       outputs, the heads one below the other
 
 Columns are samples, so that a bias belongs to a row and every loop runs along the batch, in vector
-registers. All products go to BLAS, which is close to the processor's peak even for thin matrices (4
-inputs, 2 outputs). Between two products there is one pass over the batch.
+registers. Between two products (`products`) there is one pass over the batch.
 """
 
 import numpy as np
@@ -21,17 +20,15 @@ from bilevel import networks
 from bilevel.activations import LRELU, LRELU_SLOPE, PRELU
 from bilevel.kernels.activations import activate, activate_rows, activate_rows_backward
 from bilevel.kernels.jit import compiled
-
-#: Batches are padded to a multiple of LANES samples, so that loops end with a whole vector register
-#: instead of single samples.
-LANES = 16
+from bilevel.kernels.products import product
+from bilevel.kernels.tiles import LANES
 
 _ZERO = np.float32(0)
 _LRELU_SLOPE = np.float32(LRELU_SLOPE)
 
 
 def padded(batch_size: int) -> int:
-    """The batch size, rounded up to whole vector registers."""
+    """The batch size, rounded up to whole tiles, so that no loop ends with single samples."""
     return -(-batch_size // LANES) * LANES
 
 
@@ -56,7 +53,7 @@ def forward(net, params, x, h, z, y):
     inputs = x
     for layer in range(depth):
         out = h[layer]
-        np.dot(layer_weights(net, params, layer), inputs, out)
+        product(layer_weights(net, params, layer), inputs, out)
         activate_rows(out, z[layer], layer_biases(net, params, layer), net.activation, slope)
         inputs = out
     unit = output = 0
@@ -64,7 +61,7 @@ def forward(net, params, x, h, z, y):
         n_in, n_out = net.heads[head, 0], net.heads[head, 1]
         biases = layer_biases(net, params, depth + head)
         out = y[output : output + n_out]
-        np.dot(layer_weights(net, params, depth + head), inputs[unit : unit + n_in], out)
+        product(layer_weights(net, params, depth + head), inputs[unit : unit + n_in], out)
         for a in range(n_out):
             bias = biases[a]
             for i in range(out.shape[1]):
@@ -83,7 +80,7 @@ def backward(net, params, x, h, z, delta_y, delta_h, gradient):
         n_in, n_out = net.heads[head, 0], net.heads[head, 1]
         delta = delta_y[output : output + n_out]
         weight_gradient = layer_weights(net, gradient, depth + head)
-        np.dot(delta, top[unit : unit + n_in].T, weight_gradient)
+        product(delta, top[unit : unit + n_in].T, weight_gradient)
         bias_gradient = layer_biases(net, gradient, depth + head)
         for a in range(n_out):
             total = _ZERO
@@ -95,7 +92,7 @@ def backward(net, params, x, h, z, delta_y, delta_h, gradient):
     propagate(net, params, h, z, delta_y, delta_h, gradient)
     for layer in range(depth):
         inputs = h[layer - 1] if layer > 0 else x
-        np.dot(delta_h[layer], inputs.T, layer_weights(net, gradient, layer))
+        product(delta_h[layer], inputs.T, layer_weights(net, gradient, layer))
 
 
 @compiled
@@ -109,12 +106,12 @@ def propagate(net, params, h, z, delta_y, delta_h, gradient):
     for head in range(net.heads.shape[0]):
         n_in, n_out = net.heads[head, 0], net.heads[head, 1]
         weights = layer_weights(net, params, depth + head)
-        np.dot(weights.T, delta_y[output : output + n_out], delta[unit : unit + n_in])
+        product(weights.T, delta_y[output : output + n_out], delta[unit : unit + n_in])
         unit += n_in
         output += n_out
     for layer in range(depth - 1, -1, -1):
         if layer < depth - 1:
-            np.dot(layer_weights(net, params, layer + 1).T, delta_h[layer + 1], delta_h[layer])
+            product(layer_weights(net, params, layer + 1).T, delta_h[layer + 1], delta_h[layer])
         slope_gradient += activate_rows_backward(
             delta_h[layer],
             h[layer],

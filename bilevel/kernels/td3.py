@@ -26,6 +26,7 @@ from bilevel.kernels.mlp import (
     padded,
     propagate,
 )
+from bilevel.kernels.products import product
 from bilevel.kernels.random import below, gumbel, normal
 from bilevel.kernels.replay import Batch, new_batch
 from bilevel.kernels.training import act, end_episode, greedy, implements, learn
@@ -251,7 +252,7 @@ def actor_step(agent, rng):
         judge.gradient,
     )
     weights = layer_weights(agent.critic, judge.online, 0)
-    np.dot(weights.T, critic.delta_h[0], agent.delta_inputs)
+    product(weights.T, critic.delta_h[0], agent.delta_inputs)
 
     inverse = _f(1) / np.exp(agent.rho.online[0])
     delta_rho = _f(0)

@@ -1,0 +1,82 @@
+"""Products of small matrices, as `numpy.dot(a, b, out)`.
+
+The products of a gradient step are small, and some are thin: 4 inputs, 2 outputs. OpenBLAS copies
+all operands before it multiplies, which costs more than such a product, except on processors with
+AVX-512 (its pull request 3335). Everywhere else these products are made of tiles (`tiles`).
+"""
+
+import llvmlite.binding as llvm
+import numpy as np
+from numba.extending import overload
+
+from bilevel.kernels.jit import compiled_apart
+from bilevel.kernels.tiles import (
+    DOTS_COLUMNS,
+    DOTS_ROWS,
+    LANES,
+    TILE_ROWS,
+    dots_tile,
+    rows_tile,
+)
+
+#: Whether products are made of tiles on this processor.
+TILED = not llvm.get_host_cpu_features().get("avx512f", False)
+#: Elements of a weight matrix, or of its gradient, up to which tiles are as fast as BLAS.
+LARGEST = 128 * 128
+
+
+def product(a, b, out):
+    """Write a @ b into `out`; all are float32 matrices. Either `b` or its transpose is contiguous,
+    and so is `out`."""
+    raise NotImplementedError
+
+
+@overload(product, strict=False)
+def _product(a, b, out):
+    if out.layout != "C" or b.layout not in "CF":
+        return None
+    if b.layout == "F":
+        return lambda a, b, out: product_of_rows(a, b, out)
+    return lambda a, b, out: product_with_rows(a, b, out)
+
+
+@compiled_apart
+def product_with_rows(a, b, out):
+    """`product` of a matrix with contiguous rows, `b`."""
+    if not TILED or b.shape[1] % LANES != 0 or a.size > LARGEST:
+        np.dot(a, b, out)
+        return
+    rows = a.shape[0]
+    rest = rows % TILE_ROWS
+    for column in range(0, b.shape[1], LANES):
+        for row in range(0, rows - rest, TILE_ROWS):
+            rows_tile(TILE_ROWS, a, row, b, column, out)
+        if rest == 1:
+            rows_tile(1, a, rows - 1, b, column, out)
+        elif rest == 2:
+            rows_tile(2, a, rows - 2, b, column, out)
+        elif rest == 3:
+            rows_tile(3, a, rows - 3, b, column, out)
+        elif rest == 4:
+            rows_tile(4, a, rows - 4, b, column, out)
+        elif rest == 5:
+            rows_tile(5, a, rows - 5, b, column, out)
+
+
+@compiled_apart
+def product_of_rows(a, b, out):
+    """`product` with a matrix of contiguous columns, `b`: dot products of these and rows of `a`."""
+    if not TILED or b.shape[0] % LANES != 0 or b.shape[1] < DOTS_COLUMNS or out.size > LARGEST:
+        np.dot(a, b, out)
+        return
+    rows, columns = out.shape
+    rest = rows % DOTS_ROWS
+    for start in range(0, columns, DOTS_COLUMNS):
+        # The last tile overlaps the one before it, unless all are whole.
+        column = min(start, columns - DOTS_COLUMNS)
+        for row in range(0, rows - rest, DOTS_ROWS):
+            dots_tile(DOTS_ROWS, a, row, b, column, out)
+        if rest == 1:
+            dots_tile(1, a, rows - 1, b, column, out)
+        elif rest == 2:
+            dots_tile(2, a, rows - 2, b, column, out)

@@ -1,0 +1,70 @@
+import numpy as np
+import pytest
+
+from bilevel.kernels.jit import compiled
+from bilevel.kernels.products import LARGEST, product
+
+LARGE = LARGEST // 130 + 1
+
+#: Rows of the left matrix, terms, columns of the right one.
+WITH_ROWS = [
+    *((rows, 5, 32) for rows in range(1, 14)),
+    *((7, terms, 16) for terms in (1, 2, 3, 4)),
+    (57, 57, 208),
+    (130, LARGE, 32),  # too large for tiles
+    (6, 3, 33),  # not whole tiles
+]
+OF_ROWS = [
+    *((rows, 16, 9) for rows in range(1, 6)),
+    *((3, 48, columns) for columns in range(1, 10)),
+    (57, 208, 57),
+    (130, 32, LARGE),
+    (5, 33, 6),
+]
+
+
+@compiled
+def multiplied(a, b, out):  # type: ignore[no-untyped-def]
+    product(a, b, out)
+
+
+def check(a: np.ndarray, b: np.ndarray) -> None:
+    """Multiply into the middle of an array, whose other elements must keep their values."""
+    size = a.shape[0] * b.shape[1]
+    memory = np.full(size + 64, np.float32(7), np.float32)
+    out = memory[32:-32].reshape(a.shape[0], b.shape[1])
+    multiplied(a, b, out)
+    np.testing.assert_allclose(out, a @ b, atol=1e-4)
+    assert (memory[:32] == 7).all()
+    assert (memory[-32:] == 7).all()
+
+
+@pytest.mark.parametrize("shape", WITH_ROWS)
+@pytest.mark.parametrize("transposed", [False, True])
+def test_products_with_rows_equal_numpys(
+    shape: tuple[int, int, int], transposed: bool, rng: np.random.Generator
+) -> None:
+    rows, terms, columns = shape
+    a = rng.normal(0, 1, (rows, terms)).astype(np.float32)
+    b = rng.normal(0, 1, (terms, columns)).astype(np.float32)
+    check(a.T.copy().T if transposed else a, b)
+
+
+@pytest.mark.parametrize("shape", OF_ROWS)
+def test_products_of_rows_equal_numpys(
+    shape: tuple[int, int, int], rng: np.random.Generator
+) -> None:
+    rows, terms, columns = shape
+    a = rng.normal(0, 1, (rows, terms)).astype(np.float32)
+    b = rng.normal(0, 1, (columns, terms)).astype(np.float32)
+    check(a, b.T)
+
+
+def test_what_is_not_finite_stays_so() -> None:
+    a, b = np.ones((7, 16), np.float32), np.ones((16, 16), np.float32)
+    a[3, 5] = np.nan
+    out = np.zeros((7, 16), np.float32)
+    for right in (b, b.T):
+        multiplied(a, right, out)
+        assert np.isnan(out[3]).all()
+        assert np.isfinite(np.delete(out, 3, 0)).all()
