@@ -1,3 +1,4 @@
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -45,6 +46,10 @@ def test_result_depends_on_the_request_alone(cartpole: Task, small_hp: Hyperpara
     for one, two in zip(forwards, reversed(backwards), strict=True):
         assert replace(one, seconds=0.0) == replace(two, seconds=0.0)
     assert len({result.score for result in forwards}) > 1
+    with ThreadPoolExecutor(len(on)) as pool:  # kernels release Python's lock
+        together = list(pool.map(lambda request: evaluate(cartpole, ses, request), requests))
+    for one, two in zip(forwards, together, strict=True):
+        assert replace(one, seconds=0.0) == replace(two, seconds=0.0)
 
 
 def test_what_a_request_asks_for(cartpole: Task, small_hp: Hyperparameters) -> None:
