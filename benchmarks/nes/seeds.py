@@ -78,6 +78,8 @@ def run_seed(
         "seed": seed,
         "seconds_to_se": round(to_se, 1),
         "seconds": round(seconds, 1),
+        "confirmed": state.confirmed,
+        "core_seconds": round(state.cost, 1),
         "generations": len(records),
         "attempts": state.attempt + 1,
         "first_solved_generation": solved[0] if solved else None,
