@@ -25,7 +25,7 @@ OF_ROWS = [
 
 @compiled
 def multiplied(a, b, out):  # type: ignore[no-untyped-def]
-    product(a, b, out)
+    product(a, b, out)  # type: ignore[no-untyped-call]
 
 
 def check(a: np.ndarray, b: np.ndarray) -> None:
