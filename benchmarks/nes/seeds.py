@@ -153,7 +153,9 @@ def main() -> None:
     parser.add_argument("--generations", type=int, help="at most; default: the recipe's")
     parser.add_argument("--home", type=Path, required=True)
     options = parser.parse_args()
-    label = "-".join([options.recipe, *(change.replace("=", "-") for change in options.set)])
+    # The name of a recipe file may end with that of the task.
+    recipe = Path(options.recipe).name.removesuffix(".toml").removesuffix(f"-{options.task}")
+    label = "-".join([recipe, *(change.replace("=", "-") for change in options.set)])
     name = f"nes_seeds_{options.task}" + (f"_{label}" if label != "default" else "")
     try:
         runs = {run["seed"]: run for run in read_result(name)["runs"]}

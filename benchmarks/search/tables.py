@@ -11,6 +11,7 @@ from scipy.stats import permutation_test
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source, table
+from benchmarks.search import studies
 from cluster.bohb.profiles import METHODS
 from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
@@ -120,4 +121,8 @@ def picture(task: str, path: Path) -> None:
     figure.savefig(path)
 
 
-TABLES: dict[str, Callable[[], str]] = {"search": comparison}
+TABLES: dict[str, Callable[[], str]] = {
+    "search": comparison,
+    "searches": studies.searches,
+    "found": studies.found,
+}

@@ -1,0 +1,128 @@
+"""Long searches for better defaults: what they found, beside the recipe `default`.
+
+    python -m benchmarks.search.studies
+
+The studies lie in `studies`, a home without checkpoints and MLflow's database; `bilevel sync NAME
+--home benchmarks/search/studies` shows one in MLflow. `found-TASK.toml` are their winners;
+`benchmarks.nes.seeds` runs these and the defaults over seeds that no choice was made on. This
+program draws the pictures of docs/tuning.md.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.stats import mannwhitneyu
+
+from benchmarks.machine import NotMeasured, read_result
+from benchmarks.markdown import source, table
+from bilevel.tasks import get_task
+from cluster.bohb.journal import Journal
+from cluster.bohb.pictures import objective_against_cost
+from cluster.bohb.study import Study
+from cluster.bohb.summary import StudySummary
+
+STUDIES = Path(__file__).parent / "studies"
+PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
+TASKS = ("CartPole-v0", "Acrobot-v1")
+
+
+def committed(task: str) -> Study:
+    """The study on a task. Raises NotMeasured without one."""
+    for settings in sorted(STUDIES.glob(f"{task}/*/settings.json")):
+        return Study.read(settings.parent)
+    raise NotMeasured(f"a study in `benchmarks/search/studies/{task}`")
+
+
+def summary(study: Study) -> StudySummary:
+    """What the journal of a study tells."""
+    journal = Journal(study.folder)
+    brackets = 1 + max(line.id[0] for line in journal.configs)
+    return StudySummary(journal, study.schedule.brackets(brackets))
+
+
+def searches() -> str:
+    """What each search tried, and what its winner's objective rests on."""
+    rows = []
+    for task in TASKS:
+        try:
+            study = committed(task)
+        except NotMeasured:
+            continue
+        told = summary(study)
+        winner = told.incumbent
+        assert winner is not None
+        rows.append(
+            (
+                task,
+                str(len(told.journal.configs)),
+                str(told.model_based),
+                f"{told.points()[-1].spent / 3600:.1f}",
+                f"`{study.name}`",
+                f"{winner.info['confirmed']} in {winner.info['core_seconds']:.0f} core seconds",
+            )
+        )
+    if not rows:
+        raise NotMeasured("studies in `benchmarks/search/studies`")
+    head = ["task", "configurations", "of the model", "core hours", "study", "SEs of its winner"]
+    return table(head, rows)
+
+
+def found() -> str:
+    """The defaults and the winners, over fresh seeds."""
+    rows, results = [], []
+    for task in TASKS:
+        try:
+            winner = read_result(f"nes_seeds_{task}_found", "runs")
+        except NotMeasured:
+            continue
+        default = read_result(f"nes_seeds_{task}", "runs")
+        results += [default, winner]
+        costs = [[run["core_seconds"] for run in of["runs"]] for of in (default, winner)]
+        rows.append((task, "default", *_quality(default["runs"]), ""))
+        rows.append(
+            (task, "found", *_quality(winner["runs"]), f"{mannwhitneyu(*costs).pvalue:.2f}")
+        )
+    if not results:
+        raise NotMeasured("`benchmarks/results/nes_seeds_*_found.json`")
+    head = [
+        "task",
+        "recipe",
+        "solved",
+        "confirmed",
+        "core seconds, median and range",
+        "core seconds an SE",
+        "train steps of an agent",
+        "p",
+    ]
+    return f"{table(head, rows)}\n\n{source(*results)}"
+
+
+def _quality(runs: list[dict[str, Any]]) -> tuple[str, ...]:
+    costs = [run["core_seconds"] for run in runs]
+    confirmed = sum(run["confirmed"] for run in runs)
+    return (
+        f"{sum(run['solved'] for run in runs)} of {len(runs)}",
+        f"{confirmed} of {len(runs)}",
+        f"{np.median(costs):.0f} ({min(costs):.0f} to {max(costs):.0f})",
+        f"{sum(costs) / confirmed:.0f}",
+        f"{np.median([run['final_train_steps'] for run in runs]):.0f}",
+    )
+
+
+def main() -> None:
+    """Draw the pictures of the committed studies."""
+    for task in TASKS:
+        try:
+            study = committed(task)
+        except NotMeasured as missing:
+            print(f"not drawn: {missing}")
+            continue
+        figure = objective_against_cost(summary(study).points(), get_task(task), study.method_name)
+        path = PICTURES / f"search-{task}.svg"
+        figure.savefig(path, metadata={"Date": None})
+        print(f"drawn: {path}")
+
+
+if __name__ == "__main__":
+    main()
