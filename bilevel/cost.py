@@ -2,9 +2,8 @@
 
 A search that compares costs must get the same ones on every machine, under any load, and each time
 it is repeated. So costs are counted, in gradient steps and their multiplications, and converted to
-seconds by the constants below: those of a core of this project's benchmarks
-(`benchmarks.speed.cost`, docs/speed.md). Another core is faster or slower, by about the same factor
-for all.
+seconds by the constants below, of a fast core that trains DDQN. How much longer another one takes
+differs between machines and between kinds of agents (`benchmarks.speed.cost`, docs/speed.md).
 """
 
 from bilevel.hyperparameters import AgentHyperparameters

@@ -34,6 +34,21 @@ def inner_loop() -> str:
     return _table(head, rows, result)
 
 
+def products() -> str:
+    """Times of matrix products by tiles and by BLAS."""
+    result = read_result("products")
+    rows = [
+        [
+            product,
+            f"{case['tiles_us']['median']:.1f} µs",
+            f"{case['blas_us']['median']:.1f} µs",
+            _spread(case["ratio"], ".1f"),
+        ]
+        for product, case in result["results"].items()
+    ]
+    return _table(["product", "tiles", "BLAS", "times as fast"], rows, result)
+
+
 def startup() -> str:
     """Times of the parts of the start."""
     result = read_result("startup")
@@ -87,6 +102,7 @@ def cost() -> str:
 
 TABLES: dict[str, Callable[[], str]] = {
     "inner-loop": inner_loop,
+    "products": products,
     "startup": startup,
     "small-things": small_things,
     "vector-env": vector_env,

@@ -5,6 +5,8 @@ all operands before it multiplies, which costs more than such a product, except 
 AVX-512 (its pull request 3335). Everywhere else these products are made of tiles (`tiles`).
 """
 
+from typing import Any
+
 import llvmlite.binding as llvm
 import numpy as np
 from numba.extending import overload
@@ -21,11 +23,12 @@ from bilevel.kernels.tiles import (
 
 #: Whether products are made of tiles on this processor.
 TILED = not llvm.get_host_cpu_features().get("avx512f", False)
-#: Elements of a weight matrix, or of its gradient, up to which tiles are as fast as BLAS.
+#: Elements of a weight matrix, or of its gradient, up to which tiles are about as fast as BLAS
+#: (`benchmarks.speed.products`).
 LARGEST = 128 * 128
 
 
-def product(a, b, out):
+def product(a: Any, b: Any, out: Any) -> None:
     """Write a @ b into `out`; all are float32 matrices. Either `b` or its transpose is contiguous,
     and so is `out`."""
     raise NotImplementedError
@@ -42,10 +45,26 @@ def _product(a, b, out):
 
 @compiled_apart
 def product_with_rows(a, b, out):
-    """`product` of a matrix with contiguous rows, `b`."""
-    if not TILED or b.shape[1] % LANES != 0 or a.size > LARGEST:
+    """`product` with a matrix of contiguous rows, `b`."""
+    if TILED and b.shape[1] % LANES == 0 and a.size <= LARGEST:
+        tiles_with_rows(a, b, out)
+    else:
         np.dot(a, b, out)
-        return
+
+
+@compiled_apart
+def product_of_rows(a, b, out):
+    """`product` with a matrix of contiguous columns, `b`: dot products of these and rows of `a`."""
+    whole = b.shape[0] % LANES == 0 and b.shape[1] >= DOTS_COLUMNS
+    if TILED and whole and out.size <= LARGEST:
+        tiles_of_rows(a, b, out)
+    else:
+        np.dot(a, b, out)
+
+
+@compiled_apart
+def tiles_with_rows(a, b, out):
+    """`product_with_rows` by tiles alone; LANES divides the number of columns."""
     rows = a.shape[0]
     rest = rows % TILE_ROWS
     for column in range(0, b.shape[1], LANES):
@@ -64,19 +83,14 @@ def product_with_rows(a, b, out):
 
 
 @compiled_apart
-def product_of_rows(a, b, out):
-    """`product` with a matrix of contiguous columns, `b`: dot products of these and rows of `a`."""
-    if not TILED or b.shape[0] % LANES != 0 or b.shape[1] < DOTS_COLUMNS or out.size > LARGEST:
-        np.dot(a, b, out)
-        return
+def tiles_of_rows(a, b, out):
+    """`product_of_rows` by tiles alone; LANES divides the number of terms, and `b` has at least
+    DOTS_COLUMNS columns."""
     rows, columns = out.shape
-    rest = rows % DOTS_ROWS
     for start in range(0, columns, DOTS_COLUMNS):
         # The last tile overlaps the one before it, unless all are whole.
         column = min(start, columns - DOTS_COLUMNS)
-        for row in range(0, rows - rest, DOTS_ROWS):
+        for row in range(0, rows - rows % DOTS_ROWS, DOTS_ROWS):
             dots_tile(DOTS_ROWS, a, row, b, column, out)
-        if rest == 1:
+        if rows % DOTS_ROWS == 1:
             dots_tile(1, a, rows - 1, b, column, out)
-        elif rest == 2:
-            dots_tile(2, a, rows - 2, b, column, out)

@@ -20,7 +20,8 @@ from numba.extending import intrinsic
 LANES = 16
 #: Rows of the largest `rows_tile`: twelve of AVX's sixteen registers are then sums.
 TILE_ROWS = 6
-#: Rows and columns of the largest `dots_tile`, whose sums fill as many.
+#: Rows and columns of the largest `dots_tile`: eight registers of sums. A third row would need more
+#: registers than there are.
 DOTS_ROWS, DOTS_COLUMNS = 2, 4
 
 _FLOAT, _INT, _BYTE = ir.FloatType(), ir.IntType(64), ir.IntType(8)

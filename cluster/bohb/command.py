@@ -259,6 +259,11 @@ class _Runner:
         if incumbent is not None:
             call = self.command.context.home.hint(f"nes {study.task.id} --recipe {study.name}")
             line(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE by it with {call}")
+            if len(self.journal.configs) > 1:
+                line(
+                    "the best of several configurations was also lucky: with other seeds, expect "
+                    "its recipe to take longer than its objective tells (docs/tuning.md)"
+                )
         model = model_address(study.task.id, "newest")
         line(f"best SE: {path}  ({model} in MLflow's model registry)")
         line(f"results: {self.session.shown_at(self.session.identity.uuid)}")

@@ -57,6 +57,7 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     assert "drawn at random: nes.1-averaging 0." in output
     assert "4 fresh agents trained on the best SE score" in output
     assert "of the cores' time while trials ran" in output
+    assert "the best of several configurations was also lucky" in output
     assert (home / "CartPole-v0" / "smoke" / SPACE_FILE).exists()
     journal = Journal(home / "CartPole-v0" / "smoke")
     assert all(0 < line.info["core_utilisation"] < 1 for line in journal.results)

@@ -1,8 +1,11 @@
+from collections.abc import Callable
+from typing import Any
+
 import numpy as np
 import pytest
 
 from bilevel.kernels.jit import compiled
-from bilevel.kernels.products import LARGEST, product
+from bilevel.kernels.products import LARGEST, product, tiles_of_rows, tiles_with_rows
 
 LARGE = LARGEST // 130 + 1
 
@@ -11,8 +14,8 @@ WITH_ROWS = [
     *((rows, 5, 32) for rows in range(1, 14)),
     *((7, terms, 16) for terms in (1, 2, 3, 4)),
     (57, 57, 208),
-    (130, LARGE, 32),  # too large for tiles
-    (6, 3, 33),  # not whole tiles
+    (130, LARGE, 32),  # too large: BLAS's
+    (6, 3, 33),  # not whole tiles: BLAS's
 ]
 OF_ROWS = [
     *((rows, 16, 9) for rows in range(1, 6)),
@@ -25,15 +28,15 @@ OF_ROWS = [
 
 @compiled
 def multiplied(a, b, out):  # type: ignore[no-untyped-def]
-    product(a, b, out)  # type: ignore[no-untyped-call]
+    product(a, b, out)
 
 
-def check(a: np.ndarray, b: np.ndarray) -> None:
+def check(a: np.ndarray, b: np.ndarray, multiply: Callable[..., Any] = multiplied) -> None:
     """Multiply into the middle of an array, whose other elements must keep their values."""
     size = a.shape[0] * b.shape[1]
     memory = np.full(size + 64, np.float32(7), np.float32)
     out = memory[32:-32].reshape(a.shape[0], b.shape[1])
-    multiplied(a, b, out)
+    multiply(a, b, out)
     np.testing.assert_allclose(out, a @ b, atol=1e-4)
     assert (memory[:32] == 7).all()
     assert (memory[-32:] == 7).all()
@@ -58,6 +61,14 @@ def test_products_of_rows_equal_numpys(
     a = rng.normal(0, 1, (rows, terms)).astype(np.float32)
     b = rng.normal(0, 1, (columns, terms)).astype(np.float32)
     check(a, b.T)
+
+
+def test_tiles_equal_numpy_also_where_blas_multiplies(rng: np.random.Generator) -> None:
+    """On every processor, and at every size."""
+    for rows in (*range(1, 14), 140):
+        a = rng.normal(0, 1, (rows, 144)).astype(np.float32)
+        check(a, rng.normal(0, 1, (144, 48)).astype(np.float32), tiles_with_rows)
+        check(a, rng.normal(0, 1, (141, 144)).astype(np.float32).T, tiles_of_rows)
 
 
 def test_what_is_not_finite_stays_so() -> None:
