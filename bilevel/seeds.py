@@ -26,6 +26,7 @@ class Purpose(IntEnum):
     PROPOSAL = 12  # a study's next configuration
     EVALUATION = 13  # fresh agents of `bilevel evaluate`
     EXPERIMENT = 14  # fresh agents of `bilevel experiment`
+    VALIDATION = 15  # the NES run of a study's finalist
 
 
 def derive(root: int, purpose: Purpose, *path: int) -> int:

@@ -21,6 +21,7 @@ from cluster.bohb.journal import Journal
 from cluster.bohb.pictures import objective_against_cost
 from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
+from cluster.bohb.validation import Validation
 
 STUDIES = Path(__file__).parent / "studies"
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
@@ -38,7 +39,8 @@ def summary(study: Study) -> StudySummary:
     """What the journal of a study tells."""
     journal = Journal(study.folder)
     brackets = 1 + max(line.id[0] for line in journal.configs)
-    return StudySummary(journal, study.schedule.brackets(brackets))
+    rungs = study.schedule.brackets(brackets)
+    return StudySummary(journal, rungs, Validation.load(study.folder))
 
 
 def searches() -> str:
@@ -118,7 +120,9 @@ def main() -> None:
         except NotMeasured as missing:
             print(f"not drawn: {missing}")
             continue
-        figure = objective_against_cost(summary(study).points(), get_task(task), study.method_name)
+        told = summary(study)
+        points, validated = told.points(), told.validated_points()
+        figure = objective_against_cost(points, validated, get_task(task), study.method_name)
         path = PICTURES / f"search-{task}.svg"
         figure.savefig(path, metadata={"Date": None})
         print(f"drawn: {path}")

@@ -7,6 +7,7 @@ rungs    length of the budget ladder
 s        rungs of a bracket above its first
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
@@ -92,7 +93,7 @@ def configurations_to_begin(rungs: list[Rung]) -> int:
     return sum(begun.values())
 
 
-def core_seconds_to_run(rungs: list[Rung]) -> int:
+def core_seconds_to_run(rungs: Sequence[Rung]) -> int:
     """Core seconds that these rungs cost; promoted configurations continue from their lower
     rung."""
     reached: dict[int, int] = {}

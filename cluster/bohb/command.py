@@ -6,32 +6,19 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Self
 
-from bilevel.durable import write_aside
-from bilevel.errors import InvalidInput, StorageFailure
-from bilevel.synthetic_env import save_se
+from bilevel.errors import StorageFailure
 from cluster.bohb.brackets import Schedule, configurations_to_begin
-from cluster.bohb.journal import Journal, ResultLine
-from cluster.bohb.objective import Tally
+from cluster.bohb.handover import Handover
+from cluster.bohb.journal import Journal
 from cluster.bohb.report import StudyReport
-from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.search import BracketSearch
 from cluster.bohb.searcher import BohbSearcher
 from cluster.bohb.stopping import StudyStopper
-from cluster.bohb.study import RECIPE_FILE, Study, configuration_name
-from cluster.bohb.summary import StudySummary
+from cluster.bohb.study import Study
 from cluster.bohb.tuning import run_trials
+from cluster.bohb.validation import SHARE
 from cluster.bohb.view import StudyViews
 from cluster.nes.run import start_of
-from cluster.nes.selection import (
-    RACERS,
-    Contender,
-    agents_needed,
-    choose_best,
-    evaluate_holdout,
-    export_best,
-    in_time,
-    race,
-)
 from cluster.ray.connection import Capacity, require_server_for_nodes, scaled_to
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext
@@ -39,13 +26,9 @@ from cluster.session.session import Session
 from cluster.session.terminal import count, duration
 from cluster.storage.run_folder import RunStatus
 from cluster.tracking import Mirror
-from cluster.tracking.registry import model_address
 
 #: Seconds of a time budget reserved for the end: stopping the trials and scoring the best SE.
 _RESERVE = 60.0
-
-#: File with the incumbent's best SE, of a search that was interrupted.
-INCUMBENT_FILE = "incumbent_se.safetensors"
 
 
 @dataclass(frozen=True)
@@ -135,6 +118,7 @@ class _Runner:
             self.journal, study.schedule, self.command.brackets, run_status
         )
         self.search = BracketSearch.of(study, self.journal, self.brackets)
+        self.handover = Handover(study, self.journal, session)
 
     def run(self) -> int:
         """Run to the end; return the exit code."""
@@ -148,7 +132,7 @@ class _Runner:
                 code = self._to_the_end(views, mirror)
             except KeyboardInterrupt:
                 with suppress(StorageFailure):
-                    self._export_unfinished()
+                    self.handover.interrupted()
                 raise
             finally:
                 self.live.clear()
@@ -177,13 +161,11 @@ class _Runner:
         if self._unfinished and self.brackets > command.brackets and command.time_budget is None:
             line(f"it was begun with {count(self.brackets, 'bracket')}, which it completes")
 
-    @property
-    def _budget(self) -> float:
-        """The time budget in seconds, infinite where there is none."""
-        return math.inf if self.command.time_budget is None else self.command.time_budget
-
-    def _time_is_up(self) -> bool:
-        return time.monotonic() > self.terminal.started + self._budget
+    def _until(self, share: float) -> float:
+        """When so much of the time budget is over, but for the time that scoring the best SE takes;
+        seconds of `time.monotonic`, infinite where there is no budget."""
+        budget = math.inf if self.command.time_budget is None else self.command.time_budget
+        return self.terminal.started + share * max(budget - _RESERVE, budget / 2)
 
     def _pool(self) -> EvaluationPool:
         """A pool as large as those of all trials together, for use while no trial runs."""
@@ -196,7 +178,7 @@ class _Runner:
             require_server_for_nodes(command.context.tracking_uri)  # a node may have joined
             return command.trials
 
-        deadline = self.terminal.started + max(self._budget - _RESERVE, self._budget / 2)
+        deadline = self._until(1 - SHARE)
         searcher = BohbSearcher(self.search, trials, deadline, command.workers_per_trial)
         report = StudyReport(
             command.study,
@@ -221,116 +203,15 @@ class _Runner:
         if searcher.stopped_by is not None:
             raise searcher.stopped_by
         if searcher.time_is_up and not self.search.finished:
-            line("the time budget is spent; run the same command again to resume")
+            line("the time for the search is over; run the same command again to resume it")
         if searcher.core_utilisation > 0:
             line(
                 f"evaluations took {searcher.core_utilisation:.0%} of the cores' time while trials "
                 "ran"
             )
         mirror.mark([views.parent])
-        return self._finish()
-
-    def _finish(self) -> int:
-        """Choose the best SE of all configurations, and score it with fresh agents."""
-        study, line = self.command.study, self.terminal.line
         with self._pool() as pool:
-            contenders = self._contenders(pool)
-            if not contenders:
-                line(
-                    "no configuration finished a generation: see the errors above"
-                    if self.journal.results
-                    else "no configuration finished a generation in this time"
-                )
-                return 1
-            if len(contenders) > 1:
-                line(f"retesting the {len(contenders)} best SEs with fresh agents")
-            rounds = race(self.command.final_agents)
-            self.terminal.bar("retesting", 0, agents_needed(len(contenders), rounds), "tests")
-            step = self.terminal.step
-            asked = in_time(rounds, self._time_is_up)
-            best = choose_best(study.task, contenders, (study.seed,), pool, step, asked)
-            score = evaluate_holdout(
-                study.task, best, self.command.final_agents, (study.seed,), pool
-            )
-        path = export_best(best.se, score, study.folder, len(self.journal.results))
-        (study.folder / INCUMBENT_FILE).unlink(missing_ok=True)  # of an interruption before
-        incumbent = self._say_incumbent()
-        line(str(score))
-        if incumbent is not None:
-            call = self.command.context.home.hint(f"nes {study.task.id} --recipe {study.name}")
-            line(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE by it with {call}")
-            if len(self.journal.configs) > 1:
-                line(
-                    "the best of several configurations was also lucky: with other seeds, expect "
-                    "its recipe to take longer than its objective tells (docs/tuning.md)"
-                )
-        model = model_address(study.task.id, "newest")
-        line(f"best SE: {path}  ({model} in MLflow's model registry)")
-        line(f"results: {self.session.shown_at(self.session.identity.uuid)}")
-        line("run the same command again to add brackets")
-        return 0 if any(result.loss is not None for result in self.journal.results) else 1
-
-    def _contenders(self, pool: EvaluationPool) -> list[Contender]:
-        """The SEs of all configurations that were confirmed, then those that scored highest in
-        their own runs. A damaged or lost checkpoint is recomputed."""
-        reached: dict[object, int] = {}
-        for result in self.journal.results:
-            if result.loss is not None:
-                reached[result.id] = max(result.budget, reached.get(result.id, 0))
-        found = []
-        for line in self.journal.configs:
-            try:
-                runs = ConfigurationRuns.open(
-                    self.command.study, line.id, line.configuration, self.terminal.line
-                )
-            except InvalidInput:  # it failed, because its values do not fit together
-                continue
-            runs.spend(reached.get(line.id, 0), pool)
-            for state in runs.states:
-                ses = [state.best] if state.confirmed else state.candidates
-                hp = runs.run(0).hp
-                found += [
-                    ((state.confirmed, finalist.rank), Contender(se, hp))
-                    for finalist, se in zip(state.finalists, ses, strict=False)
-                ]
-        found.sort(key=lambda pair: pair[0], reverse=True)
-        return [contender for _, contender in found[:RACERS]]
-
-    def _export_unfinished(self) -> None:
-        """Say what the interrupted search has found, and save its best SE."""
-        incumbent = self._say_incumbent()
-        if incumbent is None:
-            return
-        study = self.command.study
-        configuration = self._summary.configuration(incumbent.id)
-        best = ConfigurationRuns.read(study, incumbent.id, configuration).best
-        if best is not None:
-            path = study.folder / INCUMBENT_FILE
-            save_se(best, path)
-            self.terminal.line(f"its best SE, not retested: {path}")
-
-    @property
-    def _summary(self) -> StudySummary:
-        return StudySummary(self.journal, self.command.study.schedule.brackets(self.brackets))
-
-    def _say_incumbent(self) -> ResultLine | None:
-        line = self.terminal.line
-        summary = self._summary
-        line(
-            f"{count(len(self.journal.results), 'result')} of "
-            f"{count(len(self.journal.configs), 'configuration')} "
-            f"({summary.model_based} proposed by the model)"
-        )
-        incumbent = summary.incumbent
-        if incumbent is None:
-            return None
-        line(
-            f"incumbent {configuration_name(incumbent.id)}: {Tally.told(incumbent.info)}, "
-            f"objective {incumbent.loss:.0f}"
-        )
-        found = summary.configuration(incumbent.id)
-        text = self.command.study.recipe_text(incumbent.id, found)
-        write_aside(self.command.study.folder / RECIPE_FILE, text.encode())
-        for name, value in found.items():
-            line(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")
-        return incumbent
+            end = self._until(1.0)
+            found = self.handover.finish(pool, command.final_agents, lambda: time.monotonic() > end)
+        succeeded = any(result.loss is not None for result in self.journal.results)
+        return 0 if found and succeeded else 1

@@ -13,6 +13,7 @@ from bilevel.evaluation import evaluate
 from bilevel.nes import NES
 from cluster.bohb.brackets import Schedule, configurations_to_begin, core_seconds_to_run
 from cluster.bohb.command import StudyCommand
+from cluster.bohb.validation import SHARE
 from cluster.session.terminal import Terminal, count, duration
 from search_spaces import to_hyperparameters
 
@@ -31,8 +32,9 @@ class Estimate:
 
     @property
     def core_seconds(self) -> int:
-        """Core seconds of all configurations, by their budgets."""
-        return core_seconds_to_run(self.schedule.brackets(self.brackets))
+        """Core seconds of all configurations, by their budgets, and of the validation."""
+        searched = core_seconds_to_run(self.schedule.brackets(self.brackets))
+        return round(searched / (1 - SHARE))
 
     @property
     def configurations(self) -> int:

@@ -23,7 +23,12 @@ class ConfigLine(NamedTuple):
 
     id: ConfigId
     configuration: Configuration
-    info: dict[str, Any]  # {"model_based_pick": bool}
+    info: dict[str, Any]  # {"model_based_pick": bool}, and "prior" where it comes from that
+
+    @property
+    def of_prior(self) -> bool:
+        """Whether it is the prior itself: the recipe that the search began with."""
+        return self.info.get("prior") == "itself"
 
 
 @dataclass(frozen=True)
@@ -99,6 +104,15 @@ class Journal:
     def paths(self) -> list[Path]:
         """The journal's files."""
         return [self._config_file.path, self._result_file.path]
+
+    @property
+    def reached(self) -> dict[ConfigId, int]:
+        """Core seconds that each configuration has spent, by the budgets of its results."""
+        spent: dict[ConfigId, int] = {}
+        for line in self.results:
+            if line.loss is not None:
+                spent[line.id] = max(line.budget, spent.get(line.id, 0))
+        return spent
 
     def add_config(self, line: ConfigLine) -> None:
         """Append a proposal, durably. Raises StorageFailure."""

@@ -11,16 +11,18 @@ from numpy.typing import NDArray
 
 from bilevel.tasks import Task
 from cluster.bohb.importance import Importance
-from cluster.bohb.summary import ResultPoint
+from cluster.bohb.summary import ResultPoint, ValidatedPoint
 from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
 #: Seconds up to which a search is told in seconds.
 _SHORT = 180.0
 
 
-def objective_against_cost(points: Sequence[ResultPoint], task: Task, title: str) -> Figure:
-    """Plot every result over the core seconds, and the minutes, spent by then, and the incumbent at
-    the largest budget so far."""
+def objective_against_cost(
+    points: Sequence[ResultPoint], validated: Sequence[ValidatedPoint], task: Task, title: str
+) -> Figure:
+    """Plot every result over the core seconds, and the minutes, spent by then, the best at the
+    largest budget so far, and what became of the finalists over new seeds, the winner first."""
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
     axes.set_xlabel("core seconds spent by the search (marker size: budget of the result)")
@@ -44,37 +46,51 @@ def objective_against_cost(points: Sequence[ResultPoint], task: Task, title: str
                 lw=0,
                 label="proposed by the model" if model_based else "others",
             )
-    _mark_incumbent(axes, points)
+    _mark_leader(axes, points)
+    _mark_finalists(axes, validated)
     _add_time(axes, points)
+    ends = [point.spent for point in points] + [point.spent for point in validated]
+    axes.set_xlim(0, 1.03 * max(ends))
     figure.legend(frameon=False, fontsize="small", loc="outside lower center", ncols=2)
     return figure
 
 
-def _mark_incumbent(axes: Axes, points: Sequence[ResultPoint]) -> None:
-    """The best result at the largest budget so far, and a star at the last one."""
+def _mark_leader(axes: Axes, points: Sequence[ResultPoint]) -> None:
+    """The best result at the largest budget so far."""
     largest = max(point.budget for point in points)
     ranked = [point for point in points if point.budget == largest]
     spent = [point.spent for point in ranked]
     best = np.minimum.accumulate([point.objective for point in ranked])
-    label = f"incumbent after {largest} core seconds: {best[-1]:.0f}"
+    label = f"best so far after {largest} core seconds: {best[-1]:.0f}"
     axes.step(spent, best, where="post", color=ORANGE, label=label)
-    first = int(np.argmin(best))
-    axes.scatter(
-        [spent[first]],
-        [best[first]],
-        marker="*",
-        s=160,
-        color=ORANGE,
-        zorder=3,
-        label="result of the incumbent",
-    )
+
+
+def _mark_finalists(axes: Axes, validated: Sequence[ValidatedPoint]) -> None:
+    """A line from each finalist's result in the search to that over new seeds; a star is the
+    incumbent's."""
+    for point in validated:
+        xs, ys = (point.searched.spent, point.spent), (point.searched.objective, point.objective)
+        axes.plot(xs, ys, color="black", ls=":", lw=0.9, zorder=2)
+    for chosen, marker, size, colour, label in (
+        (validated[:1], "*", 160, ORANGE, "incumbent, new seeds"),
+        (validated[1:], "X", 50, "black", "other finalists, new seeds"),
+    ):
+        if chosen:
+            axes.scatter(
+                [point.spent for point in chosen],
+                [point.objective for point in chosen],
+                marker=marker,
+                s=size,
+                color=colour,
+                zorder=3,
+                label=f"{label}: {', '.join(f'{point.objective:.0f}' for point in chosen)}",
+            )
 
 
 def _add_time(axes: Axes, points: Sequence[ResultPoint]) -> None:
     """A second axis above: whole minutes, or seconds, since the search began."""
     spent = [0.0, *(float(point.spent) for point in points)]
     seconds = [0.0, *(point.seconds for point in points)]
-    axes.set_xlim(0, 1.03 * spent[-1])
     unit, size = ("seconds", 1.0) if seconds[-1] < _SHORT else ("minutes", 60.0)
     times = np.asarray(MaxNLocator(6, integer=True).tick_values(0, seconds[-1] / size))
     times = times[(times >= 0) & (times * size <= seconds[-1])]

@@ -148,8 +148,8 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
 
     def _result_line(self, job: Job, result: dict[str, Any]) -> None:
         """Two lines, the first one of 80 columns: what came out, and what was tried."""
-        incumbent = self._summary.incumbent
-        best = "" if incumbent is None else f" (incumbent {incumbent.loss:.0f})"
+        leader = self._summary.leader
+        best = "" if leader is None else f" (best so far {leader.loss:.0f})"
         self._terminal.line(
             f"{configuration_name(job.id)} {Tally.told(result[TALLY].info)}; "
             f"objective {result[OBJECTIVE]:.0f}{best}; {self._time_to_go()}"

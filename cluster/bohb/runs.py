@@ -15,18 +15,26 @@ from cluster.ray.pool import EvaluationPool
 
 @dataclass
 class ConfigurationRuns:
-    """The runs of a configuration, with their states; each lives in its own folder."""
+    """The runs of a configuration, of the search or of its validation, with their states; each
+    lives in its own folder."""
 
     study: Study
     id: ConfigId
     configuration: Configuration
+    validation: bool = False
     states: list[NESState] = field(default_factory=list)
 
     @classmethod
-    def read(cls, study: Study, config_id: ConfigId, configuration: Configuration) -> Self:
+    def read(
+        cls,
+        study: Study,
+        config_id: ConfigId,
+        configuration: Configuration,
+        validation: bool = False,
+    ) -> Self:
         """What is on disk, without damaged runs and those after them. Raises InvalidInput for a
         configuration that is not allowed."""
-        runs = cls(study, config_id, configuration)
+        runs = cls(study, config_id, configuration, validation)
         while (state := runs._next.load_if_sound()) is not None:
             runs.states.append(state)
         return runs
@@ -38,10 +46,11 @@ class ConfigurationRuns:
         config_id: ConfigId,
         configuration: Configuration,
         tell: Callable[[str], None] = lambda line: None,
+        validation: bool = False,
     ) -> Self:
         """What is on disk; a damaged run begins anew (`NESRun.open`). Raises InvalidInput, and
         OtherVersion for a run of another version."""
-        runs = cls(study, config_id, configuration)
+        runs = cls(study, config_id, configuration, validation)
         while runs._next.begun:
             runs.states.append(runs._next.open(tell))
         return runs
@@ -69,7 +78,7 @@ class ConfigurationRuns:
 
     def run(self, number: int) -> NESRun:
         """The run with that number, from 0."""
-        return self.study.run(self.id, self.configuration, number)
+        return self.study.run(self.id, self.configuration, number, self.validation)
 
     def spent(self, budget: float) -> bool:
         """Whether the runs have cost so many core seconds (estimated)."""

@@ -81,15 +81,26 @@ class Study:
         """Names of the agents that evaluations draw from."""
         return tuple(hp.agent for hp in self.base.agents)
 
-    def run(self, config_id: ConfigId, configuration: Configuration, number: int) -> NESRun:
-        """A configuration's NES run with that number, from 0; its seed is derived from the
-        study's, the configuration's id and the number, so that no configuration owes its result to
-        a start that others have too. Raises InvalidInput for a configuration that is not allowed.
+    def run(
+        self,
+        config_id: ConfigId,
+        configuration: Configuration,
+        number: int,
+        validation: bool = False,
+    ) -> NESRun:
+        """A configuration's NES run with that number, from 0, of the search or of its validation.
+
+        The seed is derived from the study's, the configuration's id and the number, so that no
+        configuration owes its result to a start that others have too. Raises InvalidInput for a
+        configuration that is not allowed.
         """
         hp = to_hyperparameters(self.base, configuration)
-        folder = self.folder / "configurations" / configuration_name(config_id) / f"run-{number}"
-        seed = derive(self.seed, Purpose.CONFIGURATION, *config_id, number)
-        return NESRun(self.task, hp, seed, folder)
+        kind, purpose = (
+            ("validation", Purpose.VALIDATION) if validation else ("run", Purpose.CONFIGURATION)
+        )
+        name = configuration_name(config_id)
+        folder = self.folder / "configurations" / name / f"{kind}-{number}"
+        return NESRun(self.task, hp, derive(self.seed, purpose, *config_id, number), folder)
 
     def recipe_text(self, config_id: ConfigId, configuration: Configuration) -> str:
         """The recipe file of a configuration: the one that its runs had."""

@@ -1,9 +1,12 @@
 """Summary of a study's journal so far: incumbent, costs, bracket table."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from cluster.bohb.brackets import Rung, core_seconds_to_run
 from cluster.bohb.journal import ConfigId, Configuration, Journal, ResultLine
+from cluster.bohb.study import configuration_name
+from cluster.bohb.validation import Validation
 
 
 @dataclass(frozen=True)
@@ -15,23 +18,40 @@ class ResultPoint:
     seconds: float  # since the first job began, pauses included
     objective: float
     model_based: bool
+    id: ConfigId = (0, 0, 0)
+
+
+@dataclass(frozen=True)
+class ValidatedPoint:
+    """A finalist's objective over new seeds, for the same plot."""
+
+    searched: ResultPoint  # its last result in the search
+    spent: int  # core seconds of the study when the validation was over
+    objective: float
 
 
 @dataclass(frozen=True)
 class StudySummary:
-    """Summary of a journal for the brackets in `rungs`; it follows the journal as that grows."""
+    """Summary of a journal for the brackets in `rungs`, and of the study's validation; it follows
+    the journal as that grows."""
 
     journal: Journal
-    rungs: list[Rung]
+    rungs: Sequence[Rung] = ()
+    validation: Validation | None = None
 
     @property
     def incumbent(self) -> ResultLine | None:
-        """The best result at the largest budget that has results (as in hpbandster)."""
+        """What is handed over: the winner of the validation, else the leader."""
+        return self.leader if self.validation is None else self.validation.winner
+
+    @property
+    def leader(self) -> ResultLine | None:
+        """The best result at the largest budget that has results (hpbandster's incumbent)."""
         changes = self.incumbents()
         return changes[-1][1] if changes else None
 
     def incumbents(self) -> list[tuple[int, ResultLine]]:
-        """Each change of the incumbent, with the number (from 1) of the result that caused it."""
+        """Each change of the leader, with the number (from 1) of the result that caused it."""
         changes: list[tuple[int, ResultLine]] = []
         best: ResultLine | None = None
         for number, line in enumerate(self.journal.results, start=1):
@@ -49,6 +69,11 @@ class StudySummary:
         """The configuration with that id."""
         return next(c.configuration for c in self.journal.configs if c.id == config_id)
 
+    def result_of(self, config_id: ConfigId) -> ResultLine:
+        """The result of that configuration at its largest budget."""
+        lines = [line for line in self.journal.results if line.id == config_id]
+        return max(lines, key=lambda line: (line.loss is not None, line.budget))
+
     def points(self) -> list[ResultPoint]:
         """All results, with the core seconds that the search had spent by then."""
         picks = {line.id: bool(line.info.get("model_based_pick")) for line in self.journal.configs}
@@ -61,9 +86,22 @@ class StudySummary:
             reached[line.id] = line.budget
             if line.loss is not None:
                 seconds = line.finished - began
-                point = ResultPoint(spent, line.budget, seconds, line.loss, picks[line.id])
+                point = ResultPoint(spent, line.budget, seconds, line.loss, picks[line.id], line.id)
                 points.append(point)
         return points
+
+    def validated_points(self) -> list[ValidatedPoint]:
+        """The finalists, the winner first; empty without a validation."""
+        if self.validation is None:
+            return []
+        before = self.journal.results[: self.validation.results]
+        known = self.points()[: sum(line.loss is not None for line in before)]
+        points = {point.id: point for point in known}  # the last of each, at its largest budget
+        spent = known[-1].spent + sum(line.budget for line in self.validation.finalists)
+        return [
+            ValidatedPoint(points[line.id], spent, line.loss or 0.0)
+            for line in self.validation.finalists
+        ]
 
     def core_seconds_left(self) -> int:
         """Core seconds left until all brackets are done, by their budgets."""
@@ -71,6 +109,24 @@ class StudySummary:
         for line in self.journal.results:
             reached[line.id] = max(line.budget, reached.get(line.id, 0))
         return max(core_seconds_to_run(self.rungs) - sum(reached.values()), 0)
+
+    def validation_table(self) -> str:
+        """The finalists' objectives over new seeds beside those of the search, in Markdown; empty
+        without a validation."""
+        if self.validation is None:
+            return ""
+        rows = [
+            "| configuration | core seconds | runs | SEs | objective | in the search |",
+            "| --- | --- | --- | --- | --- | --- |",
+        ]
+        for line in self.validation.finalists:
+            searched = self.result_of(line.id)
+            rows.append(
+                f"| {configuration_name(line.id)} | {line.budget} | {line.info['runs']} | "
+                f"{line.info['confirmed']} | {line.loss:.1f} | {searched.loss:.1f} "
+                f"({searched.budget} core seconds) |"
+            )
+        return "\n".join(rows) + "\n"
 
     def bracket_table(self) -> str:
         """Results by bracket and budget, in Markdown."""

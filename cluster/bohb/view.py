@@ -19,6 +19,7 @@ from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.tables import TALLIED, incumbents_csv, results_csv
+from cluster.bohb.validation import Validation
 from cluster.nes.run import start_of
 from cluster.nes.selection import BEST_FILE
 from cluster.nes.view import (
@@ -83,7 +84,9 @@ class StudyViews:
         study, ends = self.study, finals(self.study.folder)
         run_status = RunStatus.load(study.folder) or RunStatus("KILLED", self.identity.began, 0)
         over = self.live is None or run_status.status != "RUNNING"
-        summary = StudySummary(journal, study.schedule.brackets(run_status.target))
+        rungs = study.schedule.brackets(run_status.target)
+        validation = Validation.load(study.folder)
+        summary = StudySummary(journal, rungs, validation)
         tags = {"bilevel.kind": KIND}
         incumbent = summary.incumbent
         if incumbent is not None:
@@ -96,6 +99,10 @@ class StudyViews:
             )
             for number, line in summary.incumbents()
         ]
+        if validation is not None:
+            winner = validation.winner
+            validated = {"validated_objective": winner.loss or 0.0}
+            points.append(Point(validated, validation.results, winner.finished))
         points += [
             Point({"core_utilisation": line.info["core_utilisation"]}, number, line.finished)
             for number, line in enumerate(journal.results, start=1)
@@ -133,9 +140,12 @@ class StudyViews:
             return documents
 
         def picture() -> bytes:
-            return png(pictures.objective_against_cost(summary.points(), study.task, study.name))
+            points, validated = summary.points(), summary.validated_points()
+            figure = pictures.objective_against_cost(points, validated, study.task, study.name)
+            return png(figure)
 
-        results = f"{len(journal.results)} results"
+        validated = 0 if summary.validation is None else summary.validation.results
+        results = f"{len(journal.results)} results, {validated} validated"
         documents += [
             Document("objective_against_cost.png", results, picture),
             Document.of_text("brackets.md", summary.bracket_table()),
@@ -145,6 +155,8 @@ class StudyViews:
         ]
         if (study.folder / SPACE_FILE).exists():
             documents.append(Document.of_file(study.folder / SPACE_FILE, "journal/"))
+        if summary.validation is not None:
+            documents.append(Document.of_text("validation.md", summary.validation_table()))
         if incumbent is not None:
             # While the study runs, at every tenth result: the forest takes half a second.
             number = len(journal.results) if ended else len(journal.results) // 10 * 10
@@ -190,8 +202,9 @@ class StudyViews:
             "promoted one continues in the same run. `objective`, which is minimised, is the "
             "expected core time to an SE that fresh agents confirm: the core seconds of all runs "
             "of a configuration, divided by the number of its confirmed SEs (a run that is not "
-            "over counts as half of one at most). `final_*` are of fresh agents trained on the "
-            "best SE of all configurations."
+            "over counts as half of one at most). `validated_objective` is that of the recipe that "
+            "is handed over, from new runs with seeds that no choice was made on (validation.md). "
+            "`final_*` are of fresh agents trained on the best SE of all configurations."
         )
 
     # -- a configuration's run ---------------------------------------------------
@@ -276,7 +289,7 @@ def study_progress(folder: Path, brackets: int) -> Progress:
     InvalidInput."""
     journal = Journal(folder)
     rungs = Study.read(folder).schedule.brackets(brackets)
-    incumbent = StudySummary(journal, rungs).incumbent
+    incumbent = StudySummary(journal, rungs, Validation.load(folder)).incumbent
     best = "" if incumbent is None else f"{incumbent.loss:.0f} core s"
     results = len(journal.results)
     if brackets >= ENDLESS:

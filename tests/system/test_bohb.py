@@ -12,10 +12,11 @@ import mlflow.entities
 import pytest
 
 from bilevel.synthetic_env import load_se
-from cluster.bohb.command import INCUMBENT_FILE
+from cluster.bohb.handover import INCUMBENT_FILE
 from cluster.bohb.journal import Journal
 from cluster.bohb.runs import ConfigurationRuns
-from cluster.bohb.study import SPACE_FILE, Study
+from cluster.bohb.study import RECIPE_FILE, SPACE_FILE, Study, configuration_name
+from cluster.bohb.validation import Validation
 from search_spaces import search_space
 from tests.commands import BILEVEL, run_bilevel
 from tests.system.conftest import client, run_until
@@ -32,6 +33,13 @@ SMOKE = (
 def results(home: Path, study: str = "smoke") -> dict[object, float | None]:
     journal = Journal(home / "CartPole-v0" / study)
     return {(line.id, line.budget): line.loss for line in journal.results}
+
+
+def handed_over(home: Path) -> list[tuple[object, float | None]]:
+    """The finalists over new seeds, the winner first."""
+    validation = Validation.load(home / "CartPole-v0" / "smoke")
+    assert validation is not None
+    return [(line.id, line.loss) for line in validation.finalists]
 
 
 def tracked_runs(home: Path) -> list[mlflow.entities.Run]:
@@ -57,7 +65,8 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     assert "drawn at random: nes.1-averaging 0." in output
     assert "4 fresh agents trained on the best SE score" in output
     assert "of the cores' time while trials ran" in output
-    assert "the best of several configurations was also lucky" in output
+    assert "validating the best 3 configurations with new seeds" in output
+    assert len(re.findall(r"with new seeds; objective \d+ \(in the search \d+\)", output)) == 3
     assert (home / "CartPole-v0" / "smoke" / SPACE_FILE).exists()
     journal = Journal(home / "CartPole-v0" / "smoke")
     assert all(0 < line.info["core_utilisation"] < 1 for line in journal.results)
@@ -65,6 +74,12 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     runs = [ConfigurationRuns.read(study, line.id, line.configuration) for line in journal.configs]
     spent = sorted(round(one.tally.cost) for one in runs)
     assert spent == [1, 1, 3]
+    validation = Validation.load(study.folder)
+    assert validation is not None
+    assert validation.results == 4
+    winner = configuration_name(validation.winner.id)
+    assert f"incumbent {winner}: " in output
+    assert f"configuration {winner}\n" in (study.folder / RECIPE_FILE).read_text()
 
 
 def test_a_terminal_shows_what_has_begun(
@@ -103,12 +118,14 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
     assert {r.data.tags["mlflow.parentRunId"] for r in children} == {parent.info.run_id}
     assert "BOHB over NES" in parent.data.tags["mlflow.note.content"]
     assert parent.data.metrics["final_score_mean"] > 0
+    assert parent.data.metrics["validated_objective"] > 0
     assert 0 < parent.data.metrics["core_utilisation"] < 1
     names = {file.path for file in mlflow_client.list_artifacts(parent.info.run_id)}
     assert {
         "objective_against_cost.png",
         "brackets.md",
         "incumbent.json",
+        "validation.md",
         "recipe.toml",
         "journal",
         "best_se.safetensors",
@@ -182,6 +199,7 @@ def test_ctrl_c_stops_orderly_and_the_same_command_goes_on(
     result = run_bilevel(*SMOKE, *args, "--home", tmp_home)
     assert result.returncode == 0, result.stderr
     assert results(tmp_home) == results(study_home[0])
+    assert handed_over(tmp_home) == handed_over(study_home[0])
     assert not Path(told).exists()  # a retested one is there instead
     runs = tracked_runs(tmp_home)
     assert len(runs) == 4
@@ -201,7 +219,7 @@ def test_time_budget_ends_the_search(
     args = ("--brackets", "99", "--time-budget", "16s", "--address", address)
     result = run_bilevel(*SMOKE, *args, "--home", tmp_home)
     assert "resuming 3 configurations of this study from checkpoints" in result.stdout
-    assert "the time budget is spent" in result.stdout
+    assert "the time for the search is over" in result.stdout
     # a number of brackets that the study will not reach is not shown
     assert "/99" not in result.stdout
     scored = "fresh agents trained on the best SE" in result.stdout

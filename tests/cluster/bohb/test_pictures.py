@@ -6,7 +6,7 @@ from matplotlib.figure import Figure
 
 from bilevel.tasks import Task
 from cluster.bohb.pictures import objective_against_cost
-from cluster.bohb.summary import ResultPoint
+from cluster.bohb.summary import ResultPoint, ValidatedPoint
 from cluster.tracking.pictures import png
 
 
@@ -24,16 +24,18 @@ def labels(figure: Figure) -> list[str]:
 
 def test_bad_draws_do_not_crush_the_best(cartpole: Task) -> None:
     """The differences between 40, 60 and 80 core seconds take a fifth of the height."""
-    figure = objective_against_cost(points(6000.0, 900.0, 5000.0, 80.0, 60.0, 40.0), cartpole, "s")
+    figure = objective_against_cost(
+        points(6000.0, 900.0, 5000.0, 80.0, 60.0, 40.0), [], cartpole, "s"
+    )
     (axes, *_) = figure.axes
     figure.canvas.draw()
     heights = axes.transAxes.inverted().transform(axes.transData.transform([(0, 40), (0, 80)]))
     assert heights[1, 1] - heights[0, 1] > 0.1
-    assert "incumbent after 5 core seconds: 40" in labels(figure)
+    assert "best so far after 5 core seconds: 40" in labels(figure)
 
 
 def test_a_second_axis_tells_minutes(cartpole: Task) -> None:
-    figure = objective_against_cost(points(10.0, 20.0, 30.0, 40.0, 50.0), cartpole, "study")
+    figure = objective_against_cost(points(10.0, 20.0, 30.0, 40.0, 50.0), [], cartpole, "study")
     figure.canvas.draw()
     (above,) = figure.axes[0].child_axes
     assert above.get_xlabel() == "minutes since the search began"
@@ -41,7 +43,7 @@ def test_a_second_axis_tells_minutes(cartpole: Task) -> None:
 
 
 def test_a_short_search_is_told_in_seconds(cartpole: Task) -> None:
-    figure = objective_against_cost(points(10.0, 20.0), cartpole, "study")
+    figure = objective_against_cost(points(10.0, 20.0), [], cartpole, "study")
     figure.canvas.draw()
     (above,) = figure.axes[0].child_axes
     assert above.get_xlabel() == "seconds since the search began"
@@ -52,4 +54,18 @@ def test_a_short_search_is_told_in_seconds(cartpole: Task) -> None:
 
 @pytest.mark.parametrize("objectives", [(), (9.0,), (9.0, 9.0), (9000.0, 9000.0, 80.0)])
 def test_few_or_equal_results_are_drawn_too(objectives: tuple[float, ...], acrobot: Task) -> None:
-    assert png(objective_against_cost(points(*objectives), acrobot, "study"))
+    assert png(objective_against_cost(points(*objectives), [], acrobot, "study"))
+
+
+def test_finalists_are_within_the_axes(cartpole: Task) -> None:
+    """They come after the last result; the incumbent's objective over new seeds is told."""
+    searched = points(50.0, 20.0, 30.0)
+    validated = [
+        ValidatedPoint(searched[2], 25, 70.0),
+        ValidatedPoint(searched[1], 25, 90.0),
+    ]
+    figure = objective_against_cost(searched, validated, cartpole, "study")
+    figure.canvas.draw()
+    assert figure.axes[0].get_xlim()[1] > 25
+    assert "incumbent, new seeds: 70" in labels(figure)
+    assert "other finalists, new seeds: 90" in labels(figure)

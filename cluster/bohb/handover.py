@@ -1,0 +1,182 @@
+"""The end of a study: its recipe and its best SE are chosen and written."""
+
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+
+from bilevel.durable import write_aside
+from bilevel.errors import InvalidInput
+from bilevel.synthetic_env import save_se
+from cluster.bohb.journal import Journal, ResultLine
+from cluster.bohb.objective import Tally
+from cluster.bohb.runs import ConfigurationRuns
+from cluster.bohb.study import RECIPE_FILE, Study, configuration_name
+from cluster.bohb.summary import StudySummary
+from cluster.bohb.validation import Validation, finalists, validate
+from cluster.nes.selection import (
+    RACERS,
+    Contender,
+    agents_needed,
+    choose_best,
+    evaluate_holdout,
+    export_best,
+    in_time,
+    race,
+)
+from cluster.ray.pool import EvaluationPool
+from cluster.session.session import Session
+from cluster.session.terminal import count, duration
+from cluster.tracking.registry import model_address
+
+#: File with the incumbent's best SE, of a search that was interrupted.
+INCUMBENT_FILE = "incumbent_se.safetensors"
+
+
+class Handover:
+    """Chooses what a study hands over, and tells it."""
+
+    def __init__(self, study: Study, journal: Journal, session: Session) -> None:
+        self.study = study
+        self.journal = journal
+        self.session = session
+        self.terminal = session.terminal
+
+    def finish(self, pool: EvaluationPool, final_agents: int, is_over: Callable[[], bool]) -> bool:
+        """Validate the best configurations, choose the best SE of all, and score it with fresh
+        agents; return whether there is one. `is_over` tells whether the time is. Raises
+        StorageFailure."""
+        study, line = self.study, self.terminal.line
+        self._validate(pool, is_over)
+        contenders = self._contenders(pool)
+        if not contenders:
+            line(
+                "no configuration finished a generation: see the errors above"
+                if self.journal.results
+                else "no configuration finished a generation in this time"
+            )
+            return False
+        if len(contenders) > 1:
+            line(f"retesting the {len(contenders)} best SEs with fresh agents")
+        rounds = race(final_agents)
+        self.terminal.bar("retesting", 0, agents_needed(len(contenders), rounds), "tests")
+        step, seed = self.terminal.step, (study.seed,)
+        best = choose_best(study.task, contenders, seed, pool, step, in_time(rounds, is_over))
+        score = evaluate_holdout(study.task, best, final_agents, seed, pool)
+        path = export_best(best.se, score, study.folder, len(self.journal.results))
+        (study.folder / INCUMBENT_FILE).unlink(missing_ok=True)  # of an interruption before
+        incumbent = self._tell_incumbent()
+        line(str(score))
+        if incumbent is not None:
+            self._tell_recipe()
+        model = model_address(study.task.id, "newest")
+        line(f"best SE: {path}  ({model} in MLflow's model registry)")
+        line(f"results: {self.session.shown_at(self.session.identity.uuid)}")
+        line("run the same command again to add brackets")
+        return True
+
+    def interrupted(self) -> None:
+        """Say what the interrupted search has found, and save its best SE. Raises
+        StorageFailure."""
+        incumbent = self._tell_incumbent()
+        if incumbent is None:
+            return
+        configuration = self._summary.configuration(incumbent.id)
+        best = ConfigurationRuns.read(self.study, incumbent.id, configuration).best
+        if best is not None:
+            path = self.study.folder / INCUMBENT_FILE
+            save_se(best, path)
+            self.terminal.line(f"its best SE, not retested: {path}")
+
+    # -- the recipe --------------------------------------------------------------
+
+    def _validate(self, pool: EvaluationPool, is_over: Callable[[], bool]) -> None:
+        """Run the finalists with new seeds, and say what came of it."""
+        line = self.terminal.line
+        chosen = finalists(self.journal, Validation.load(self.study.folder))
+        if len(chosen) < 2:
+            return
+        line(f"validating the best {len(chosen)} configurations with new seeds")
+        started = time.monotonic()
+
+        def progress(spent: float, total: float) -> None:
+            seconds = (time.monotonic() - started) * (total / max(spent, 1e-9) - 1)
+            note = f"ETA {duration(seconds)}" if spent else ""
+            self.terminal.bar("validating", spent, total, "core s", note)
+
+        found = validate(self.study, self.journal, pool, line, progress, is_over)
+        if found is None or found.results < len(self.journal.results):
+            line("the time was not enough for it; run the same command again to go on")
+            return
+        for finalist in found.finalists:
+            before = self._summary.result_of(finalist.id)
+            line(
+                f"{configuration_name(finalist.id)} {Tally.told(finalist.info)} with new seeds; "
+                f"objective {finalist.loss:.0f} (in the search {before.loss:.0f})"
+            )
+
+    def _tell_incumbent(self) -> ResultLine | None:
+        """Write the incumbent's recipe and print it."""
+        line, summary = self.terminal.line, self._summary
+        line(
+            f"{count(len(self.journal.results), 'result')} of "
+            f"{count(len(self.journal.configs), 'configuration')} "
+            f"({summary.model_based} proposed by the model)"
+        )
+        incumbent = summary.incumbent
+        if incumbent is None:
+            return None
+        origin = ", the recipe that the search began with" if self._is_base(incumbent) else ""
+        line(
+            f"incumbent {configuration_name(incumbent.id)}{origin}: "
+            f"{Tally.told(incumbent.info)}, objective {incumbent.loss:.0f}"
+        )
+        found = summary.configuration(incumbent.id)
+        text = self.study.recipe_text(incumbent.id, found)
+        write_aside(self.study.folder / RECIPE_FILE, text.encode())
+        for name, value in found.items():
+            line(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")
+        return incumbent
+
+    def _is_base(self, result: ResultLine) -> bool:
+        return any(line.id == result.id and line.of_prior for line in self.journal.configs)
+
+    def _tell_recipe(self) -> None:
+        line, study = self.terminal.line, self.study
+        call = self.session.home.hint(f"nes {study.task.id} --recipe {study.name}")
+        line(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE by it with {call}")
+        if len(self.journal.configs) > 1 and self._summary.validation is None:
+            line(
+                "the best of several configurations was also lucky: with other seeds, expect "
+                "its recipe to take longer than its objective tells (docs/tuning.md)"
+            )
+
+    @property
+    def _summary(self) -> StudySummary:
+        return StudySummary(self.journal, validation=Validation.load(self.study.folder))
+
+    # -- the best SE -------------------------------------------------------------
+
+    def _contenders(self, pool: EvaluationPool) -> list[Contender]:
+        """The SEs of all configurations that were confirmed, then those that scored highest in
+        their own runs. A damaged or lost checkpoint is recomputed."""
+        found = []
+        for runs in self._all_runs(pool):
+            hp = runs.run(0).hp
+            for state in runs.states:
+                ses = [state.best] if state.confirmed else state.candidates
+                found += [
+                    ((state.confirmed, finalist.rank), Contender(se, hp))
+                    for finalist, se in zip(state.finalists, ses, strict=False)
+                ]
+        found.sort(key=lambda pair: pair[0], reverse=True)
+        return [contender for _, contender in found[:RACERS]]
+
+    def _all_runs(self, pool: EvaluationPool) -> Iterator[ConfigurationRuns]:
+        """The runs of every configuration, and those of its validation."""
+        reached, tell = self.journal.reached, self.terminal.line
+        for line in self.journal.configs:
+            with suppress(InvalidInput):  # it failed, because its values do not fit together
+                runs = ConfigurationRuns.open(self.study, line.id, line.configuration, tell)
+                runs.spend(reached.get(line.id, 0), pool)
+                yield runs
+                yield ConfigurationRuns.read(self.study, line.id, line.configuration, True)

@@ -1,0 +1,129 @@
+"""The finalists of a search, on new seeds: which of them is handed over.
+
+The best of many noisy results is also the luckiest, so its objective is too good. Before a recipe
+is handed over, the configurations with the best results, and the recipe that the search began with,
+run NES with seeds that no choice was made on, all for the same core time:
+
+    finalists <- the recipe, the last winner, and the best results at the largest budget
+    while time is left and some finalist has not spent its core seconds:
+        the finalist that has spent least advances by a generation
+    incumbent <- the best objective over these runs alone
+
+A search that goes on is validated again, for longer; the runs of finalists that were there before
+count again.
+"""
+
+import json
+import math
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Self
+
+from bilevel.decode import decode_file
+from bilevel.durable import write_aside
+from cluster.bohb.journal import ConfigId, Journal, ResultLine
+from cluster.bohb.runs import ConfigurationRuns
+from cluster.bohb.study import Study
+from cluster.ray.pool import EvaluationPool
+
+#: Configurations that a search validates, the recipe that it began with among them. The last
+#: winner may come on top.
+FINALISTS = 3
+#: Share of a study's core time, and of its time budget, that is kept for validation.
+SHARE = 0.25
+#: Part of the core seconds that finalists must have spent when time is up, to be compared.
+_ENOUGH = 0.5
+
+#: File of a study with its last validation.
+VALIDATION_FILE = "validation.json"
+
+
+@dataclass(frozen=True)
+class Validation:
+    """What the finalists' new runs came to."""
+
+    results: int  # of the search, by which the finalists were chosen
+    finalists: tuple[ResultLine, ...]  # best first; budgets are of the new runs alone
+
+    @classmethod
+    def load(cls, folder: Path) -> Self | None:
+        """A study's last one; None before the first. Raises InvalidInput if damaged."""
+        path = folder / VALIDATION_FILE
+        return decode_file(cls, path, "damaged validation") if path.exists() else None
+
+    def save(self, folder: Path) -> None:
+        """Write durably. Raises StorageFailure."""
+        write_aside(folder / VALIDATION_FILE, json.dumps(asdict(self)).encode())
+
+    @property
+    def winner(self) -> ResultLine:
+        """The finalist that is handed over."""
+        return self.finalists[0]
+
+
+def finalists(journal: Journal, before: Validation | None) -> list[ConfigId]:
+    """The configurations to validate, in the order of their proposals; fewer than two need no
+    validation."""
+    results = [line for line in journal.results if line.loss is not None]
+    largest = max((line.budget for line in results), default=0)
+    best = sorted(
+        (line for line in results if line.budget == largest), key=lambda line: line.loss or 0.0
+    )
+    chosen = {line.id for line in journal.configs if line.of_prior and line.id in journal.reached}
+    for line in best:
+        if len(chosen) < FINALISTS:
+            chosen.add(line.id)
+    if before is not None:
+        chosen.add(before.winner.id)
+    return [line.id for line in journal.configs if line.id in chosen]
+
+
+def core_seconds_each(journal: Journal, number: int) -> int:
+    """Core seconds of new runs for each of so many finalists: SHARE of the study's for all."""
+    searched = sum(journal.reached.values())
+    return math.ceil(SHARE / (1 - SHARE) * searched / number)
+
+
+def validate(
+    study: Study,
+    journal: Journal,
+    pool: EvaluationPool,
+    tell: Callable[[str], None],
+    progress: Callable[[float, float], None],
+    is_over: Callable[[], bool],
+) -> Validation | None:
+    """Run the finalists and write what came of it; the last validation if there was not enough
+    time, or nothing to compare.
+
+    `progress` takes the core seconds spent and those of all finalists. What has been run is on
+    disk, and is not run again. Raises StorageFailure.
+    """
+    before = Validation.load(study.folder)
+    chosen = finalists(journal, before)
+    if len(chosen) < 2:
+        return before
+    each = core_seconds_each(journal, len(chosen))
+    configurations = {line.id: line.configuration for line in journal.configs}
+    runs = [
+        ConfigurationRuns.open(study, one, configurations[one], tell, validation=True)
+        for one in chosen
+    ]
+    started = time.time()
+    while (left := [one for one in runs if not one.spent(each)]) and not is_over():
+        progress(sum(min(one.tally.cost, each) for one in runs), float(each * len(runs)))
+        min(left, key=lambda one: one.tally.cost).advance(pool)
+    if min(one.tally.cost for one in runs) < _ENOUGH * each:
+        return before
+    now = time.time()
+    stamps = {"submitted": started, "started": started, "finished": now}
+    lines = [
+        ResultLine(one.id, round(one.tally.cost), one.tally.objective, one.tally.info, stamps)
+        for one in runs
+    ]
+    found = Validation(
+        len(journal.results), tuple(sorted(lines, key=lambda line: line.loss or 0.0))
+    )
+    found.save(study.folder)
+    return found

@@ -1,0 +1,199 @@
+"""The finalists of a search run anew, and the best of these runs is handed over."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from bilevel.errors import InvalidInput
+from bilevel.evaluation import EvaluationRequest, EvaluationResult
+from bilevel.synthetic_env import SE, SEDistribution
+from bilevel.tasks import Task
+from cluster.bohb.journal import ConfigLine, Journal, ResultLine
+from cluster.bohb.runs import ConfigurationRuns
+from cluster.bohb.study import Study
+from cluster.bohb.summary import StudySummary
+from cluster.bohb.validation import (
+    SHARE,
+    VALIDATION_FILE,
+    Validation,
+    core_seconds_each,
+    finalists,
+    validate,
+)
+from cluster.ray.pool import EvaluationPool
+from tests.studies import MadeUpPool, make_study
+
+STAMPS = {"submitted": 0.0, "started": 0.0, "finished": 1.0}
+
+
+def journal_of(folder: Path, losses: dict[int, float | None], prior: int | None = None) -> Journal:
+    """A journal with these configurations at the budget 3; number `prior` is the recipe's own."""
+    journal = Journal(folder)
+    for number, loss in losses.items():
+        info = {"prior": "itself"} if number == prior else {}
+        journal.add_config(ConfigLine((0, 0, number), {}, info))
+        journal.add_result(ResultLine((0, 0, number), 3, loss, {}, STAMPS))
+    return journal
+
+
+def run_validation(
+    study: Study,
+    is_over: Callable[[], bool] = lambda: False,
+    pool: EvaluationPool | None = None,
+) -> tuple[Validation | None, list[tuple[float, float]]]:
+    told: list[tuple[float, float]] = []
+
+    def progress(spent: float, total: float) -> None:
+        told.append((spent, total))
+
+    journal = Journal(study.folder)
+    found = validate(study, journal, pool or MadeUpPool(), lambda line: None, progress, is_over)
+    return found, told
+
+
+class CountingPool(MadeUpPool):
+    """Keeps the cost of its longest call, in core seconds."""
+
+    most = 0.0
+
+    def run(
+        self,
+        task: Task,
+        se: SE | SEDistribution | None,
+        requests: Sequence[EvaluationRequest],
+        on_result: Callable[[EvaluationResult], None] = lambda result: None,
+    ) -> list[EvaluationResult]:
+        results = super().run(task, se, requests, on_result)
+        self.most = max(self.most, sum(result.cost for result in results))
+        return results
+
+
+class TestFinalists:
+    def test_the_best_at_the_largest_budget(self, tmp_path: Path) -> None:
+        journal = journal_of(tmp_path, {0: 50.0, 1: 20.0, 2: None, 3: 40.0, 4: 30.0})
+        journal.add_config(ConfigLine((0, 0, 5), {}, {}))
+        journal.add_result(ResultLine((0, 0, 5), 1, 1.0, {}, STAMPS))  # a smaller budget
+        assert finalists(journal, None) == [(0, 0, 1), (0, 0, 3), (0, 0, 4)]
+
+    def test_the_recipe_is_one_of_them(self, tmp_path: Path) -> None:
+        """Whatever its result was: so what is handed over has been compared with it."""
+        journal = journal_of(tmp_path, {0: 90.0, 1: 20.0, 2: 30.0, 3: 40.0}, prior=0)
+        assert finalists(journal, None) == [(0, 0, 0), (0, 0, 1), (0, 0, 2)]
+
+    def test_the_last_winner_comes_on_top(self, tmp_path: Path) -> None:
+        journal = journal_of(tmp_path, {0: 90.0, 1: 20.0, 2: 30.0, 3: 40.0})
+        before = Validation(2, (ResultLine((0, 0, 0), 5, 9.0, {}, STAMPS),))
+        assert finalists(journal, before) == [(0, 0, number) for number in range(4)]
+
+    def test_nothing_to_compare(self, tmp_path: Path) -> None:
+        assert len(finalists(journal_of(tmp_path, {0: 90.0, 1: None}), None)) == 1
+        assert finalists(Journal(tmp_path / "empty"), None) == []
+
+    def test_validation_takes_its_share_of_the_core_time(self, tmp_path: Path) -> None:
+        journal = journal_of(tmp_path, dict.fromkeys(range(30), 5.0))
+        searched, validated = 30 * 3, 3 * core_seconds_each(journal, 3)
+        assert validated == pytest.approx(SHARE * (searched + validated), rel=0.05)
+
+
+class TestValidation:
+    def test_new_runs_for_the_same_core_time(self, tmp_path: Path) -> None:
+        study = make_study(tmp_path)
+        journal = Journal(study.folder)
+        found, told = run_validation(study)
+        assert found is not None
+        assert found == Validation.load(study.folder)
+        assert found.results == len(journal.results)
+        assert {line.id for line in found.finalists} == set(finalists(journal, None))
+        each = core_seconds_each(journal, len(found.finalists))
+        assert all(line.info["core_seconds"] >= each for line in found.finalists)
+        losses = [line.loss for line in found.finalists if line.loss is not None]
+        assert losses == sorted(losses)
+        assert len(losses) == len(found.finalists)
+        assert [spent for spent, _ in told] == sorted(spent for spent, _ in told)
+        assert all(0 <= spent <= total for spent, total in told)
+
+    def test_no_run_of_the_search_counts(self, tmp_path: Path) -> None:
+        study = make_study(tmp_path)
+        found, _ = run_validation(study)
+        assert found is not None
+        for line in Journal(study.folder).configs:
+            if line.id in {one.id for one in found.finalists}:
+                old = ConfigurationRuns.read(study, line.id, line.configuration)
+                new = ConfigurationRuns.read(study, line.id, line.configuration, validation=True)
+                seeds = [{runs.run(i).seed for i in range(3)} for runs in (old, new)]
+                assert not seeds[0] & seeds[1]
+                (result,) = [one for one in found.finalists if one.id == line.id]
+                assert (result.loss, result.info) == (new.tally.objective, new.tally.info)
+
+    def test_finalists_keep_pace(self, tmp_path: Path) -> None:
+        """Whenever time is up, all have spent the same but for a generation."""
+        study = make_study(tmp_path)
+        chosen = finalists(Journal(study.folder), None)
+        rounds = iter(range(4 * len(chosen)))
+        pool = CountingPool()
+        run_validation(study, lambda: next(rounds, None) is None, pool)
+        configurations = {one.id: one.configuration for one in Journal(study.folder).configs}
+        costs = [
+            ConfigurationRuns.read(study, one, configurations[one], validation=True).tally.cost
+            for one in chosen
+        ]
+        assert min(costs) > 0
+        assert max(costs) - min(costs) <= pool.most
+
+    def test_too_little_time_leaves_what_was_there(self, tmp_path: Path) -> None:
+        study = make_study(tmp_path)
+        assert run_validation(study, lambda: True)[0] is None
+        assert not (study.folder / VALIDATION_FILE).exists()
+        found, _ = run_validation(study)
+        assert found is not None
+        shorter = replace(found, results=1)
+        shorter.save(study.folder)
+        for runs in study.folder.glob("configurations/*/validation-*/*"):
+            runs.unlink()
+        assert run_validation(study, lambda: True)[0] == shorter
+
+    def test_interrupted_it_goes_on(self, tmp_path: Path) -> None:
+        """It comes to the same, generation by generation."""
+        whole, _ = run_validation(make_study(tmp_path / "whole"))
+        study = make_study(tmp_path / "stopped")
+        rounds = iter(range(5))
+        run_validation(study, lambda: next(rounds, None) is None)
+        rest, told = run_validation(study)
+        assert whole is not None
+        assert rest is not None
+        assert told[0][0] > 0
+        assert [(one.id, one.loss) for one in rest.finalists] == [
+            (one.id, one.loss) for one in whole.finalists
+        ]
+
+    def test_damage_is_told(self, tmp_path: Path) -> None:
+        (tmp_path / VALIDATION_FILE).write_text('{"results": 3}')
+        with pytest.raises(InvalidInput, match="damaged validation"):
+            Validation.load(tmp_path)
+
+
+def test_the_winner_is_the_incumbent(tmp_path: Path) -> None:
+    study = make_study(tmp_path)
+    journal = Journal(study.folder)
+    before = StudySummary(journal)
+    assert before.leader is not None
+    assert before.incumbent == before.leader
+    assert before.validation_table() == ""
+    assert before.validated_points() == []
+    found, _ = run_validation(study)
+    assert found is not None
+    reverse = replace(found, finalists=found.finalists[::-1])
+    summary = StudySummary(journal, validation=reverse)
+    assert summary.incumbent == found.finalists[-1]
+    assert summary.leader == before.leader
+    assert summary.validation_table().count("\n") == 2 + len(found.finalists)
+    points = summary.validated_points()
+    assert [point.objective for point in points] == [line.loss for line in reverse.finalists]
+    searched = sum(journal.reached.values())
+    assert {point.spent for point in points} == {
+        searched + sum(line.budget for line in found.finalists)
+    }
+    for point, line in zip(points, reverse.finalists, strict=True):
+        assert point.searched.objective == summary.result_of(line.id).loss
