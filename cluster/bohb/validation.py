@@ -4,7 +4,7 @@ The best of many noisy results is also the luckiest, so its objective is too goo
 is handed over, the configurations with the best results, and the recipe that the search began with,
 run NES with seeds that no choice was made on, all for the same core time:
 
-    finalists <- the recipe, the last winner, and the best results at the largest budget
+    finalists <- the recipe, the last winner, and the best results at the largest budgets
     while time is left and some finalist has not spent its core seconds:
         the finalist that has spent least advances by a generation
     incumbent <- the best objective over these runs alone
@@ -67,10 +67,7 @@ def finalists(journal: Journal, before: Validation | None) -> list[ConfigId]:
     """The configurations to validate, in the order of their proposals; fewer than two need no
     validation."""
     results = [line for line in journal.results if line.loss is not None]
-    largest = max((line.budget for line in results), default=0)
-    best = sorted(
-        (line for line in results if line.budget == largest), key=lambda line: line.loss or 0.0
-    )
+    best = sorted(results, key=lambda line: (-line.budget, line.loss))
     chosen = {line.id for line in journal.configs if line.of_prior and line.id in journal.reached}
     for line in best:
         if len(chosen) < FINALISTS:

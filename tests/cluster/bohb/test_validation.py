@@ -77,6 +77,14 @@ class TestFinalists:
         journal.add_result(ResultLine((0, 0, 5), 1, 1.0, {}, STAMPS))  # a smaller budget
         assert finalists(journal, None) == [(0, 0, 1), (0, 0, 3), (0, 0, 4)]
 
+    def test_then_those_at_smaller_budgets(self, tmp_path: Path) -> None:
+        """So that a short search, which has one result at its largest budget, is validated too."""
+        journal = journal_of(tmp_path, {0: 50.0})
+        for number, loss in {1: 9.0, 2: 7.0, 3: 8.0}.items():
+            journal.add_config(ConfigLine((0, 0, number), {}, {}))
+            journal.add_result(ResultLine((0, 0, number), 1, loss, {}, STAMPS))
+        assert finalists(journal, None) == [(0, 0, 0), (0, 0, 2), (0, 0, 3)]
+
     def test_the_recipe_is_one_of_them(self, tmp_path: Path) -> None:
         """Whatever its result was: so what is handed over has been compared with it."""
         journal = journal_of(tmp_path, {0: 90.0, 1: 20.0, 2: 30.0, 3: 40.0}, prior=0)
