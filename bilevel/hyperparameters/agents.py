@@ -80,9 +80,13 @@ class _OffPolicy(AgentHyperparameters):
 
     @property
     def step_cost(self) -> float:
-        """A minibatch's pass through the network, its first and last layer counted as
-        narrow."""
-        between = self.hidden_size * (self.hidden_layers - 1)
+        """A minibatch's pass through the network."""
+        return self._pass_cost(self.hidden_layers)
+
+    def _pass_cost(self, hidden_layers: int) -> float:
+        """Multiplications of a minibatch's pass through so many hidden layers; the first and the
+        last product are counted as narrow."""
+        between = self.hidden_size * (hidden_layers - 1)
         return float(self.batch_size * self.hidden_size * (between + 8))
 
 
@@ -113,6 +117,11 @@ class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
                 "DuelingDDQN hidden_size must be at least 2, one unit a stream; "
                 f"got {self.hidden_size}"
             )
+
+    @property
+    def step_cost(self) -> float:
+        """A minibatch's pass through the network, which has one hidden layer more."""
+        return self._pass_cost(self.hidden_layers + 1)
 
     def network(self, state_size: int, n_actions: int) -> Network:
         """The shape of the Q-network: one hidden layer more, half of whose units belong to the
@@ -149,7 +158,7 @@ class TD3Hyperparameters(_OffPolicy, agent="td3"):
 
     @property
     def step_cost(self) -> float:
-        """Multiplications per gradient step, of both critics."""
+        """A minibatch's pass through both critics."""
         return 2 * super().step_cost
 
     def networks(self, state_size: int, n_actions: int) -> tuple[Network, Network]:

@@ -72,3 +72,15 @@ def test_unknown_and_missing_fields() -> None:
         SEHyperparameters(structure="plain", hidden_layers=1, hidden_size=4, step_limit=0)  # type: ignore[call-arg]
     with pytest.raises(InvalidInput, match=r"^hyperparameters: 'nes' is missing$"):
         Hyperparameters.from_dict({})
+
+
+@pytest.mark.parametrize("name", ["ddqn", "dueling-ddqn"])
+@pytest.mark.parametrize("layers", [1, 3])
+def test_the_cost_of_a_step_counts_every_hidden_layer(name: str, layers: int) -> None:
+    """A dueling network has one more than its hyperparameters say."""
+    (agent,) = load_recipe("default", "CartPole-v0", agents=(name,)).agents
+    assert isinstance(agent, DDQNHyperparameters)
+    agent = replace(agent, hidden_layers=layers)
+    wide = [n_in * n_out for n_in, n_out in agent.network(4, 2).shapes if min(n_in, n_out) > 4]
+    counted = agent.batch_size * (sum(wide) + 8 * agent.hidden_size)
+    assert agent.step_cost == counted
