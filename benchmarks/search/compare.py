@@ -3,7 +3,7 @@
     python -m benchmarks.search.compare CartPole-v0 --seeds 0 1 2 3 4 5 --home FOLDER
 
 Each search is one `bilevel bohb TASK --method METHOD --seed SEED` in the space `core`, of so many
-core seconds. Its recipe then runs NES with fresh seeds, the same for all recipes, until an SE is
+core seconds and a third as many for its validation. Its recipe then runs NES with fresh seeds, the same for all recipes, until an SE is
 confirmed or the generations are over; ten fresh agents of the paper's full ranges score the SE.
 The recipe `default` is measured alike. Results are written one by one to
 `results/search_TASK.json`; the same command resumes.
@@ -94,7 +94,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("task")
     parser.add_argument("--seeds", type=int, nargs="+", required=True)
-    parser.add_argument("--core-seconds", type=int, default=1890, help="of a search")
+    parser.add_argument("--core-seconds", type=int, default=1890, help="of a search, without validation")
     parser.add_argument("--fresh", type=int, default=10, help="NES runs of each recipe")
     parser.add_argument("--home", type=Path, required=True)
     options = parser.parse_args()
