@@ -3,10 +3,10 @@
     python -m benchmarks.search.compare CartPole-v0 --seeds 0 1 2 3 4 5 --home FOLDER
 
 Each search is one `bilevel bohb TASK --method METHOD --seed SEED` in the space `core`, of so many
-core seconds and a third as many for its validation. Its recipe then runs NES with fresh seeds, the same for all recipes, until an SE is
-confirmed or the generations are over; ten fresh agents of the paper's full ranges score the SE.
-The recipe `default` is measured alike. Results are written one by one to
-`results/search_TASK.json`; the same command resumes.
+core seconds and a third as many for its validation. Its recipe then runs NES with fresh seeds, the
+same for all recipes, until an SE is confirmed or the generations are over; ten fresh agents of the
+paper's full ranges score the SE. The recipe `default` is measured alike. Results are written one by
+one to `results/search_TASK.json`; the same command resumes.
 """
 
 import argparse
