@@ -94,7 +94,9 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("task")
     parser.add_argument("--seeds", type=int, nargs="+", required=True)
-    parser.add_argument("--core-seconds", type=int, default=1890, help="of a search, without validation")
+    parser.add_argument(
+        "--core-seconds", type=int, default=1890, help="of a search, without validation"
+    )
     parser.add_argument("--fresh", type=int, default=10, help="NES runs of each recipe")
     parser.add_argument("--home", type=Path, required=True)
     options = parser.parse_args()

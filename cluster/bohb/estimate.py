@@ -31,10 +31,14 @@ class Estimate:
     cores: int
 
     @property
-    def core_seconds(self) -> int:
-        """Core seconds of all configurations, by their budgets, and of the validation."""
-        searched = core_seconds_to_run(self.schedule.brackets(self.brackets))
-        return round(searched / (1 - SHARE))
+    def searched(self) -> int:
+        """Core seconds of all configurations, by their budgets."""
+        return core_seconds_to_run(self.schedule.brackets(self.brackets))
+
+    @property
+    def validated(self) -> int:
+        """Core seconds of the validation."""
+        return round(SHARE / (1 - SHARE) * self.searched)
 
     @property
     def configurations(self) -> int:
@@ -44,7 +48,7 @@ class Estimate:
     @property
     def seconds(self) -> float:
         """Wall-clock seconds on all cores."""
-        return self.core_seconds * self.speed / self.cores
+        return (self.searched + self.validated) * self.speed / self.cores
 
     def within(self, seconds: float) -> Self:
         """The estimate for as many brackets as fit into `seconds`, at least one."""
@@ -58,8 +62,8 @@ class Estimate:
     def __str__(self) -> str:
         return (
             f"{count(self.brackets, 'bracket')}: {self.configurations} configurations, "
-            f"{self.core_seconds} core seconds, of which one takes {self.speed:.2f} s here: "
-            f"{duration(self.seconds)} on {self.cores} core(s)"
+            f"{self.searched} core seconds and {self.validated} of validation, one of which takes "
+            f"{self.speed:.2f} s here: {duration(self.seconds)} on {self.cores} core(s)"
         )
 
 
