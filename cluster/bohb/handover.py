@@ -12,7 +12,7 @@ from cluster.bohb.objective import Tally
 from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import RECIPE_FILE, Study, configuration_name
 from cluster.bohb.summary import StudySummary
-from cluster.bohb.validation import Validation, finalists, validate
+from cluster.bohb.validation import Plan, Validation, validate
 from cluster.nes.selection import (
     RACERS,
     Contender,
@@ -92,10 +92,10 @@ class Handover:
     def _validate(self, pool: EvaluationPool, is_over: Callable[[], bool]) -> None:
         """Run the finalists with new seeds, and say what came of it."""
         line = self.terminal.line
-        chosen = finalists(self.journal, Validation.load(self.study.folder))
-        if len(chosen) < 2:
+        plan = Plan.of(self.journal, Validation.load(self.study.folder))
+        if plan is None:
             return
-        line(f"validating the best {len(chosen)} configurations with new seeds")
+        line(f"validating {len(plan.finalists)} configurations with new seeds")
         started = time.monotonic()
 
         def progress(spent: float, total: float) -> None:

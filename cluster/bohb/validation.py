@@ -10,7 +10,8 @@ run NES with seeds that no choice was made on, all for the same core time:
     incumbent <- the best objective over these runs alone
 
 A search that goes on is validated again, for longer; the runs of finalists that were there before
-count again.
+count again. One that has hardly begun is not: less time than the search gave its best configuration
+would tell less.
 """
 
 import json
@@ -28,7 +29,7 @@ from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import Study
 from cluster.ray.pool import EvaluationPool
 
-#: Configurations that a search validates, the recipe that it began with among them. The last
+#: Most configurations that a search validates, the recipe that it began with among them. The last
 #: winner may come on top.
 FINALISTS = 3
 #: Share of a study's core time, and of its time budget, that is kept for validation.
@@ -63,24 +64,33 @@ class Validation:
         return self.finalists[0]
 
 
-def finalists(journal: Journal, before: Validation | None) -> list[ConfigId]:
-    """The configurations to validate, in the order of their proposals; fewer than two need no
-    validation."""
-    results = [line for line in journal.results if line.loss is not None]
-    best = sorted(results, key=lambda line: (-line.budget, line.loss))
-    chosen = {line.id for line in journal.configs if line.of_prior and line.id in journal.reached}
-    for line in best:
-        if len(chosen) < FINALISTS:
-            chosen.add(line.id)
-    if before is not None:
-        chosen.add(before.winner.id)
-    return [line.id for line in journal.configs if line.id in chosen]
+@dataclass(frozen=True)
+class Plan:
+    """Who is validated, and for how long."""
 
+    finalists: tuple[ConfigId, ...]  # in the order of their proposals
+    core_seconds: int  # of new runs of each
 
-def core_seconds_each(journal: Journal, number: int) -> int:
-    """Core seconds of new runs for each of so many finalists: SHARE of the study's for all."""
-    searched = sum(journal.reached.values())
-    return math.ceil(SHARE / (1 - SHARE) * searched / number)
+    @classmethod
+    def of(cls, journal: Journal, before: Validation | None) -> Self | None:
+        """SHARE of the study's core time, for as many finalists as get the largest budget of the
+        search each. None for a search that is too short for it: two would get less than half."""
+        results = [line for line in journal.results if line.loss is not None]
+        best = sorted(results, key=lambda line: (-line.budget, line.loss))
+        searched = sum(journal.reached.values())
+        core_seconds = SHARE / (1 - SHARE) * searched
+        largest = best[0].budget if best else 1
+        number = min(max(int(core_seconds / largest), 2), FINALISTS)
+        chosen = {line.id for line in journal.configs if line.of_prior} & journal.reached.keys()
+        for line in best:
+            if len(chosen) < number:
+                chosen.add(line.id)
+        if before is not None:
+            chosen.add(before.winner.id)
+        if len(chosen) < 2 or core_seconds / len(chosen) < largest / 2:
+            return None
+        places = tuple(line.id for line in journal.configs if line.id in chosen)
+        return cls(places, math.ceil(core_seconds / len(chosen)))
 
 
 def validate(
@@ -98,14 +108,14 @@ def validate(
     disk, and is not run again. Raises StorageFailure.
     """
     before = Validation.load(study.folder)
-    chosen = finalists(journal, before)
-    if len(chosen) < 2:
+    plan = Plan.of(journal, before)
+    if plan is None:
         return before
-    each = core_seconds_each(journal, len(chosen))
+    each = plan.core_seconds
     configurations = {line.id: line.configuration for line in journal.configs}
     runs = [
         ConfigurationRuns.open(study, one, configurations[one], tell, validation=True)
-        for one in chosen
+        for one in plan.finalists
     ]
     started = time.time()
     while (left := [one for one in runs if not one.spent(each)]) and not is_over():

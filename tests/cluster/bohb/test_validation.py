@@ -17,9 +17,8 @@ from cluster.bohb.summary import StudySummary
 from cluster.bohb.validation import (
     SHARE,
     VALIDATION_FILE,
+    Plan,
     Validation,
-    core_seconds_each,
-    finalists,
     validate,
 )
 from cluster.ray.pool import EvaluationPool
@@ -36,6 +35,12 @@ def journal_of(folder: Path, losses: dict[int, float | None], prior: int | None 
         journal.add_config(ConfigLine((0, 0, number), {}, info))
         journal.add_result(ResultLine((0, 0, number), 3, loss, {}, STAMPS))
     return journal
+
+
+def finalists(journal: Journal, before: Validation | None = None) -> list[int]:
+    """Numbers of the configurations that would be validated."""
+    plan = Plan.of(journal, before)
+    return [] if plan is None else [number for _, _, number in plan.finalists]
 
 
 def run_validation(
@@ -70,38 +75,50 @@ class CountingPool(MadeUpPool):
         return results
 
 
-class TestFinalists:
+class TestPlan:
     def test_the_best_at_the_largest_budget(self, tmp_path: Path) -> None:
-        journal = journal_of(tmp_path, {0: 50.0, 1: 20.0, 2: None, 3: 40.0, 4: 30.0})
-        journal.add_config(ConfigLine((0, 0, 5), {}, {}))
-        journal.add_result(ResultLine((0, 0, 5), 1, 1.0, {}, STAMPS))  # a smaller budget
-        assert finalists(journal, None) == [(0, 0, 1), (0, 0, 3), (0, 0, 4)]
+        losses: dict[int, float | None] = dict.fromkeys(range(10), 90.0)
+        journal = journal_of(tmp_path, {**losses, 1: 20.0, 2: None, 3: 40.0, 4: 30.0})
+        journal.add_config(ConfigLine((0, 0, 10), {}, {}))
+        journal.add_result(ResultLine((0, 0, 10), 1, 1.0, {}, STAMPS))  # a smaller budget
+        assert finalists(journal) == [1, 3, 4]
 
     def test_then_those_at_smaller_budgets(self, tmp_path: Path) -> None:
-        """So that a short search, which has one result at its largest budget, is validated too."""
+        """So that a search with one result at its largest budget is validated too."""
         journal = journal_of(tmp_path, {0: 50.0})
-        for number, loss in {1: 9.0, 2: 7.0, 3: 8.0}.items():
+        for number in range(1, 30):
             journal.add_config(ConfigLine((0, 0, number), {}, {}))
-            journal.add_result(ResultLine((0, 0, number), 1, loss, {}, STAMPS))
-        assert finalists(journal, None) == [(0, 0, 0), (0, 0, 2), (0, 0, 3)]
+            journal.add_result(ResultLine((0, 0, number), 1, 30.0 - number, {}, STAMPS))
+        assert finalists(journal) == [0, 28, 29]
 
     def test_the_recipe_is_one_of_them(self, tmp_path: Path) -> None:
         """Whatever its result was: so what is handed over has been compared with it."""
-        journal = journal_of(tmp_path, {0: 90.0, 1: 20.0, 2: 30.0, 3: 40.0}, prior=0)
-        assert finalists(journal, None) == [(0, 0, 0), (0, 0, 1), (0, 0, 2)]
+        losses: dict[int, float | None] = dict.fromkeys(range(10), 50.0)
+        journal = journal_of(tmp_path, {**losses, 0: 90.0, 1: 20.0, 2: 30.0}, prior=0)
+        assert finalists(journal) == [0, 1, 2]
 
     def test_the_last_winner_comes_on_top(self, tmp_path: Path) -> None:
-        journal = journal_of(tmp_path, {0: 90.0, 1: 20.0, 2: 30.0, 3: 40.0})
+        losses: dict[int, float | None] = dict.fromkeys(range(12), 50.0)
+        journal = journal_of(tmp_path, {**losses, 0: 90.0, 1: 20.0, 2: 30.0, 3: 40.0})
         before = Validation(2, (ResultLine((0, 0, 0), 5, 9.0, {}, STAMPS),))
-        assert finalists(journal, before) == [(0, 0, number) for number in range(4)]
+        assert finalists(journal, before) == [0, 1, 2, 3]
+
+    @pytest.mark.parametrize(("searched", "number"), [(2, 0), (3, 2), (6, 2), (8, 2), (9, 3)])
+    def test_as_many_as_get_the_largest_budget(
+        self, searched: int, number: int, tmp_path: Path
+    ) -> None:
+        """Two with half of it at least; a search of less is not validated."""
+        assert len(finalists(journal_of(tmp_path, dict.fromkeys(range(searched), 5.0)))) == number
 
     def test_nothing_to_compare(self, tmp_path: Path) -> None:
-        assert len(finalists(journal_of(tmp_path, {0: 90.0, 1: None}), None)) == 1
-        assert finalists(Journal(tmp_path / "empty"), None) == []
+        failed: dict[int, float | None] = dict.fromkeys(range(1, 30))
+        assert Plan.of(journal_of(tmp_path, {0: 90.0, **failed}), None) is None
+        assert Plan.of(Journal(tmp_path / "empty"), None) is None
 
     def test_validation_takes_its_share_of_the_core_time(self, tmp_path: Path) -> None:
-        journal = journal_of(tmp_path, dict.fromkeys(range(30), 5.0))
-        searched, validated = 30 * 3, 3 * core_seconds_each(journal, 3)
+        plan = Plan.of(journal_of(tmp_path, dict.fromkeys(range(30), 5.0)), None)
+        assert plan is not None
+        searched, validated = 30 * 3, 3 * plan.core_seconds
         assert validated == pytest.approx(SHARE * (searched + validated), rel=0.05)
 
 
@@ -113,9 +130,10 @@ class TestValidation:
         assert found is not None
         assert found == Validation.load(study.folder)
         assert found.results == len(journal.results)
-        assert {line.id for line in found.finalists} == set(finalists(journal, None))
-        each = core_seconds_each(journal, len(found.finalists))
-        assert all(line.info["core_seconds"] >= each for line in found.finalists)
+        plan = Plan.of(journal, None)
+        assert plan is not None
+        assert {line.id for line in found.finalists} == set(plan.finalists)
+        assert all(line.info["core_seconds"] >= plan.core_seconds for line in found.finalists)
         losses = [line.loss for line in found.finalists if line.loss is not None]
         assert losses == sorted(losses)
         assert len(losses) == len(found.finalists)
@@ -138,7 +156,9 @@ class TestValidation:
     def test_finalists_keep_pace(self, tmp_path: Path) -> None:
         """Whenever time is up, all have spent the same but for a generation."""
         study = make_study(tmp_path)
-        chosen = finalists(Journal(study.folder), None)
+        plan = Plan.of(Journal(study.folder), None)
+        assert plan is not None
+        chosen = plan.finalists
         rounds = iter(range(4 * len(chosen)))
         pool = CountingPool()
         run_validation(study, lambda: next(rounds, None) is None, pool)
