@@ -3,11 +3,13 @@
     python -m benchmarks.search.studies
 
 The studies lie in `studies`, a home without checkpoints and MLflow's database; `bilevel sync NAME
---home benchmarks/search/studies` shows one in MLflow. `found-TASK.toml` are their winners;
+--home benchmarks/search/studies` shows one in MLflow. `found-TASK.toml` are their incumbents, and
+`unvalidated-TASK.toml` their best results before the validation, where that chose otherwise;
 `benchmarks.nes.seeds` runs these and the defaults over seeds that no choice was made on. This
 program draws the pictures of docs/tuning.md.
 """
 
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -19,13 +21,15 @@ from benchmarks.markdown import source, table
 from bilevel.tasks import get_task
 from cluster.bohb.journal import Journal
 from cluster.bohb.pictures import objective_against_cost
-from cluster.bohb.study import Study
+from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.validation import Validation
 
 STUDIES = Path(__file__).parent / "studies"
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 TASKS = ("CartPole-v0", "Acrobot-v1")
+#: Recipes that a search led to, and the endings of their results over seeds.
+RECIPES = {"best of the search": "_unvalidated", "incumbent": "_found"}
 
 
 def committed(task: str) -> Study:
@@ -44,7 +48,7 @@ def summary(study: Study) -> StudySummary:
 
 
 def searches() -> str:
-    """What each search tried, and what its winner's objective rests on."""
+    """What each search tried, and what the objectives of its finalists rest on."""
     rows = []
     for task in TASKS:
         try:
@@ -52,39 +56,75 @@ def searches() -> str:
         except NotMeasured:
             continue
         told = summary(study)
-        winner = told.incumbent
-        assert winner is not None
         rows.append(
             (
                 task,
                 str(len(told.journal.configs)),
                 str(told.model_based),
                 f"{told.points()[-1].spent / 3600:.1f}",
+                f"{sum(line.budget for line in told.finalists) / 3600:.1f}",
                 f"`{study.name}`",
-                f"{winner.info['confirmed']} in {winner.info['core_seconds']:.0f} core seconds",
             )
         )
     if not rows:
         raise NotMeasured("studies in `benchmarks/search/studies`")
-    head = ["task", "configurations", "of the model", "core hours", "study", "SEs of its winner"]
+    head = ["task", "configurations", "of the model", "core hours", "of validation", "study"]
+    return table(head, rows)
+
+
+def validations() -> str:
+    """What became of the finalists over new seeds."""
+    rows = []
+    for task in TASKS:
+        try:
+            told = summary(committed(task))
+        except NotMeasured:
+            continue
+        proposals = {line.id: line for line in told.journal.configs}
+        for line in told.finalists:
+            before, proposal = told.result_of(line.id), proposals[line.id]
+            rows.append(
+                (
+                    task,
+                    "the recipe" if proposal.of_prior else configuration_name(line.id),
+                    *(
+                        f"{one.info['confirmed']} in {one.info['core_seconds']:.0f}"
+                        for one in (before, line)
+                    ),
+                    f"{before.loss:.0f}",
+                    f"{line.loss:.0f}",
+                )
+            )
+    if not rows:
+        raise NotMeasured("studies in `benchmarks/search/studies`")
+    head = [
+        "task",
+        "configuration",
+        "SEs in core seconds, search",
+        "new seeds",
+        "objective, search",
+        "new seeds",
+    ]
     return table(head, rows)
 
 
 def found() -> str:
-    """The defaults and the winners, over fresh seeds."""
+    """The recipes before the search and those that it led to, over fresh seeds."""
     rows, results = [], []
     for task in TASKS:
-        try:
-            winner = read_result(f"nes_seeds_{task}_found", "runs")
-        except NotMeasured:
+        led_to: dict[str, Any] = {}
+        for title, ending in RECIPES.items():
+            with suppress(NotMeasured):
+                led_to[title] = read_result(f"nes_seeds_{task}{ending}", "runs")
+        if not led_to:
             continue
-        default = read_result(f"nes_seeds_{task}", "runs")
-        results += [default, winner]
-        costs = [[run["core_seconds"] for run in of["runs"]] for of in (default, winner)]
-        rows.append((task, "default", *_quality(default["runs"]), ""))
-        rows.append(
-            (task, "found", *_quality(winner["runs"]), f"{mannwhitneyu(*costs).pvalue:.2f}")
-        )
+        before = read_result(f"nes_seeds_{task}", "runs")
+        results += [before, *led_to.values()]
+        rows.append((task, "default", *_quality(before["runs"]), ""))
+        for title, result in led_to.items():
+            costs = [[run["core_seconds"] for run in of["runs"]] for of in (before, result)]
+            p = mannwhitneyu(*costs).pvalue
+            rows.append((task, title, *_quality(result["runs"]), f"{p:.1g}"))
     if not results:
         raise NotMeasured("`benchmarks/results/nes_seeds_*_found.json`")
     head = [

@@ -45,6 +45,11 @@ class StudySummary:
         return self.leader if self.validation is None else self.validation.winner
 
     @property
+    def finalists(self) -> tuple[ResultLine, ...]:
+        """What they came to over new seeds, best first; empty without a validation."""
+        return () if self.validation is None else self.validation.finalists
+
+    @property
     def leader(self) -> ResultLine | None:
         """The best result at the largest budget that has results (hpbandster's incumbent)."""
         changes = self.incumbents()
