@@ -36,10 +36,11 @@ class RunContext:
     def connected(self, workers_per_trial: int = 1, trials: int = 1) -> Iterator["Driver"]:
         """Connect to Ray, and check MLflow, for the block; nothing is written.
 
-        Raises InvalidInput for an invalid or unreachable MLflow or cluster, for a cluster that
-        cannot place that many trials of so many one-core workers each, and for SQLite on several
-        nodes.
+        Raises InvalidInput for a home that cannot be written, for an invalid or unreachable MLflow
+        or cluster, for a cluster that cannot place that many trials of so many one-core workers
+        each, and for SQLite on several nodes.
         """
+        self.home.require_writable()
         check_tracking_uri(self.tracking_uri)
         if is_own(self.address):  # before it is started, which takes seconds
             Capacity.of_own().require(workers_per_trial, trials)

@@ -4,6 +4,7 @@ import re
 import shlex
 import shutil
 import sys
+import tempfile
 from pathlib import Path
 
 import bilevel
@@ -75,13 +76,16 @@ class Home:
         what = "several studies are called" if found else "no study is called"
         raise InvalidInput(f"{what} {name!r} in {str(self.folder)!r}: there are {known}")
 
-    def prepare(self) -> None:
-        """Create the folder. Raises InvalidInput if it cannot be written."""
+    def require_writable(self) -> None:
+        """Raise InvalidInput if the folder can be neither written nor created; nothing stays."""
+        nearest = next(path for path in (self.folder, *self.folder.parents) if path.exists())
         try:
-            self.folder.mkdir(parents=True, exist_ok=True)
-            probe = self.folder / ".writable"
-            probe.touch()
-            probe.unlink()
+            tempfile.TemporaryDirectory(prefix=".writable-", dir=nearest).cleanup()
         except OSError as error:
             reason = error.strerror or str(error)
             raise InvalidInput(f"cannot write to {str(self.folder)!r}: {reason}") from None
+
+    def prepare(self) -> None:
+        """Create the folder. Raises InvalidInput if it cannot be written."""
+        self.require_writable()
+        self.folder.mkdir(parents=True, exist_ok=True)

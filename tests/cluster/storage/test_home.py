@@ -43,3 +43,18 @@ def test_hints_name_the_home_that_was_given(
     monkeypatch.chdir(Path(bilevel.__file__).parents[1])
     assert Home(DEFAULT_HOME).hint("ui", "ui") == "`make ui`"
     assert Home(DEFAULT_HOME).hint("sync one") == "`bilevel sync one`"
+
+
+def test_whether_it_can_be_written_is_found_out_without_a_trace(tmp_path: Path) -> None:
+    home = Home(tmp_path / "new" / "home")
+    home.require_writable()
+    assert list(tmp_path.iterdir()) == []
+    home.prepare()
+    home.require_writable()
+    assert list(home.folder.iterdir()) == []
+    (tmp_path / "file").touch()
+    for folder in (tmp_path / "file", tmp_path / "file" / "home", Path("/proc/none")):
+        with pytest.raises(InvalidInput, match=f"cannot write to '{folder}'"):
+            Home(folder).require_writable()
+        with pytest.raises(InvalidInput, match=f"cannot write to '{folder}'"):
+            Home(folder).prepare()
