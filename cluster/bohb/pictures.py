@@ -16,6 +16,8 @@ from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
 #: Seconds up to which a search is told in seconds.
 _SHORT = 180.0
+#: Part of the axis of time that labels are apart at least.
+_APART = 0.05
 
 
 def objective_against_cost(
@@ -82,7 +84,7 @@ def _mark_finalists(axes: Axes, validated: Sequence[ValidatedPoint]) -> None:
                 marker=marker,
                 s=size,
                 color=colour,
-                zorder=3,
+                zorder=4 if marker == "*" else 3,
                 label=f"{label}: {', '.join(f'{point.objective:.0f}' for point in chosen)}",
             )
 
@@ -94,8 +96,13 @@ def _add_time(axes: Axes, points: Sequence[ResultPoint]) -> None:
     unit, size = ("seconds", 1.0) if seconds[-1] < _SHORT else ("minutes", 60.0)
     times = np.asarray(MaxNLocator(6, integer=True).tick_values(0, seconds[-1] / size))
     times = times[(times >= 0) & (times * size <= seconds[-1])]
+    ticks: list[tuple[float, str]] = []
+    for time in times:  # but for those that a pause of the search would print over each other
+        place = float(np.interp(time * size, seconds, spent))
+        if not ticks or place - ticks[-1][0] > _APART * spent[-1]:
+            ticks.append((place, f"{time:.0f}"))
     above = axes.secondary_xaxis("top")
-    above.set_xticks(np.interp(times * size, seconds, spent), [f"{time:.0f}" for time in times])
+    above.set_xticks([place for place, _ in ticks], [label for _, label in ticks])
     above.set_xlabel(f"{unit} since the search began")
 
 

@@ -69,3 +69,16 @@ def test_finalists_are_within_the_axes(cartpole: Task) -> None:
     assert figure.axes[0].get_xlim()[1] > 25
     assert "incumbent, new seeds: 70" in labels(figure)
     assert "other finalists, new seeds: 90" in labels(figure)
+
+
+def test_a_pause_does_not_print_times_over_each_other(cartpole: Task) -> None:
+    """The second half of the results comes after an hour without any."""
+    late = [
+        ResultPoint(5 * i, 5, 60.0 * i + (3600 if i > 5 else 0), 10.0 + i, False)
+        for i in range(1, 11)
+    ]
+    figure = objective_against_cost(late, [], cartpole, "study")
+    figure.canvas.draw()
+    (above,) = figure.axes[0].child_axes
+    assert len(above.get_xticks()) > 1
+    assert np.diff(above.get_xticks()).min() > 0.04 * 50
