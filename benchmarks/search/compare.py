@@ -33,7 +33,6 @@ from cluster.bohb.journal import Journal
 from cluster.bohb.profiles import METHODS, get_profile
 from cluster.bohb.study import RECIPE_FILE
 from cluster.bohb.summary import StudySummary
-from cluster.bohb.validation import Validation
 
 #: Seed of the first fresh run.
 _FRESH = 10_000
@@ -56,7 +55,7 @@ def search(task: str, method: str, seed: int, core_seconds: int, home: Path) -> 
     command += ["--prior", "none", "--study", folder.name, "--home", str(home)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     rungs = schedule.brackets(brackets)
-    summary = StudySummary(Journal(folder), rungs, Validation.load(folder))
+    summary = StudySummary.of(Journal(folder), rungs)
     assert summary.incumbent is not None
     return {
         "core_seconds": core_seconds_to_run(rungs),

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.stats import mannwhitneyu
+from scipy.stats import fisher_exact, mannwhitneyu
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source, table
@@ -23,7 +23,6 @@ from cluster.bohb.journal import Journal
 from cluster.bohb.pictures import objective_against_cost
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
-from cluster.bohb.validation import Validation
 
 STUDIES = Path(__file__).parent / "studies"
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
@@ -43,8 +42,7 @@ def summary(study: Study) -> StudySummary:
     """What the journal of a study tells."""
     journal = Journal(study.folder)
     brackets = 1 + max(line.id[0] for line in journal.configs)
-    rungs = study.schedule.brackets(brackets)
-    return StudySummary(journal, rungs, Validation.load(study.folder))
+    return StudySummary.of(journal, study.schedule.brackets(brackets))
 
 
 def searches() -> str:
@@ -120,11 +118,13 @@ def found() -> str:
             continue
         before = read_result(f"nes_seeds_{task}", "runs")
         results += [before, *led_to.values()]
-        rows.append((task, "default", *_quality(before["runs"]), ""))
+        rows.append((task, "default", *_quality(before["runs"]), "", ""))
         for title, result in led_to.items():
             costs = [[run["core_seconds"] for run in of["runs"]] for of in (before, result)]
-            p = mannwhitneyu(*costs).pvalue
-            rows.append((task, title, *_quality(result["runs"]), f"{p:.1g}"))
+            solved = [sum(run["solved"] for run in of["runs"]) for of in (before, result)]
+            missed = [len(of["runs"]) - n for of, n in zip((before, result), solved, strict=True)]
+            p = [mannwhitneyu(*costs).pvalue, fisher_exact([solved, missed]).pvalue]
+            rows.append((task, title, *_quality(result["runs"]), *(f"{one:.1g}" for one in p)))
     if not results:
         raise NotMeasured("`benchmarks/results/nes_seeds_*_found.json`")
     head = [
@@ -132,10 +132,12 @@ def found() -> str:
         "recipe",
         "solved",
         "confirmed",
+        "of these solved",
         "core seconds, median and range",
         "core seconds an SE",
         "train steps of an agent",
-        "p",
+        "p of core seconds",
+        "p of solved",
     ]
     return f"{table(head, rows)}\n\n{source(*results)}"
 
@@ -146,6 +148,7 @@ def _quality(runs: list[dict[str, Any]]) -> tuple[str, ...]:
     return (
         f"{sum(run['solved'] for run in runs)} of {len(runs)}",
         f"{confirmed} of {len(runs)}",
+        f"{sum(run['solved'] and run['confirmed'] for run in runs)} of {confirmed}",
         f"{np.median(costs):.0f} ({min(costs):.0f} to {max(costs):.0f})",
         f"{sum(costs) / confirmed:.0f}",
         f"{np.median([run['final_train_steps'] for run in runs]):.0f}",

@@ -15,6 +15,7 @@ from cluster.bohb.search import BracketSearch
 from cluster.bohb.searcher import BohbSearcher
 from cluster.bohb.stopping import StudyStopper
 from cluster.bohb.study import Study
+from cluster.bohb.summary import StudySummary
 from cluster.bohb.tuning import run_trials
 from cluster.bohb.validation import SHARE
 from cluster.bohb.view import StudyViews
@@ -117,6 +118,7 @@ class _Runner:
         self.brackets = brackets_to_reach(
             self.journal, study.schedule, self.command.brackets, run_status
         )
+        StudySummary.of(self.journal)  # raises InvalidInput now, not at the end
         self.search = BracketSearch.of(study, self.journal, self.brackets)
         self.handover = Handover(study, self.journal, session)
 
@@ -151,7 +153,7 @@ class _Runner:
             f"{command.trials} trial(s) at a time with {command.workers_per_trial} worker(s) each"
         )
         if command.time_budget is not None:
-            line(f"time budget {duration(command.time_budget)}")
+            line(f"time budget {duration(command.time_budget)}, its last quarter for validation")
         if self.journal.results:
             found = count(len(self.journal.results), "result")
             line(f"resuming with the {found} of this study so far")

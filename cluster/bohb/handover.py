@@ -12,7 +12,7 @@ from cluster.bohb.objective import Tally
 from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import RECIPE_FILE, Study, configuration_name
 from cluster.bohb.summary import StudySummary
-from cluster.bohb.validation import Plan, Validation, validate
+from cluster.bohb.validation import Plan, validate
 from cluster.nes.selection import (
     RACERS,
     Contender,
@@ -92,7 +92,7 @@ class Handover:
     def _validate(self, pool: EvaluationPool, is_over: Callable[[], bool]) -> None:
         """Run the finalists with new seeds, and say what came of it."""
         line = self.terminal.line
-        plan = Plan.of(self.journal, Validation.load(self.study.folder))
+        plan = Plan.of(self.journal, self._summary.validation)
         if plan is None:
             return
         line(f"validating {len(plan.finalists)} configurations with new seeds")
@@ -103,8 +103,8 @@ class Handover:
             note = f"ETA {duration(seconds)}" if spent else ""
             self.terminal.bar("validating", spent, total, "core s", note)
 
-        found = validate(self.study, self.journal, pool, line, progress, is_over)
-        if found is None or found.results < len(self.journal.results):
+        found = validate(self.study, self.journal, plan, pool, line, progress, is_over)
+        if found is None:
             line("the time was not enough for it; run the same command again to go on")
             return
         for finalist in found.finalists:
@@ -152,7 +152,7 @@ class Handover:
 
     @property
     def _summary(self) -> StudySummary:
-        return StudySummary(self.journal, validation=Validation.load(self.study.folder))
+        return StudySummary.of(self.journal)
 
     # -- the best SE -------------------------------------------------------------
 

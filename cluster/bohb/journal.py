@@ -89,6 +89,7 @@ class Journal:
     """
 
     def __init__(self, folder: Path) -> None:
+        self.folder = folder
         self._config_file = JsonlLog(folder / "configs.json")
         self._result_file = JsonlLog(folder / "results.json")
         self.configs = self._config_file.decoded(ConfigLine)
@@ -107,12 +108,8 @@ class Journal:
 
     @property
     def reached(self) -> dict[ConfigId, int]:
-        """Core seconds that each configuration has spent, by the budgets of its results."""
-        spent: dict[ConfigId, int] = {}
-        for line in self.results:
-            if line.loss is not None:
-                spent[line.id] = max(line.budget, spent.get(line.id, 0))
-        return spent
+        """Core seconds that each configuration has spent: the budget of its last result."""
+        return {line.id: line.budget for line in self.results if line.loss is not None}
 
     def add_config(self, line: ConfigLine) -> None:
         """Append a proposal, durably. Raises StorageFailure."""

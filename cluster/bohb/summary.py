@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 from cluster.bohb.brackets import Rung, core_seconds_to_run
 from cluster.bohb.journal import ConfigId, Configuration, Journal, ResultLine
@@ -18,7 +19,7 @@ class ResultPoint:
     seconds: float  # since the first job began, pauses included
     objective: float
     model_based: bool
-    id: ConfigId = (0, 0, 0)
+    id: ConfigId
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,11 @@ class StudySummary:
     journal: Journal
     rungs: Sequence[Rung] = ()
     validation: Validation | None = None
+
+    @classmethod
+    def of(cls, journal: Journal, rungs: Sequence[Rung] = ()) -> Self:
+        """With the study's validation as it is on disk. Raises InvalidInput if that is damaged."""
+        return cls(journal, rungs, Validation.load(journal.folder))
 
     @property
     def incumbent(self) -> ResultLine | None:
@@ -75,9 +81,12 @@ class StudySummary:
         return next(c.configuration for c in self.journal.configs if c.id == config_id)
 
     def result_of(self, config_id: ConfigId) -> ResultLine:
-        """The result of that configuration at its largest budget."""
-        lines = [line for line in self.journal.results if line.id == config_id]
-        return max(lines, key=lambda line: (line.loss is not None, line.budget))
+        """The last result of that configuration that is no failure."""
+        return next(
+            line
+            for line in reversed(self.journal.results)
+            if line.id == config_id and line.loss is not None
+        )
 
     def points(self) -> list[ResultPoint]:
         """All results, with the core seconds that the search had spent by then."""
@@ -102,17 +111,12 @@ class StudySummary:
         before = self.journal.results[: self.validation.results]
         known = self.points()[: sum(line.loss is not None for line in before)]
         points = {point.id: point for point in known}  # the last of each, at its largest budget
-        spent = known[-1].spent + sum(line.budget for line in self.validation.finalists)
-        return [
-            ValidatedPoint(points[line.id], spent, line.loss or 0.0)
-            for line in self.validation.finalists
-        ]
+        spent = known[-1].spent + sum(line.budget for line in self.finalists)
+        return [ValidatedPoint(points[line.id], spent, line.loss or 0.0) for line in self.finalists]
 
     def core_seconds_left(self) -> int:
         """Core seconds left until all brackets are done, by their budgets."""
-        reached: dict[ConfigId, int] = {}
-        for line in self.journal.results:
-            reached[line.id] = max(line.budget, reached.get(line.id, 0))
+        reached = {line.id: line.budget for line in self.journal.results}  # by failures, too
         return max(core_seconds_to_run(self.rungs) - sum(reached.values()), 0)
 
     def validation_table(self) -> str:
@@ -124,7 +128,7 @@ class StudySummary:
             "| configuration | core seconds | runs | SEs | objective | in the search |",
             "| --- | --- | --- | --- | --- | --- |",
         ]
-        for line in self.validation.finalists:
+        for line in self.finalists:
             searched = self.result_of(line.id)
             rows.append(
                 f"| {configuration_name(line.id)} | {line.budget} | {line.info['runs']} | "

@@ -96,21 +96,17 @@ class Plan:
 def validate(
     study: Study,
     journal: Journal,
+    plan: Plan,
     pool: EvaluationPool,
     tell: Callable[[str], None],
     progress: Callable[[float, float], None],
     is_over: Callable[[], bool],
 ) -> Validation | None:
-    """Run the finalists and write what came of it; the last validation if there was not enough
-    time, or nothing to compare.
+    """Run the finalists and write what came of it; None if the time was not enough for that.
 
     `progress` takes the core seconds spent and those of all finalists. What has been run is on
     disk, and is not run again. Raises StorageFailure.
     """
-    before = Validation.load(study.folder)
-    plan = Plan.of(journal, before)
-    if plan is None:
-        return before
     each = plan.core_seconds
     configurations = {line.id: line.configuration for line in journal.configs}
     runs = [
@@ -122,7 +118,7 @@ def validate(
         progress(sum(min(one.tally.cost, each) for one in runs), float(each * len(runs)))
         min(left, key=lambda one: one.tally.cost).advance(pool)
     if min(one.tally.cost for one in runs) < _ENOUGH * each:
-        return before
+        return None
     now = time.time()
     stamps = {"submitted": started, "started": started, "finished": now}
     lines = [

@@ -19,7 +19,6 @@ from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.tables import TALLIED, incumbents_csv, results_csv
-from cluster.bohb.validation import Validation
 from cluster.nes.run import start_of
 from cluster.nes.selection import BEST_FILE
 from cluster.nes.view import (
@@ -84,9 +83,7 @@ class StudyViews:
         study, ends = self.study, finals(self.study.folder)
         run_status = RunStatus.load(study.folder) or RunStatus("KILLED", self.identity.began, 0)
         over = self.live is None or run_status.status != "RUNNING"
-        rungs = study.schedule.brackets(run_status.target)
-        validation = Validation.load(study.folder)
-        summary = StudySummary(journal, rungs, validation)
+        summary = StudySummary.of(journal, study.schedule.brackets(run_status.target))
         tags = {"bilevel.kind": KIND}
         incumbent = summary.incumbent
         if incumbent is not None:
@@ -99,10 +96,10 @@ class StudyViews:
             )
             for number, line in summary.incumbents()
         ]
-        if validation is not None:
-            winner = validation.winner
+        if summary.validation is not None:
+            winner = summary.validation.winner
             validated = {"validated_objective": winner.loss or 0.0}
-            points.append(Point(validated, validation.results, winner.finished))
+            points.append(Point(validated, summary.validation.results, winner.finished))
         points += [
             Point({"core_utilisation": line.info["core_utilisation"]}, number, line.finished)
             for number, line in enumerate(journal.results, start=1)
@@ -289,7 +286,7 @@ def study_progress(folder: Path, brackets: int) -> Progress:
     InvalidInput."""
     journal = Journal(folder)
     rungs = Study.read(folder).schedule.brackets(brackets)
-    incumbent = StudySummary(journal, rungs, Validation.load(folder)).incumbent
+    incumbent = StudySummary.of(journal, rungs).incumbent
     best = "" if incumbent is None else f"{incumbent.loss:.0f} core s"
     results = len(journal.results)
     if brackets >= ENDLESS:

@@ -13,7 +13,7 @@ from cluster.tracking.pictures import png
 def points(*objectives: float) -> list[ResultPoint]:
     """Results of 5 core seconds each, one a minute; every third comes from the model."""
     return [
-        ResultPoint(5 * (i + 1), 5, 60.0 * (i + 1), objective, i % 3 == 2)
+        ResultPoint(5 * (i + 1), 5, 60.0 * (i + 1), objective, i % 3 == 2, (0, 0, i))
         for i, objective in enumerate(objectives)
     ]
 
@@ -74,7 +74,7 @@ def test_finalists_are_within_the_axes(cartpole: Task) -> None:
 def test_a_pause_does_not_print_times_over_each_other(cartpole: Task) -> None:
     """The second half of the results comes after an hour without any."""
     late = [
-        ResultPoint(5 * i, 5, 60.0 * i + (3600 if i > 5 else 0), 10.0 + i, False)
+        ResultPoint(5 * i, 5, 60.0 * i + (3600 if i > 5 else 0), 10.0 + i, False, (0, 0, i))
         for i in range(1, 11)
     ]
     figure = objective_against_cost(late, [], cartpole, "study")

@@ -1,15 +1,13 @@
 """The finalists of a search run anew, and the best of these runs is handed over."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from bilevel.errors import InvalidInput
-from bilevel.evaluation import EvaluationRequest, EvaluationResult
-from bilevel.synthetic_env import SE, SEDistribution
-from bilevel.tasks import Task
+from bilevel.nes import NESState
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import Study
@@ -44,9 +42,7 @@ def finalists(journal: Journal, before: Validation | None = None) -> list[int]:
 
 
 def run_validation(
-    study: Study,
-    is_over: Callable[[], bool] = lambda: False,
-    pool: EvaluationPool | None = None,
+    study: Study, is_over: Callable[[], bool] = lambda: False
 ) -> tuple[Validation | None, list[tuple[float, float]]]:
     told: list[tuple[float, float]] = []
 
@@ -54,25 +50,10 @@ def run_validation(
         told.append((spent, total))
 
     journal = Journal(study.folder)
-    found = validate(study, journal, pool or MadeUpPool(), lambda line: None, progress, is_over)
+    plan = Plan.of(journal, Validation.load(study.folder))
+    assert plan is not None
+    found = validate(study, journal, plan, MadeUpPool(), lambda line: None, progress, is_over)
     return found, told
-
-
-class CountingPool(MadeUpPool):
-    """Keeps the cost of its longest call, in core seconds."""
-
-    most = 0.0
-
-    def run(
-        self,
-        task: Task,
-        se: SE | SEDistribution | None,
-        requests: Sequence[EvaluationRequest],
-        on_result: Callable[[EvaluationResult], None] = lambda result: None,
-    ) -> list[EvaluationResult]:
-        results = super().run(task, se, requests, on_result)
-        self.most = max(self.most, sum(result.cost for result in results))
-        return results
 
 
 class TestPlan:
@@ -153,22 +134,24 @@ class TestValidation:
                 (result,) = [one for one in found.finalists if one.id == line.id]
                 assert (result.loss, result.info) == (new.tally.objective, new.tally.info)
 
-    def test_finalists_keep_pace(self, tmp_path: Path) -> None:
-        """Whenever time is up, all have spent the same but for a generation."""
+    def test_finalists_keep_pace(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+        """The one that has spent least is the next, so that all can be compared at any time."""
         study = make_study(tmp_path)
         plan = Plan.of(Journal(study.folder), None)
         assert plan is not None
-        chosen = plan.finalists
-        rounds = iter(range(4 * len(chosen)))
-        pool = CountingPool()
-        run_validation(study, lambda: next(rounds, None) is None, pool)
-        configurations = {one.id: one.configuration for one in Journal(study.folder).configs}
-        costs = [
-            ConfigurationRuns.read(study, one, configurations[one], validation=True).tally.cost
-            for one in chosen
-        ]
-        assert min(costs) > 0
-        assert max(costs) - min(costs) <= pool.most
+        spent = dict.fromkeys(plan.finalists, 0.0)
+        advance = ConfigurationRuns.advance
+
+        def watched(runs: ConfigurationRuns, pool: EvaluationPool) -> NESState:
+            assert spent[runs.id] == min(spent.values())
+            state = advance(runs, pool)
+            spent[runs.id] = runs.tally.cost
+            return state
+
+        monkeypatch.setattr(ConfigurationRuns, "advance", watched)
+        rounds = iter(range(4 * len(spent)))
+        run_validation(study, lambda: next(rounds, None) is None)
+        assert min(spent.values()) > 0
 
     def test_too_little_time_leaves_what_was_there(self, tmp_path: Path) -> None:
         study = make_study(tmp_path)
@@ -180,7 +163,8 @@ class TestValidation:
         shorter.save(study.folder)
         for runs in study.folder.glob("configurations/*/validation-*/*"):
             runs.unlink()
-        assert run_validation(study, lambda: True)[0] == shorter
+        assert run_validation(study, lambda: True)[0] is None
+        assert Validation.load(study.folder) == shorter
 
     def test_interrupted_it_goes_on(self, tmp_path: Path) -> None:
         """It comes to the same, generation by generation."""
