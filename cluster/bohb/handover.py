@@ -47,6 +47,7 @@ class Handover:
         StorageFailure."""
         study, line = self.study, self.terminal.line
         self._validate(pool, is_over)
+        incumbent = self._tell_incumbent()
         contenders = self._contenders(pool)
         if not contenders:
             line(
@@ -64,7 +65,6 @@ class Handover:
         score = evaluate_holdout(study.task, best, final_agents, seed, pool)
         path = export_best(best.se, score, study.folder, len(self.journal.results))
         (study.folder / INCUMBENT_FILE).unlink(missing_ok=True)  # of an interruption before
-        incumbent = self._tell_incumbent()
         line(str(score))
         if incumbent is not None:
             self._tell_recipe()
