@@ -3,10 +3,9 @@
     python -m benchmarks.search.studies
 
 The studies lie in `studies`, a home without checkpoints and MLflow's database; `bilevel sync NAME
---home benchmarks/search/studies` shows one in MLflow. `found-TASK.toml` are their incumbents, and
-`unvalidated-TASK.toml` their best results before the validation, where that chose otherwise;
-`benchmarks.nes.seeds` runs these and the defaults over seeds that no choice was made on. This
-program draws the pictures of docs/tuning.md.
+--home benchmarks/search/studies` shows one in MLflow. The recipes beside it are those that a search
+began with or led to, other than the defaults of today. `benchmarks.nes.seeds` runs all of them over
+seeds that no choice was made on. This program draws the pictures of docs/tuning.md.
 """
 
 from contextlib import suppress
@@ -18,7 +17,6 @@ from scipy.stats import fisher_exact, mannwhitneyu
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source, table
-from bilevel.tasks import get_task
 from cluster.bohb.journal import Journal
 from cluster.bohb.pictures import objective_against_cost
 from cluster.bohb.study import Study, configuration_name
@@ -27,15 +25,34 @@ from cluster.bohb.summary import StudySummary
 STUDIES = Path(__file__).parent / "studies"
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 TASKS = ("CartPole-v0", "Acrobot-v1")
-#: Recipes that a search led to, and the endings of their results over seeds.
-RECIPES = {"best of the search": "_unvalidated", "incumbent": "_found"}
+#: Recipes of a task in the order in which they came about, and the endings of their results over
+#: seeds. Each is compared with the first.
+RECIPES = {
+    "CartPole-v0": {
+        "made by hand": "_by-hand",
+        "first search, best result": "_unvalidated",
+        "first search, incumbent": "_found",
+        "second search, incumbent": "",
+    },
+    "Acrobot-v1": {"made by hand": ""},
+}
 
 
-def committed(task: str) -> Study:
-    """The study on a task. Raises NotMeasured without one."""
-    for settings in sorted(STUDIES.glob(f"{task}/*/settings.json")):
-        return Study.read(settings.parent)
-    raise NotMeasured(f"a study in `benchmarks/search/studies/{task}`")
+def committed() -> list[Study]:
+    """The studies, task by task in the order in which they were begun. Raises NotMeasured without
+    any."""
+    found = [
+        Study.read(settings.parent)
+        for task in TASKS
+        for settings in STUDIES.glob(f"{task}/*/settings.json")
+    ]
+    if not found:
+        raise NotMeasured("studies in `benchmarks/search/studies`")
+    return sorted(found, key=lambda study: (TASKS.index(study.task.id), _begun(study)))
+
+
+def _begun(study: Study) -> float:
+    return min(line.timestamps["submitted"] for line in Journal(study.folder).results)
 
 
 def summary(study: Study) -> StudySummary:
@@ -48,42 +65,43 @@ def summary(study: Study) -> StudySummary:
 def searches() -> str:
     """What each search tried, and what the objectives of its finalists rest on."""
     rows = []
-    for task in TASKS:
-        try:
-            study = committed(task)
-        except NotMeasured:
-            continue
+    for study in committed():
         told = summary(study)
         rows.append(
             (
-                task,
+                study.task.id,
+                f"`{study.name}`",
+                str(len(study.space.build())),
                 str(len(told.journal.configs)),
                 str(told.model_based),
                 f"{told.points()[-1].spent / 3600:.1f}",
                 f"{sum(line.budget for line in told.finalists) / 3600:.1f}",
-                f"`{study.name}`",
             )
         )
-    if not rows:
-        raise NotMeasured("studies in `benchmarks/search/studies`")
-    head = ["task", "configurations", "of the model", "core hours", "of validation", "study"]
+    head = [
+        "task",
+        "study",
+        "hyperparameters",
+        "configurations",
+        "of the model",
+        "core hours",
+        "of validation",
+    ]
     return table(head, rows)
 
 
 def validations() -> str:
     """What became of the finalists over new seeds."""
     rows = []
-    for task in TASKS:
-        try:
-            told = summary(committed(task))
-        except NotMeasured:
-            continue
+    for study in committed():
+        told = summary(study)
         proposals = {line.id: line for line in told.journal.configs}
         for line in told.finalists:
             before, proposal = told.result_of(line.id), proposals[line.id]
             rows.append(
                 (
-                    task,
+                    study.task.id,
+                    f"`{study.name}`",
                     "the recipe" if proposal.of_prior else configuration_name(line.id),
                     *(
                         f"{one.info['confirmed']} in {one.info['core_seconds']:.0f}"
@@ -93,10 +111,9 @@ def validations() -> str:
                     f"{line.loss:.0f}",
                 )
             )
-    if not rows:
-        raise NotMeasured("studies in `benchmarks/search/studies`")
     head = [
         "task",
+        "study",
         "configuration",
         "SEs in core seconds, search",
         "new seeds",
@@ -107,26 +124,23 @@ def validations() -> str:
 
 
 def found() -> str:
-    """The recipes before the search and those that it led to, over fresh seeds."""
-    rows, results = [], []
-    for task in TASKS:
-        led_to: dict[str, Any] = {}
-        for title, ending in RECIPES.items():
+    """The recipes that searches began with and led to, over fresh seeds."""
+    rows: list[tuple[str, ...]] = []
+    results: list[dict[str, Any]] = []
+    for task, recipes in RECIPES.items():
+        measured = {}
+        for title, ending in recipes.items():
             with suppress(NotMeasured):
-                led_to[title] = read_result(f"nes_seeds_{task}{ending}", "runs")
-        if not led_to:
+                measured[title] = read_result(f"nes_seeds_{task}{ending}", "runs")
+        if len(measured) < 2:
             continue
-        before = read_result(f"nes_seeds_{task}", "runs")
-        results += [before, *led_to.values()]
-        rows.append((task, "default", *_quality(before["runs"]), "", ""))
-        for title, result in led_to.items():
-            costs = [[run["core_seconds"] for run in of["runs"]] for of in (before, result)]
-            solved = [sum(run["solved"] for run in of["runs"]) for of in (before, result)]
-            missed = [len(of["runs"]) - n for of, n in zip((before, result), solved, strict=True)]
-            p = [mannwhitneyu(*costs).pvalue, fisher_exact([solved, missed]).pvalue]
-            rows.append((task, title, *_quality(result["runs"]), *(f"{one:.1g}" for one in p)))
+        first = next(iter(measured.values()))
+        for title, result in measured.items():
+            p = _p_values(first["runs"], result["runs"]) if result is not first else ("", "")
+            rows.append((task, title, *_quality(result["runs"]), *p))
+        results += measured.values()
     if not results:
-        raise NotMeasured("`benchmarks/results/nes_seeds_*_found.json`")
+        raise NotMeasured("recipes of `benchmarks/search` over seeds")
     head = [
         "task",
         "recipe",
@@ -140,6 +154,14 @@ def found() -> str:
         "p of solved",
     ]
     return f"{table(head, rows)}\n\n{source(*results)}"
+
+
+def _p_values(one: list[dict[str, Any]], other: list[dict[str, Any]]) -> tuple[str, str]:
+    costs = [[run["core_seconds"] for run in runs] for runs in (one, other)]
+    solved = [sum(run["solved"] for run in runs) for runs in (one, other)]
+    missed = [len(runs) - n for runs, n in zip((one, other), solved, strict=True)]
+    p = mannwhitneyu(*costs).pvalue, fisher_exact([solved, missed]).pvalue
+    return f"{p[0]:.1g}", f"{p[1]:.1g}"
 
 
 def _quality(runs: list[dict[str, Any]]) -> tuple[str, ...]:
@@ -157,16 +179,11 @@ def _quality(runs: list[dict[str, Any]]) -> tuple[str, ...]:
 
 def main() -> None:
     """Draw the pictures of the committed studies."""
-    for task in TASKS:
-        try:
-            study = committed(task)
-        except NotMeasured as missing:
-            print(f"not drawn: {missing}")
-            continue
+    for study in committed():
         told = summary(study)
         points, validated = told.points(), told.validated_points()
-        figure = objective_against_cost(points, validated, get_task(task), study.method_name)
-        path = PICTURES / f"search-{task}.svg"
+        figure = objective_against_cost(points, validated, study.task, study.method_name)
+        path = PICTURES / f"search-{study.task.id}-{study.name}.svg"
         figure.savefig(path, metadata={"Date": None})
         print(f"drawn: {path}")
 

@@ -76,8 +76,8 @@ def nes(
 )
 @click.option(
     "--space",
-    help="Search space: full (the paper's 18 hyperparameters), core (7 hyperparameters), or the "
-    "path of a file that ConfigSpace has written, *.json or *.yaml (default: the profile's).",
+    help="Search space: full (the paper's 18 hyperparameters), core (eight of NES and the SE), or "
+    "the path of a file that ConfigSpace has written, *.json or *.yaml (default: the profile's).",
 )
 @click.option(
     "--brackets",

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from bilevel.decode import decode
-from bilevel.durable import sync_folder
+from bilevel.durable import sync
 from bilevel.errors import InvalidInput, StorageFailure
 
 _T = TypeVar("_T")
@@ -71,7 +71,7 @@ class JsonlLog:
                         file.truncate(self._end)
                     raise
             if new:
-                sync_folder(self.path.parent)
+                sync(self.path.parent)
         except OSError as error:
             raise StorageFailure.of(self.path, error) from None
         self._end += len(line)

@@ -10,6 +10,7 @@ from urllib.parse import quote
 
 from filelock import FileLock
 
+from bilevel.durable import sync
 from bilevel.errors import InvalidInput
 
 
@@ -47,12 +48,35 @@ def _create(path: Path) -> None:
     silence_mlflow()
     aside = path.with_name(f".{path.name}.new")
     aside.unlink(missing_ok=True)
-    store = SqlAlchemyStore(f"sqlite:///{aside}", path.with_name("artifacts").as_uri())
-    try:
-        store.delete_experiment(store.DEFAULT_EXPERIMENT_ID)
-    finally:
-        store.engine.dispose()
+    with _unflushed(aside):
+        store = SqlAlchemyStore(f"sqlite:///{aside}", path.with_name("artifacts").as_uri())
+        try:
+            store.delete_experiment(store.DEFAULT_EXPERIMENT_ID)
+        finally:
+            store.engine.dispose()
+    sync(aside)
     aside.replace(path)
+    sync(path.parent)
+
+
+@contextmanager
+def _unflushed(path: Path) -> Iterator[None]:
+    """Within the block a SQLite database is written without waiting for the disk: MLflow creates
+    its tables in dozens of transactions, each of which would wait."""
+    from sqlalchemy import event
+    from sqlalchemy.engine import Engine
+
+    def connected(connection: sqlite3.Connection, _: object) -> None:
+        files = [Path(file) for _, _, file in connection.execute("PRAGMA database_list")]
+        if files == [path.resolve()]:
+            connection.execute("PRAGMA synchronous = OFF")
+            connection.execute("PRAGMA journal_mode = MEMORY")
+
+    event.listen(Engine, "connect", connected)
+    try:
+        yield
+    finally:
+        event.remove(Engine, "connect", connected)
 
 
 def experiments(path: Path) -> dict[str, str]:
