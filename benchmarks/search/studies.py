@@ -123,23 +123,31 @@ def validations() -> str:
     return table(head, rows)
 
 
+def measured(task: str) -> dict[str, Any]:
+    """The runs over seeds of a task's recipes, by their titles; none if there is one recipe."""
+    results = {}
+    for title, ending in RECIPES[task].items():
+        with suppress(NotMeasured):
+            results[title] = read_result(f"nes_seeds_{task}{ending}", "runs")
+    return results if len(results) > 1 else {}
+
+
 def found() -> str:
     """The recipes that searches began with and led to, over fresh seeds."""
     rows: list[tuple[str, ...]] = []
-    results: list[dict[str, Any]] = []
-    for task, recipes in RECIPES.items():
-        measured = {}
-        for title, ending in recipes.items():
-            with suppress(NotMeasured):
-                measured[title] = read_result(f"nes_seeds_{task}{ending}", "runs")
-        if len(measured) < 2:
-            continue
-        first = next(iter(measured.values()))
-        for title, result in measured.items():
-            p = _p_values(first["runs"], result["runs"]) if result is not first else ("", "")
+    sources: list[dict[str, Any]] = []
+    for task in RECIPES:
+        results = measured(task)
+        first = next(iter(results.values()), None)
+        for title, result in results.items():
+            p = (
+                _p_values(first["runs"], result["runs"])
+                if first and result is not first
+                else ("", "")
+            )
             rows.append((task, title, *_quality(result["runs"]), *p))
-        results += measured.values()
-    if not results:
+        sources += results.values()
+    if not rows:
         raise NotMeasured("recipes of `benchmarks/search` over seeds")
     head = [
         "task",
@@ -153,7 +161,40 @@ def found() -> str:
         "p of core seconds",
         "p of solved",
     ]
-    return f"{table(head, rows)}\n\n{source(*results)}"
+    return f"{table(head, rows)}\n\n{source(*sources)}"
+
+
+def found_taught() -> str:
+    """What the SEs of these recipes teach, a column for each recipe on whose SEs agents were
+    trained. Raises NotMeasured."""
+    parts = []
+    for task in RECIPES:
+        lessons = {
+            title: [run["taught"] for run in result["runs"] if "taught" in run]
+            for title, result in measured(task).items()
+        }
+        lessons = {title: taught for title, taught in lessons.items() if taught}
+        if lessons:
+            parts.append(_taught(task, lessons))
+    if not parts:
+        raise NotMeasured("agents on the SEs of recipes of `benchmarks/search`")
+    return "\n\n".join(parts)
+
+
+def _taught(task: str, lessons: dict[str, list[dict[str, Any]]]) -> str:
+    rows = []
+    for kind in dict.fromkeys(kind for taught in lessons.values() for on in taught for kind in on):
+        cells = []
+        for taught in lessons.values():
+            means = [float(np.mean(on_se[kind]["scores"])) for on_se in taught if kind in on_se]
+            cells.append(_spread(means) if means else "-")
+        rows.append((task, kind, *cells))
+    head = ["task", "agent", *(f"{title}: {len(on)} SEs" for title, on in lessons.items())]
+    return table(head, rows)
+
+
+def _spread(means: list[float]) -> str:
+    return f"{np.mean(means):.1f} ({min(means):.1f} to {max(means):.1f})"
 
 
 def _p_values(one: list[dict[str, Any]], other: list[dict[str, Any]]) -> tuple[str, str]:

@@ -11,7 +11,6 @@ from scipy.stats import permutation_test
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source, table
-from benchmarks.nes import tables as nes
 from benchmarks.search import studies
 from cluster.bohb.profiles import METHODS
 from cluster.tracking.pictures import BLUE, GREY, ORANGE
@@ -97,11 +96,6 @@ def _quality(searches: Sequence[Sequence[dict[str, Any]]]) -> tuple[str, str]:
     return f"{solved} of {len(runs)}", f"{np.median(costs):.0f}{spread}"
 
 
-def found_taught() -> str:
-    """What the SEs teach that were learned with the recipes that searches found."""
-    return nes.taught("_found", TASKS)
-
-
 def picture(task: str, path: Path) -> None:
     """Draw a point for every search, and those of a seed joined by a line. Raises NotMeasured."""
     measured = read_result(f"search_{task}")["rows"]
@@ -132,5 +126,5 @@ TABLES: dict[str, Callable[[], str]] = {
     "searches": studies.searches,
     "validations": studies.validations,
     "found": studies.found,
-    "found-taught": found_taught,
+    "found-taught": studies.found_taught,
 }
