@@ -92,10 +92,15 @@ def main() -> None:
     """Train all, and write the result."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=int, default=5)
-    seeds = parser.parse_args().seeds
-    rows = []
+    parser.add_argument(
+        "--ses", nargs="+", choices=[*ENTRIES], default=[*ENTRIES], help="measured anew"
+    )
+    options = parser.parse_args()
+    seeds = options.seeds
+    rows = [] if set(options.ses) == set(ENTRIES) else read_result("sb3")["rows"]
+    rows = [row for row in rows if row["se"] not in options.ses]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        for name in ENTRIES:
+        for name in options.ses:
             for kind in KINDS:
                 for steps in STEPS:
                     row: dict[str, Any] = {"se": name, "kind": kind, "steps": steps}
@@ -107,6 +112,7 @@ def main() -> None:
                         row[where] = [job.result() for job in jobs]
                     rows.append(row)
                     print(row, flush=True)
+    rows.sort(key=lambda row: [*ENTRIES].index(row["se"]))
     write_result("sb3", f"python -m benchmarks.agents.sb3 --seeds {seeds}", {"rows": rows})
 
 
