@@ -5,10 +5,10 @@
 Each search is one `bilevel bohb TASK --method METHOD --seed SEED` in the space of
 `default-episodes.json`, of so many core seconds and a third as many for its validation. (That space
 leaves the SE's episodes alone, docs/tuning.md tells why, and BOHB's model needs fewer results for
-its six hyperparameters than for the eight of `core`.) Its recipe then runs NES with fresh seeds, the
-same for all recipes, until an SE is confirmed or the generations are over; ten fresh agents of the
-paper's full ranges score the SE. The recipe `default` is measured alike. Results are written one by
-one to `results/search_TASK.json`; the same command resumes.
+its six hyperparameters than for the eight of `core`.) Its recipe then runs NES with fresh seeds,
+the same for all recipes, until an SE is confirmed or the generations are over; ten fresh agents of
+the paper's full ranges score the SE. The recipe `default` is measured alike. Results are written
+one by one to `results/search_TASK.json`; the same command resumes.
 """
 
 import argparse
