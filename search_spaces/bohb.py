@@ -61,7 +61,7 @@ def _full_agent(agent: str) -> list[Dimension]:
 
 def _core() -> list[Dimension]:
     """Eight dimensions of NES and SE, so that BOHB's model needs 2 * (8 + 1) results at one budget.
-    Ranges are wide around the values of the recipe `default`.
+    Ranges are wide around the values of the recipes `default`.
 
     The agents have none: the recipe draws their learning rates, batches and networks anew for every
     generation, since an SE must teach them all, and confirmations draw theirs as users will.
@@ -69,10 +69,10 @@ def _core() -> list[Dimension]:
     return [
         CS.Float("nes.step_size", (0.2, 4.0), log=True),
         CS.Float("nes.std_dev", (0.03, 1.0), log=True),
-        CS.Integer("nes.population_size", (4, 48), log=True),
-        CS.Float("nes.1-averaging", (0.02, 0.5), log=True),
+        CS.Integer("nes.population_size", (3, 48), log=True),
+        CS.Float("nes.1-averaging", (0.02, 0.9), log=True),
         CS.Integer("nes.start_candidates", (16, 512), log=True),
-        CS.Integer("se.hidden_size", (16, 64), log=True),
+        CS.Integer("se.hidden_size", (12, 64), log=True),
         CS.Integer("se.step_limit", (20, 200), log=True),
         CS.Float("se.spread", (1.04, 1.3)),
     ]

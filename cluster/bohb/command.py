@@ -111,6 +111,7 @@ class _Runner:
         self.terminal = session.terminal
         self.live: set[str] = set()  # names of configurations
         study = command.study
+        study.write_space()
         study.take_over_prior()
         self.journal = Journal(study.folder)
         run_status = RunStatus.load(study.folder)
@@ -125,7 +126,6 @@ class _Runner:
     def run(self) -> int:
         """Run to the end; return the exit code."""
         study = self.command.study
-        study.write_space()
         self._introduce()
         views = StudyViews(study, self.session.identity, self.live)
         goes_on = "run the same command again to resume"

@@ -141,9 +141,16 @@ class Study:
         copy.replace(self.folder / _EARLIER)
 
     def write_space(self) -> None:
-        """Write SPACE_FILE. Raises StorageFailure."""
-        content = self.space.build(self.agents).to_serialized_dict()
-        write_aside(self.folder / SPACE_FILE, json.dumps(content, indent=2).encode())
+        """Write SPACE_FILE. Raises StorageFailure, and InvalidInput if the study was begun with
+        other ranges: those of this package's spaces may change from one version to the next."""
+        path, space = self.folder / SPACE_FILE, self.space.build(self.agents)
+        if path.exists() and Space.of(str(path)).build() != space:
+            raise InvalidInput(
+                f"study {self.name!r} was begun with other ranges of the search space "
+                f"{self.space.name!r} than this version has: begin another one with --study NAME "
+                f"(and --space {path}, for the old ranges)"
+            )
+        write_aside(path, json.dumps(space.to_serialized_dict(), indent=2).encode())
 
     def settings(self) -> dict[str, Any]:
         """Its settings."""

@@ -12,7 +12,13 @@ from bilevel.hyperparameters import (
 )
 from bilevel.nes import NES
 from bilevel.tasks import get_task
-from search_spaces import SPACES, of_hyperparameters, search_space, to_hyperparameters
+from search_spaces import (
+    SPACES,
+    nearest,
+    of_hyperparameters,
+    search_space,
+    to_hyperparameters,
+)
 from tests.conftest import ddqn
 
 SAMPLES = 300
@@ -77,7 +83,14 @@ def test_core_is_small_and_for_the_default_recipe() -> None:
     assert len(search_space("core")) == 8
     hps = drawn("core")
     assert all(hp.nes.update == "snes" for hp in hps)
-    assert all(16 <= hp.se.hidden_size <= 64 for hp in hps)
+    assert all(12 <= hp.se.hidden_size <= 64 for hp in hps)
+
+
+@pytest.mark.parametrize("task", ["CartPole-v0", "Acrobot-v1"])
+def test_a_search_in_core_can_find_the_default_recipe(task: str) -> None:
+    space = search_space("core")
+    recipe = of_hyperparameters(load_recipe("default", task), space)
+    assert nearest(space, recipe) == pytest.approx(recipe)
 
 
 @pytest.mark.parametrize("task", ["CartPole-v0", "Acrobot-v1"])

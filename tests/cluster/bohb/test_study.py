@@ -1,10 +1,16 @@
 """What a study hands over."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
+import pytest
+
+from bilevel import InvalidInput
 from bilevel.hyperparameters import load_recipe
 from cluster.bohb.journal import Journal
+from cluster.bohb.study import SPACE_FILE
+from search_spaces import search_space
 from tests.commands import run_bilevel
 from tests.studies import make_study, new_study
 
@@ -28,3 +34,17 @@ def test_a_study_without_an_incumbent_has_no_recipe(tmp_path: Path) -> None:
         "'mine' on CartPole-v0 has found no recipe: give a study that has run to its end"
         in result.stderr
     )
+
+
+def test_a_study_keeps_the_ranges_that_it_was_begun_with(tmp_path: Path) -> None:
+    """A later version's space of the same name may have others."""
+    study = make_study(tmp_path)
+    study.write_space()
+    study.write_space()  # by the same version
+    content = (tmp_path / SPACE_FILE).read_text()
+    other = search_space("core").to_serialized_dict()
+    other["hyperparameters"][0]["upper"] *= 2
+    (tmp_path / SPACE_FILE).write_text(json.dumps(other))
+    with pytest.raises(InvalidInput, match="begun with other ranges of the search space 'core'"):
+        study.write_space()
+    assert json.loads((tmp_path / SPACE_FILE).read_text()) == other != json.loads(content)
