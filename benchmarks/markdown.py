@@ -1,6 +1,7 @@
 """Markdown tables, and the sources of their figures."""
 
 from collections.abc import Iterable, Sequence
+from statistics import mean
 from typing import Any
 
 
@@ -8,6 +9,11 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """The table, without a trailing newline."""
     lines = [head, ["---"] * len(head), *rows]
     return "\n".join(f"| {' | '.join(map(str, line))} |" for line in lines)
+
+
+def mean_and_range(values: Sequence[float]) -> str:
+    """Mean, lowest and highest of some scores."""
+    return f"{mean(values):.1f} ({min(values):.1f} to {max(values):.1f})"
 
 
 def source(*results: dict[str, Any]) -> str:

@@ -10,7 +10,6 @@ import argparse
 import os
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
-from statistics import mean
 from typing import Any
 
 import gymnasium
@@ -18,7 +17,7 @@ import numpy as np
 
 import bilevel  # noqa: F401  (registers the environments)
 from benchmarks.machine import read_result, write_result
-from benchmarks.markdown import source, table
+from benchmarks.markdown import mean_and_range, source, table
 from bilevel.tasks import get_task
 from bilevel.zoo import ENTRIES, env_id, get_entry
 
@@ -96,9 +95,13 @@ def main() -> None:
         "--ses", nargs="+", choices=[*ENTRIES], default=[*ENTRIES], help="measured anew"
     )
     options = parser.parse_args()
-    seeds = options.seeds
-    rows = [] if set(options.ses) == set(ENTRIES) else read_result("sb3")["rows"]
-    rows = [row for row in rows if row["se"] not in options.ses]
+    seeds, command = options.seeds, f"python -m benchmarks.agents.sb3 --seeds {options.seeds}"
+    rows = []
+    if others := set(ENTRIES) - set(options.ses):
+        before = read_result("sb3")
+        if before["command"] != command:
+            parser.error(f"the other SEs were measured by {before['command']!r}")
+        rows = [row for row in before["rows"] if row["se"] in others]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
         for name in options.ses:
             for kind in KINDS:
@@ -113,7 +116,7 @@ def main() -> None:
                     rows.append(row)
                     print(row, flush=True)
     rows.sort(key=lambda row: [*ENTRIES].index(row["se"]))
-    write_result("sb3", f"python -m benchmarks.agents.sb3 --seeds {seeds}", {"rows": rows})
+    write_result("sb3", command, {"rows": rows})
 
 
 def sb3() -> str:
@@ -121,7 +124,7 @@ def sb3() -> str:
     result = read_result("sb3")
     head = ["SE", "agent", "training steps", "trained on the SE", "trained on the real task"]
     rows = [
-        [f"`{env_id(row['se'])}`", row["kind"], row["steps"], *map(_told, _both(row))]
+        [f"`{env_id(row['se'])}`", row["kind"], row["steps"], *map(mean_and_range, _both(row))]
         for row in result["rows"]
     ]
     return f"{table(head, rows)}\n\n{source(result)}"
@@ -129,10 +132,6 @@ def sb3() -> str:
 
 def _both(row: dict[str, Any]) -> tuple[list[float], list[float]]:
     return row["synthetic"], row["real"]
-
-
-def _told(scores: list[float]) -> str:
-    return f"{mean(scores):.1f} ({min(scores):.1f} to {max(scores):.1f})"
 
 
 if __name__ == "__main__":

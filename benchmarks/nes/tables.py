@@ -6,7 +6,7 @@ from contextlib import suppress
 from typing import Any
 
 from benchmarks.machine import NotMeasured, read_result
-from benchmarks.markdown import source, table
+from benchmarks.markdown import mean_and_range, source, table
 
 #: Target mean score of each kind of agent on an SE, by task; `sb3` is for agents of
 #: Stable-Baselines3.
@@ -140,7 +140,7 @@ def _taught_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
                 kind,
                 str(len(on_ses)),
                 " or ".join(map(str, numbers)),
-                f"{statistics.mean(means):.1f} ({min(means):.1f} to {max(means):.1f})",
+                mean_and_range(means),
                 f"{sum(mean >= target for mean in means)} (target {target:g})",
                 f"{statistics.mean(steps):.0f}" if steps else "-",
             ]

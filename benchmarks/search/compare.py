@@ -68,16 +68,8 @@ def search(task: str, method: str, seed: int, core_seconds: int, home: Path) -> 
     command = [str(Path(sys.executable).with_name("bilevel")), "bohb", task, "--method", method]
     command += ["--seed", str(seed), "--brackets", str(brackets), "--time-budget", "100h"]
     # The recipe is the same for all methods: what they find without it is compared.
-    command += [
-        "--space",
-        str(space_file(home)),
-        "--prior",
-        "none",
-        "--study",
-        folder.name,
-        "--home",
-        str(home),
-    ]
+    command += ["--prior", "none", "--space", str(space_file(home))]
+    command += ["--study", folder.name, "--home", str(home)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     rungs = schedule.brackets(brackets)
     summary = StudySummary.of(Journal(folder), rungs)

@@ -16,7 +16,7 @@ import numpy as np
 from scipy.stats import fisher_exact, mannwhitneyu
 
 from benchmarks.machine import NotMeasured, read_result
-from benchmarks.markdown import source, table
+from benchmarks.markdown import mean_and_range, source, table
 from cluster.bohb.journal import Journal
 from cluster.bohb.pictures import objective_against_cost
 from cluster.bohb.study import Study, configuration_name
@@ -24,7 +24,6 @@ from cluster.bohb.summary import StudySummary
 
 STUDIES = Path(__file__).parent / "studies"
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
-TASKS = ("CartPole-v0", "Acrobot-v1")
 #: Recipes of a task in the order in which they came about, and the endings of their results over
 #: seeds. Each is compared with the first.
 RECIPES = {
@@ -36,6 +35,7 @@ RECIPES = {
     },
     "Acrobot-v1": {"made by hand": ""},
 }
+TASKS = tuple(RECIPES)
 
 
 def committed() -> list[Study]:
@@ -138,14 +138,12 @@ def found() -> str:
     sources: list[dict[str, Any]] = []
     for task in RECIPES:
         results = measured(task)
-        first = next(iter(results.values()), None)
+        first: list[dict[str, Any]] | None = None
         for title, result in results.items():
-            p = (
-                _p_values(first["runs"], result["runs"])
-                if first and result is not first
-                else ("", "")
-            )
-            rows.append((task, title, *_quality(result["runs"]), *p))
+            runs = result["runs"]
+            p = _p_values(first, runs) if first else ("", "")
+            rows.append((task, title, *_quality(runs), *p))
+            first = first or runs
         sources += results.values()
     if not rows:
         raise NotMeasured("recipes of `benchmarks/search` over seeds")
@@ -187,14 +185,10 @@ def _taught(task: str, lessons: dict[str, list[dict[str, Any]]]) -> str:
         cells = []
         for taught in lessons.values():
             means = [float(np.mean(on_se[kind]["scores"])) for on_se in taught if kind in on_se]
-            cells.append(_spread(means) if means else "-")
+            cells.append(mean_and_range(means) if means else "-")
         rows.append((task, kind, *cells))
     head = ["task", "agent", *(f"{title}: {len(on)} SEs" for title, on in lessons.items())]
     return table(head, rows)
-
-
-def _spread(means: list[float]) -> str:
-    return f"{np.mean(means):.1f} ({min(means):.1f} to {max(means):.1f})"
 
 
 def _p_values(one: list[dict[str, Any]], other: list[dict[str, Any]]) -> tuple[str, str]:

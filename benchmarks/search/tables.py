@@ -15,7 +15,6 @@ from benchmarks.search import studies
 from cluster.bohb.profiles import METHODS
 from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
-TASKS = ("CartPole-v0", "Acrobot-v1")
 _COLOURS = {"bohb": BLUE, "hyperband": ORANGE, "random": GREY}
 
 
@@ -50,7 +49,7 @@ def p_value(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
 def comparison() -> str:
     """What the recipes of each method are worth, and whether BOHB's are worth more."""
     rows, results = [], []
-    for task in TASKS:
+    for task in studies.TASKS:
         try:
             result = read_result(f"search_{task}")
         except NotMeasured:

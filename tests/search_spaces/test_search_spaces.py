@@ -12,13 +12,7 @@ from bilevel.hyperparameters import (
 )
 from bilevel.nes import NES
 from bilevel.tasks import get_task
-from search_spaces import (
-    SPACES,
-    nearest,
-    of_hyperparameters,
-    search_space,
-    to_hyperparameters,
-)
+from search_spaces import SPACES, nearest, of_hyperparameters, search_space, to_hyperparameters
 from tests.conftest import ddqn
 
 SAMPLES = 300
