@@ -123,13 +123,15 @@ class StudyViews:
             },
             tags,
             (*points, *(Point.of_final(end) for end in ends)),
-            tuple(self._documents(journal, summary, bool(ends))),
+            tuple(self._documents(journal, summary, bool(ends), over)),
             model=registered(study.folder, study.task.id, ends[-1]) if ends else None,
             author=self.identity.author,
             description=self._description(),
         )
 
-    def _documents(self, journal: Journal, summary: StudySummary, ended: bool) -> list[Document]:
+    def _documents(
+        self, journal: Journal, summary: StudySummary, ended: bool, over: bool
+    ) -> list[Document]:
         study = self.study
         documents = [Document.of_file(study.folder / BEST_FILE)] if ended else []
         incumbent = summary.incumbent
@@ -155,8 +157,11 @@ class StudyViews:
         if summary.validation is not None:
             documents.append(Document.of_text("validation.md", summary.validation_table()))
         if incumbent is not None:
-            # While the study runs, at every tenth result: the forest takes half a second.
-            number = len(journal.results) if ended else len(journal.results) // 10 * 10
+            # While the study runs, at every tenth result from the tenth on: the forest takes half
+            # a second.
+            number = len(journal.results)
+            if number > 10 and not over:
+                number -= number % 10
             documents.append(
                 Document(
                     "hyperparameters.png",
