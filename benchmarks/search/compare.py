@@ -2,13 +2,11 @@
 
     python -m benchmarks.search.compare CartPole-v0 --seeds 0 1 2 3 4 5 --home FOLDER
 
-Each search is one `bilevel bohb TASK --method METHOD --seed SEED` in the space `core` without the
-length of the SE's episodes, of so many core seconds and a third as many for its validation.
-(docs/tuning.md tells what a search of that length exploits; and BOHB's model needs fewer results
-for six hyperparameters than for eight.) Its recipe then runs NES with fresh seeds, the same for all
-recipes, until an SE is confirmed or the generations are over; ten fresh agents of the paper's full
-ranges score the SE. The recipe `default` is measured alike. Results are written one by one to
-`results/search_TASK.json`; the same command resumes.
+Each search is one `bilevel bohb TASK --method METHOD --seed SEED --space SPACE`, of so many core
+seconds and a third as many for its validation. Its recipe then runs NES with fresh seeds, the same
+for all recipes, until an SE is confirmed or the generations are over; ten fresh agents of the
+paper's full ranges score the SE. The recipe `default` is measured alike. Results are written one by
+one to `results/search_TASK.json`; the same command resumes.
 """
 
 import argparse
@@ -20,7 +18,6 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import ConfigSpace as CS
 import numpy as np
 
 from benchmarks.machine import NotMeasured, read_result, write_result
@@ -36,10 +33,11 @@ from cluster.bohb.journal import Journal
 from cluster.bohb.profiles import METHODS, get_profile
 from cluster.bohb.study import RECIPE_FILE
 from cluster.bohb.summary import StudySummary
-from search_spaces import search_space
 
-#: Hyperparameters of the space `core` that keep the recipe's values.
-KEPT = ("se.step_limit", "se.spread")
+#: The space `core` without the SE's step limit and spread. (docs/tuning.md tells what a search of
+#: the episodes' length exploits; and BOHB's model needs fewer results for six hyperparameters than
+#: for eight.)
+SPACE = Path(__file__).with_name("core-without-episodes.json")
 
 #: Seed of the first fresh run.
 _FRESH = 10_000
@@ -52,15 +50,6 @@ def brackets_of(method: str, core_seconds: int) -> tuple[int, Schedule]:
     return max(round(core_seconds / core_seconds_to_run(schedule.brackets(1))), 1), schedule
 
 
-def space_file(home: Path) -> Path:
-    """A file of the space that is searched."""
-    core = search_space("core")
-    home.mkdir(parents=True, exist_ok=True)
-    path = home / "core-without-episodes.json"
-    CS.ConfigurationSpace(space=[core[name] for name in core if name not in KEPT]).to_json(path)
-    return path
-
-
 def search(task: str, method: str, seed: int, core_seconds: int, home: Path) -> dict[str, Any]:
     """Run a search; return what it found."""
     brackets, schedule = brackets_of(method, core_seconds)
@@ -68,7 +57,7 @@ def search(task: str, method: str, seed: int, core_seconds: int, home: Path) -> 
     command = [str(Path(sys.executable).with_name("bilevel")), "bohb", task, "--method", method]
     command += ["--seed", str(seed), "--brackets", str(brackets), "--time-budget", "100h"]
     # The recipe is the same for all methods: what they find without it is compared.
-    command += ["--prior", "none", "--space", str(space_file(home))]
+    command += ["--prior", "none", "--space", str(SPACE)]
     command += ["--study", folder.name, "--home", str(home)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     rungs = schedule.brackets(brackets)

@@ -11,7 +11,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from threadpoolctl import threadpool_limits
 
 from benchmarks.machine import spread, write_result
 from benchmarks.speed.bound import Core, measure_core, step_work
@@ -22,6 +21,7 @@ from bilevel.agents.training import train as train_in_python
 from bilevel.evaluation import schedule
 from bilevel.hyperparameters import AgentHyperparameters, SEHyperparameters, load_recipe
 from bilevel.kernels import training
+from bilevel.kernels.blas import one_blas_thread
 from bilevel.kernels.environment import environment
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import get_task
@@ -162,7 +162,7 @@ def main() -> None:
     results = {}
     print("| agent | kernel us/step | torch us/step | ratio | times the bound |")
     print("| --- | --- | --- | --- | --- |")
-    with threadpool_limits(1):
+    with one_blas_thread():
         core = measure_core()
         for label, case in cases().items():
             result = results[label] = measure(core, case)

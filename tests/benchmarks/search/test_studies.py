@@ -1,0 +1,53 @@
+from typing import Any
+
+import pytest
+
+from benchmarks.machine import read_result
+from benchmarks.search.studies import RECIPES, STUDIES, _p_values, _quality, committed, summary
+from bilevel.hyperparameters import load_recipe
+from cluster.bohb.study import RECIPE_FILE
+
+
+def test_the_committed_studies_hand_over_what_their_finalists_say() -> None:
+    """The recipe in a study's folder is its incumbent's, over the validation's seeds."""
+    studies = committed()
+    assert studies
+    for study in studies:
+        told = summary(study)
+        assert told.incumbent is not None
+        losses = [line.loss for line in told.finalists if line.loss is not None]
+        assert told.incumbent.loss == min(losses)
+        recipe = load_recipe(str(study.folder / RECIPE_FILE), study.task.id)
+        proposed = told.configuration(told.incumbent.id)
+        assert proposed["nes.population_size"] == recipe.nes.population_size
+
+
+def test_nothing_of_this_machine_is_in_a_study() -> None:
+    for path in STUDIES.rglob("*"):
+        assert path.name != ".lock"
+        if path.name == "settings.json":
+            assert "--home" not in path.read_text()
+
+
+@pytest.mark.parametrize("task", RECIPES)
+def test_no_seed_served_two_recipes(task: str) -> None:
+    """So that no recipe was chosen on the seeds that another one is compared on."""
+    seeds = [
+        {run["seed"] for run in read_result(f"nes_seeds_{task}{ending}")["runs"]}
+        for ending in RECIPES[task].values()
+    ]
+    assert sum(map(len, seeds)) == len(set.union(*seeds))
+
+
+def test_recipes_are_told_by_all_of_their_runs() -> None:
+    def run(cost: float, confirmed: bool, solved: bool) -> dict[str, Any]:
+        return {
+            "core_seconds": cost,
+            "confirmed": confirmed,
+            "solved": solved,
+            "final_train_steps": 500,
+        }
+
+    runs = [run(10, True, True), run(20, True, False), run(60, False, True)]
+    assert _quality(runs) == ("2 of 3", "2 of 3", "1 of 2", "20 (10 to 60)", "45", "500")
+    assert _p_values(runs, runs) == ("1", "1")

@@ -1,0 +1,38 @@
+from typing import Any
+
+import numpy as np
+import pytest
+
+from benchmarks.search.tables import _rows, expected_core_seconds, p_value
+from cluster.bohb.profiles import METHODS
+
+
+def fresh(cost: float, solved: int = 2, of: int = 2) -> list[dict[str, Any]]:
+    return [{"core_seconds": cost, "solved": i < solved} for i in range(of)]
+
+
+def test_failed_runs_are_paid_for() -> None:
+    assert expected_core_seconds(fresh(10)) == 10
+    assert expected_core_seconds(fresh(10, solved=1)) == 20
+    assert expected_core_seconds(fresh(10, solved=0)) == float("inf")
+
+
+def test_p_is_exact_for_few_pairs() -> None:
+    """Of the 64 ways to exchange six pairs, two are as far from even as six wins."""
+    costs = np.array([10.0, 20.0, 30.0, 40.0, 50.0, 60.0])
+    assert p_value(costs, 2 * costs) == pytest.approx(2 / 64)
+    assert p_value(costs, costs) == 1
+
+
+def test_a_method_is_compared_over_the_seeds_that_both_have() -> None:
+    measured: dict[str, Any] = {"default": {"fresh": fresh(30)}}
+    for seed in range(3):
+        for method, cost in zip(METHODS, (10, 20, 40), strict=True):
+            row = {"method": method, "seed": seed, "fresh": fresh(cost * (seed + 1))}
+            measured[f"{method} {seed}"] = row
+    del measured["random 2"]["fresh"]  # its search is over, its fresh runs are not
+    default, bohb, hyperband, random = _rows("CartPole-v0", measured)
+    assert default[2:] == ["-", "2 of 2", "30", "-"]
+    assert bohb[2:] == ["3", "6 of 6", "20 (10 to 30)", "-"]
+    assert hyperband[2:] == ["3", "6 of 6", "40 (20 to 60)", "0.25"]
+    assert random[2:] == ["2", "4 of 4", "60 (40 to 80)", "0.50"]
