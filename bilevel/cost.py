@@ -1,15 +1,17 @@
 """What evaluations cost, in core seconds estimated from counts alone.
 
 A search that compares costs must get the same ones on every machine, under any load, and each time
-it is repeated. So costs are counted, in gradient steps and their multiplications, and converted to
-seconds by the constants below, of a fast core that trains DDQN. How much longer another one takes
-differs between machines and between kinds of agents (`benchmarks.speed.cost`, docs/speed.md).
+it is repeated. So costs are counted, in gradient steps and the multiplications of a minibatch's
+pass through the agent's network (`step_cost`; all passes of a step cost a multiple of it), and
+converted to seconds by the constants below, of a fast core that trains DDQN. How much longer
+another one takes differs between machines and between kinds of agents (`benchmarks.speed.cost`,
+docs/speed.md).
 """
 
 from bilevel.hyperparameters import AgentHyperparameters
 
-#: Seconds of a multiplication in a gradient step, of everything else in a training step, and of a
-#: test step on the real task.
+#: Seconds of a gradient step for each multiplication of one pass, of everything else in a training
+#: step, and of a test step on the real task.
 MULTIPLICATION, STEP, TEST_STEP = 1e-10, 1.2e-5, 1e-6
 
 

@@ -27,7 +27,7 @@ from bilevel.kernels.blas import one_blas_thread
 from bilevel.kernels.environment import Environment, environment
 from bilevel.kernels.stopping import NOT_FINITE
 from bilevel.seeds import split
-from bilevel.synthetic_env import SE, Architecture, SEDistribution
+from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE
 from bilevel.tasks import Task
 
 
@@ -41,7 +41,7 @@ class Perturbed:
     """Train on centre + sign * eps, with eps drawn by `seed`."""
 
     seed: int
-    sign: int  # 1 or -1
+    sign: int  #: 1 or -1
 
 
 @dataclass(frozen=True)
@@ -64,8 +64,8 @@ TrainedOn = Centre | Perturbed | Initialized | RealTask
 class EvaluationRequest:
     """Input of one evaluation, besides the task and the SE or the distribution of SEs."""
 
-    index: int  # position among the requests of one call
-    seed: int  # of initial parameters, exploration, minibatches and test episodes
+    index: int  #: position among the requests of one call
+    seed: int  #: of initial parameters, exploration, minibatches and test episodes
     agent: AgentHyperparameters
     on: TrainedOn = Centre()
 
@@ -74,12 +74,12 @@ class EvaluationRequest:
 class Outcome:
     """Result of training and testing one fresh agent."""
 
-    test_returns: tuple[float, ...]  # of the test episodes on the real task
+    test_returns: tuple[float, ...]  #: of the test episodes on the real task
     train_steps: int
     train_episodes: int
-    real_env_steps: int  # of tests, and of training on the real task
-    finite: bool  # False: training or test diverged; the returns are the task's worst
-    cost: float  # core seconds, estimated (`bilevel.cost`)
+    real_env_steps: int  #: of tests, and of training on the real task
+    finite: bool  #: False: training or test diverged; the returns are the task's worst
+    cost: float  #: core seconds, estimated (`bilevel.cost`)
 
     @property
     def score(self) -> float:
@@ -96,13 +96,14 @@ class EvaluationResult(Outcome):
 
 
 def evaluate(
-    task: Task, se: SE | SEDistribution | None, request: EvaluationRequest
+    task: Task, se: SE | StoredSE | SEDistribution | None, request: EvaluationRequest
 ) -> EvaluationResult:
     """TrainAgent, then EvaluateAgent (paper, Algorithm 1).
 
-    `se` is one SE, for requests on `Centre`, or a distribution that the request draws its SE from;
-    it may be None for training on the real task. Raises InvalidInput for a request that `se`
-    cannot serve.
+    `se` is one SE (also as `load` and `learn` return it), for requests on `Centre`, or a
+    distribution that the request draws its SE from; it may be None for training on the real task.
+    Raises InvalidInput for a request that `se` cannot serve, and for an SE of a task with other
+    sizes.
     """
     started = time.perf_counter()
     outcome = train_and_test(task, requested_se(se, request.on), request.agent, request.seed)
@@ -110,11 +111,13 @@ def evaluate(
     return EvaluationResult(**vars(outcome), index=request.index, seconds=seconds)
 
 
-def requested_se(se: SE | SEDistribution | None, on: TrainedOn) -> SE | None:
+def requested_se(se: SE | StoredSE | SEDistribution | None, on: TrainedOn) -> SE | None:
     """The SE that a request asks for, None for the real task. Raises InvalidInput if `se` does not
     hold it."""
     if isinstance(on, RealTask):
         return None
+    if isinstance(se, StoredSE):
+        se = se.se
     if isinstance(se, SE) and isinstance(on, Centre):
         return se
     if not isinstance(se, SEDistribution):
@@ -132,9 +135,11 @@ def train_and_test(
     """Train a fresh agent on `se` (None: on the real task) and test it on the real task.
 
     Unless `compiled` is False, the agent's compiled twin runs, if both the agent and the
-    environment it trains on are compiled. Raises AgentMistake for an agent in Python that returns
-    what it must not, raises or exits.
+    environment it trains on are compiled. Raises InvalidInput for an SE of a task with other sizes,
+    and AgentMistake for an agent in Python that returns what it must not, raises or exits.
     """
+    if se is not None:
+        se.architecture.check_fits(task)
     agent_seed, physics_seed, test_seed = split(seed, 3)
     run = _Run(task, se, hp, agent_seed, physics_seed, test_seed)
     has_kernel = get_agent(hp.agent).build_kernel is not None

@@ -75,6 +75,20 @@ class Space:
             space.seed(seed)
         return space
 
+    def fitting(self, name: str, least: int) -> Self:
+        """The space; one that comes with the package with a whole-numbered dimension that begins at
+        `least` or above, and ends at twice as much or above."""
+        if self.content is not None:
+            return self
+        space = self.build()
+        given = space.get(name)
+        if not isinstance(given, CS.UniformIntegerHyperparameter) or given.lower >= least:
+            return self
+        raised = CS.Integer(name, (least, max(given.upper, 2 * least)), log=given.log)
+        dimensions = [raised if one is given else one for one in space.values()]
+        fitted = CS.ConfigurationSpace(name=self.name, space=dimensions)
+        return type(self)(self.name, dict(fitted.to_serialized_dict()))
+
     def check(
         self,
         base: Hyperparameters,

@@ -4,6 +4,7 @@ killed at any moment, or by the console script."""
 import contextlib
 import multiprocessing
 import os
+import socket
 import subprocess
 import sys
 import tempfile
@@ -76,3 +77,9 @@ def _run(
     sys.argv = ["bilevel", *arguments]
     with contextlib.suppress(KeyboardInterrupt):
         main()
+
+
+def listening(host: str, port: int) -> bool:
+    """Whether a server accepts connections on the port."""
+    with socket.socket() as probe:
+        return probe.connect_ex((host, port)) == 0

@@ -86,11 +86,18 @@ def register_agent(
 ) -> None:
     """Register an agent under the name in its hyperparameter class.
 
-    Raises InvalidInput for a class that the decorator `hyperparameters` does not check.
+    Raises InvalidInput for a class that the decorator `hyperparameters` does not check, and for one
+    that names no agent of its own.
     """
-    name = hyperparameters.agent
+    name, given = hyperparameters.agent, hyperparameters.__name__
+    named = bool(name) and agent_hyperparameters(name) is hyperparameters
     if not is_pydantic_dataclass(hyperparameters):
-        raise InvalidInput(f"{hyperparameters.__name__} must be decorated with `hyperparameters`")
+        raise InvalidInput(f"{given} must be decorated with `hyperparameters`")
+    if not named:
+        raise InvalidInput(
+            f"{given} must name its agent, another one than those of other classes: "
+            f'`class {given}(..., agent="mine")`'
+        )
     _AGENTS[name] = RegisteredAgent(name, build, build_kernel, kernel_parameters)
 
 

@@ -23,8 +23,8 @@ _LEARNING_RATE = {"ddqn": 1e-3, "dueling-ddqn": 1e-3, "td3": 5e-4}
 #: Hidden units and batch size, drawn on the log scale; hidden layers.
 SIZES, LAYERS = (42, 384), (1, 3)
 
-#: Multiplications of a gradient step (`AgentHyperparameters.step_cost`) up to which an
-#: agent is small: two and a half times those of the paper's tuned agent for CartPole.
+#: Multiplications of a minibatch's pass (`AgentHyperparameters.step_cost`) up to which an
+#: agent is small: 2.8 times those of the paper's tuned agent for CartPole.
 SMALL = 250_000.0
 
 #: Draws of the sizes among which a small agent is looked for. The number of hidden layers is drawn
@@ -83,7 +83,8 @@ def narrowed(agent: AgentHyperparameters) -> AgentHyperparameters:
 
 
 def _cut(agent: AgentHyperparameters, name: str, least: int) -> AgentHyperparameters:
-    """The agent with the largest value of that field, `least` or more, with which it is small."""
+    """The agent with the largest value of that field, `least` or more, with which it is small; as
+    it is, if its cost does not tell of that field."""
     value = getattr(agent, name, least)
     if agent.step_cost <= SMALL or value <= least:
         return agent
@@ -92,6 +93,8 @@ def _cut(agent: AgentHyperparameters, name: str, least: int) -> AgentHyperparame
         values: dict[str, Any] = {name: size}
         return replace(agent, **values)
 
+    if with_size(least).step_cost >= agent.step_cost:
+        return agent
     sizes = range(least, value)
     small = bisect_right(sizes, SMALL, key=lambda size: with_size(size).step_cost)
     return with_size(sizes[max(small - 1, 0)])

@@ -1,10 +1,9 @@
 """Pictures of an SE's states, drawn by the renderer of the real task.
 
-Gymnasium's classic control tasks draw what their attribute `state` holds. It is the observation, or
-what the functions below make of it.
+Gymnasium's classic control tasks draw what their attribute `state` holds: the state of their
+simulator at an observation (`Task.physics`).
 """
 
-from collections.abc import Callable
 from typing import Any
 
 import gymnasium
@@ -20,21 +19,6 @@ Observation = NDArray[np.float32]
 MODES = ("human", "rgb_array")
 
 
-def _as_it_is(observation: Observation) -> NDArray[np.float64]:
-    return observation.astype(np.float64)
-
-
-def _acrobot(observation: Observation) -> NDArray[np.float64]:
-    """Angles and angular velocities (4,) of an observation (6,), whose cosines and sines an SE need
-    not keep on the circle."""
-    x1, y1, x2, y2, *velocities = (float(value) for value in observation)
-    return np.array([np.arctan2(y1, x1), np.arctan2(y2, x2), *velocities])
-
-
-#: What the tasks draw, where it is not the observation.
-_DRAWN: dict[str, Callable[[Observation], NDArray[np.float64]]] = {"Acrobot-v1": _acrobot}
-
-
 class Renderer:
     """Draws states of an SE as states of its task.
 
@@ -45,7 +29,7 @@ class Renderer:
         if mode not in MODES:
             raise one_of("render mode", mode, MODES)
         unavailable = f"render mode {mode!r} is not available: {task.id} cannot draw a given state"
-        self._drawn = _DRAWN.get(task.id, _as_it_is)
+        self._drawn = task.physics
         try:
             self._env: Any = task.make(render_mode=mode).unwrapped
         except (TypeError, gymnasium.error.Error) as error:

@@ -10,6 +10,7 @@ from bilevel.hyperparameters.agents import (
     agent_names,
 )
 from bilevel.hyperparameters.definitions import (
+    CONFIRMING_AGENTS,
     SCORE_TRANSFORMS,
     UPDATES,
     VARIATIONS,
@@ -22,6 +23,7 @@ from bilevel.hyperparameters.recipes import RECIPES, load_recipe, recipe_text
 
 __all__ = [
     "ACTIVATIONS",
+    "CONFIRMING_AGENTS",
     "RECIPES",
     "SCORE_TRANSFORMS",
     "UPDATES",

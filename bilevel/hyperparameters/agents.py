@@ -32,25 +32,37 @@ class AgentHyperparameters:
 
     agent: ClassVar[str] = ""
 
-    # Episodes before the first gradient step.
+    #: Episodes before the first gradient step.
     init_episodes: Annotated[int, Field(ge=0, le=1_000_000)] = 10
-    max_episodes: _Episodes = 1000  # n_e
-    early_out_episodes: _Episodes = 10  # d
-    early_out_difference: Annotated[float, Field(ge=0.0, le=1e6)] = 0.01  # C_diff
-    test_episodes: _Episodes = 10  # n_te
+    max_episodes: _Episodes = 1000  #: n_e
+    early_out_episodes: _Episodes = 10  #: d
+    early_out_difference: Annotated[float, Field(ge=0.0, le=1e6)] = 0.01  #: C_diff
+    test_episodes: _Episodes = 10  #: n_te
 
     def __init_subclass__(cls, agent: str = "", **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         if agent:
+            taken = _BY_NAME.get(agent)
+            # The same file may be loaded again.
+            if taken is not None and _place(taken) != _place(cls):
+                raise InvalidInput(
+                    f"{'.'.join(_place(cls))}: the agent name {agent!r} is taken by "
+                    f"{'.'.join(_place(taken))}"
+                )
             cls.agent = agent
             _BY_NAME[agent] = cls
 
     @property
     def step_cost(self) -> float:
-        """About what a gradient step costs, to tell long evaluations from short ones
-        before they are run; in multiplications. An agent that does not say is taken for
-        one without a kernel, whose steps take a millisecond."""
+        """About what a gradient step costs, to tell long evaluations from short ones before they
+        are run, and agents that `narrowed` variation makes cheaper: multiplications of one pass of
+        a minibatch through the network. An agent that does not say is taken for one without a
+        kernel, whose steps take a millisecond, whatever its sizes; it is never narrowed."""
         return 1e7
+
+
+def _place(cls: type) -> tuple[str, str]:
+    return cls.__module__, cls.__qualname__
 
 
 def agent_names() -> tuple[str, ...]:
@@ -70,8 +82,8 @@ class _OffPolicy(AgentHyperparameters):
     """Hyperparameters that the three agents of the paper share (Table "Default HPs")."""
 
     batch_size: Annotated[int, Field(ge=1, le=65536)]
-    learning_rate: Annotated[float, Field(ge=1e-8, le=1.0)]  # of Adam
-    target_update_rate: _Share  # of the soft update
+    learning_rate: Annotated[float, Field(ge=1e-8, le=1.0)]  #: of Adam
+    target_update_rate: _Share  #: of the soft update
     discount: _Share
     hidden_layers: Annotated[int, Field(ge=1, le=3)]
     hidden_size: Annotated[int, Field(ge=1, le=4096)]
@@ -96,9 +108,9 @@ class DDQNHyperparameters(_OffPolicy, agent="ddqn"):
 
     dueling: ClassVar[bool] = False
 
-    initial_epsilon: _Share  # in the first episode
+    initial_epsilon: _Share  #: in the first episode
     minimal_epsilon: _Share
-    epsilon_decay: _Share  # factor per episode
+    epsilon_decay: _Share  #: factor per episode
 
     def network(self, state_size: int, n_actions: int) -> Network:
         """The shape of the Q-network."""
@@ -148,12 +160,12 @@ class TD3Hyperparameters(_OffPolicy, agent="td3"):
     #: Temperatures stay within: below, gradients vanish; above, actions are all alike.
     temperatures: ClassVar[tuple[float, float]] = (0.1, 10.0)
 
-    # Critic steps a step of actor and targets.
+    #: Critic steps a step of actor and targets.
     policy_delay: Annotated[int, Field(ge=1, le=1000)] = 2
-    action_noise: _Noise = 0.1  # std. dev. added to relaxed actions
-    target_noise: _Noise = 0.2  # std. dev. of target smoothing
+    action_noise: _Noise = 0.1  #: std. dev. added to relaxed actions
+    target_noise: _Noise = 0.2  #: std. dev. of target smoothing
     target_noise_clip: _Noise = 0.5
-    # Of the Gumbel-Softmax, learned.
+    #: Of the Gumbel-Softmax, learned.
     initial_temperature: Annotated[float, Field(ge=0.1, le=10.0)] = 1.0
 
     @property

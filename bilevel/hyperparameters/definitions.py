@@ -46,6 +46,9 @@ Start = Literal["random", "distilled"]
 #: How NES parametrises an SE (`bilevel.synthetic_env.coordinates`).
 Structure = Literal["plain", "exogenous"]
 
+#: Agents of a confirmation where a recipe, whose runs never stop early, has none.
+CONFIRMING_AGENTS = 128
+
 _Count = Annotated[int, Field(ge=1, le=65536)]
 
 
@@ -54,34 +57,34 @@ class NESHyperparameters:
     """Natural evolution strategies (paper, Algorithm 1)."""
 
     update: Update
-    step_size: Annotated[float, Field(ge=1e-6, le=100.0)]  # alpha
-    std_dev: Annotated[float, Field(ge=1e-6, le=10.0)]  # sigma of the perturbations
-    mirrored_sampling: bool  # evaluate psi - eps beside psi + eps
-    score_transform: ScoreTransform  # read by `paper` and `authors`
-    ties: Ties  # read by `paper` and `authors`
-    population_size: _Count  # n_p, members a generation
-    generations: Annotated[int, Field(ge=1, le=1_000_000)]  # n_o, outer loops at most
-    # One agent and one set of random numbers for all members of a generation, new ones in the
-    # next (common random numbers); false: every member has its own.
+    step_size: Annotated[float, Field(ge=1e-6, le=100.0)]  #: alpha
+    std_dev: Annotated[float, Field(ge=1e-6, le=10.0)]  #: sigma of the perturbations
+    mirrored_sampling: bool  #: evaluate mean - eps beside mean + eps
+    score_transform: ScoreTransform  #: read by `paper` and `authors`
+    ties: Ties  #: read by `paper` and `authors`
+    population_size: _Count  #: n_p, members a generation
+    generations: Annotated[int, Field(ge=1, le=1_000_000)]  #: n_o, outer loops at most
+    #: One agent and one set of random numbers for all members of a generation, new ones in the
+    #: next (common random numbers); false: every member has its own.
     shared_agent: bool
-    centre_agents: _Count  # trained on the unperturbed SE, each generation
-    # Every second generation its agents train until max_episodes (an even number of agents on
-    # the unperturbed SE likewise), whatever their returns. 0: the stopping rule decides always.
+    centre_agents: _Count  #: trained on the unperturbed SE, each generation
+    #: Every second generation its agents train until max_episodes (an even number of agents on
+    #: the unperturbed SE likewise), whatever their returns. 0: the stopping rule decides always.
     patient_episodes: Annotated[int, Field(ge=0, le=1_000_000)]
-    # Share of the moving average of psi that is kept in a generation; the average is the
-    # unperturbed SE. 0: psi itself is, as in the paper.
+    #: Share of the moving average of the distribution's mean that is kept in a generation; the
+    #: average is the unperturbed SE. 0: the mean itself is, as in the paper.
     averaging: Annotated[float, Field(ge=0.0, le=0.999)]
-    # Factor by which each failed confirmation multiplies the step and the rate of the average.
+    #: Factor by which each failed confirmation multiplies the step and the rate of the average.
     refinement: Annotated[float, Field(gt=0.0, le=1.0)]
     start: Start
-    start_candidates: _Count  # random SEs of which the start is chosen
-    # Generations without a new highest score after which a run that has not solved the task
-    # begins again from other random SEs. 0: it never does.
+    start_candidates: _Count  #: random SEs of which the start is chosen
+    #: Generations without a new highest score after which a run that has not solved the task
+    #: begins again from other random SEs. 0: it never does.
     restart_after: Annotated[int, Field(ge=0, le=1_000_000)]
-    # Generations that must solve the task on average for the run to be finished. 0: it goes on.
+    #: Generations that must solve the task on average for the run to be finished. 0: it goes on.
     solved_for: Annotated[int, Field(ge=0, le=1_000_000)]
-    # Fresh agents that must then confirm it (`bilevel.nes.confirmation`); otherwise the run goes
-    # on. 0: no confirmation.
+    #: Fresh agents that must then confirm it (`bilevel.nes.confirmation`); otherwise the run goes
+    #: on. 0: no confirmation.
     confirming_agents: Annotated[int, Field(ge=0, le=65536)]
 
     @property
@@ -98,10 +101,10 @@ class SEHyperparameters:
     hidden_layers: Annotated[int, Field(ge=1, le=2)]
     hidden_size: Annotated[int, Field(ge=1, le=4096)]
     activation: Activation
-    # Steps after which an episode on the SE is truncated. 0: the task's own limit.
+    #: Steps after which an episode on the SE is truncated. 0: the task's own limit.
     step_limit: Annotated[int, Field(ge=0, le=1_000_000)]
-    # Factor by which one step carries states away from the mean observation, read by `exogenous`.
-    # The nearer to 1, the longer the episodes; below it, states stay where episodes begin.
+    #: Factor by which one step carries states away from the mean observation, read by `exogenous`.
+    #: The nearer to 1, the longer the episodes; below it, states stay where episodes begin.
     spread: Annotated[float, Field(ge=0.5, le=2.0)]
 
 
@@ -127,6 +130,11 @@ class Hyperparameters:
             raise InvalidInput(
                 "NES start 'distilled' needs the SE structure 'plain' (as in --recipe distilled); "
                 f"got {self.se.structure!r}"
+            )
+        if self.nes.start == "distilled" and self.nes.restart_after:
+            raise InvalidInput(
+                "NES restart_after must be 0 with the start 'distilled', which a restart would "
+                f"replace by a random one; got {self.nes.restart_after}"
             )
 
     def to_dict(self) -> dict[str, Any]:

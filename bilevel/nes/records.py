@@ -13,26 +13,26 @@ class GenerationRecord:
     that runs the evaluations, and added by `timed`.
     """
 
-    generation: int  # from 0
-    attempt: int  # from 0; number of restarts so far
+    generation: int  #: from 0
+    attempt: int  #: from 0; number of restarts so far
     score_mean: float
     score_std: float
     score_best: float
-    perturbed_score_mean: float  # of the agents trained on perturbed SEs
-    train_steps_mean: float  # environment steps on the SE
+    perturbed_score_mean: float  #: of the agents trained on perturbed SEs
+    train_steps_mean: float  #: environment steps on the SE
     train_episodes_mean: float
-    solved_fraction: float  # of the agents trained on the unperturbed SE
-    non_finite: int  # evaluations of the generation that diverged
-    real_env_steps: int  # steps on the real task so far: tests, and the scale of observations
-    cost: float  # core seconds so far, estimated (`bilevel.cost`), of all evaluations
+    solved_fraction: float  #: of the agents trained on the unperturbed SE
+    non_finite: int  #: evaluations of the generation that diverged
+    real_env_steps: int  #: steps on the real task so far: tests, and the scale of observations
+    cost: float  #: core seconds so far, estimated (`bilevel.cost`), of all evaluations
     psi_norm: float
     update_norm: float
-    std_dev: float  # root mean square of this generation's sigma
-    evaluation_seconds: float = 0.0  # of all evaluations, on one core
-    env_steps_per_second: float = 0.0  # of training, on one core
+    std_dev: float  #: root mean square of this generation's sigma
+    evaluation_seconds: float = 0.0  #: of all evaluations, on one core
+    env_steps_per_second: float = 0.0  #: of training, on one core
     generation_seconds: float = 0.0
-    core_utilisation: float = 0.0  # share of the cores' time that was spent in evaluations
-    finished: float = 0.0  # unix time, seconds
+    core_utilisation: float = 0.0  #: share of the cores' time that was spent in evaluations
+    finished: float = 0.0  #: unix time, seconds
 
     def timed(self, seconds: float, cores: int, finished: float) -> Self:
         """Add the measurements: the generation took `seconds` on `cores` cores, until the unix

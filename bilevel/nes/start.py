@@ -1,8 +1,9 @@
 """The choice of a random SE to start from, by successive halving (Jamieson and Talwalkar, 2016).
 
 Agents learn nothing on most random SEs. The first round trains one agent on each candidate, the
-second four on the best eighth, the third eight on the best quarter of these (at least one); its
-best candidate is the start. All candidates of a round get the same agents and random numbers, so
+second four on the best eighth, the third eight on the best thirty-second; parts of candidates count
+as whole ones. The choice ends once one candidate is left: up to 8 candidates after the first round,
+up to 32 after the second. All candidates of a round get the same agents and random numbers, so
 that scores are comparable. They train briefly: which start is better shows long before they are
 done, and the choice is a large part of a short run.
 """

@@ -1,7 +1,12 @@
 """Synthetic environments (SEs): three networks that stand in for a real task."""
 
 from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi
-from bilevel.synthetic_env.coordinates import Coordinates, SEDistribution, coordinates
+from bilevel.synthetic_env.coordinates import (
+    Coordinates,
+    SEDistribution,
+    coordinates,
+    least_units,
+)
 from bilevel.synthetic_env.storage import StoredSE, load_se, save_se, se_bytes
 
 __all__ = [
@@ -13,6 +18,7 @@ __all__ = [
     "SEDistribution",
     "StoredSE",
     "coordinates",
+    "least_units",
     "load_se",
     "save_se",
     "se_bytes",

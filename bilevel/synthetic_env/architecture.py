@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.activations import LRELU_SLOPE, PRELU_INITIAL_SLOPE
+from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.kernels.synthetic_env import SEKernel, prepare
 from bilevel.networks import Network, initial_parameters, network
@@ -54,6 +55,14 @@ class Architecture:
             hp.activation,
             hp.step_limit or task.step_limit,
         )
+
+    def check_fits(self, task: Task) -> None:
+        """Raise InvalidInput if the task has other sizes."""
+        if (self.state_size, self.n_actions) != (task.state_size, task.n_actions):
+            raise InvalidInput(
+                f"the SE has {self.state_size} state dimensions and {self.n_actions} actions: "
+                f"{task.id} has {task.state_size} and {task.n_actions}"
+            )
 
     @property
     def slope(self) -> float:

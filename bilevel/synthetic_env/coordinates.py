@@ -78,6 +78,11 @@ class Coordinates(Protocol):
         """The parameters (P,) of the SE at theta (D,)."""
 
 
+def least_units(task: Task) -> int:
+    """Fewest units of an exogenous SE for the task: two an action and an observation."""
+    return 2 * max(task.n_actions, task.state_size)
+
+
 def coordinates(task: Task, hp: SEHyperparameters, scale: ObservationScale) -> Coordinates:
     """The coordinates that `hp.structure` names; only exogenous ones read `scale`.
 
@@ -91,7 +96,7 @@ def coordinates(task: Task, hp: SEHyperparameters, scale: ObservationScale) -> C
             "SE structure 'exogenous' needs hidden_layers 1 and activation tanh; got "
             f"{hp.hidden_layers} and {hp.activation}"
         )
-    least = 2 * max(task.n_actions, task.state_size)
+    least = least_units(task)
     if hp.hidden_size < least:
         raise InvalidInput(
             f"SE structure 'exogenous' needs a hidden_size of at least {least}, two units an "

@@ -6,6 +6,7 @@ Reading a file executes no code, and checks names, shapes, types, ranges and a c
 """
 
 import json
+import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -63,17 +64,22 @@ class StoredSE:
     def task(self) -> Task:
         """The real task, on which agents trained on the SE are tested.
 
-        Raises InvalidInput if gymnasium does not know the task, or its sizes differ from the SE's.
+        A module that the task's id names must have been imported. Raises InvalidInput if gymnasium
+        does not know the task, or its sizes differ from the SE's.
         """
         # gymnasium imports a module that is named in an id: a file must not cause imports.
-        name = self.task_id.rpartition(":")[2]
-        task = get_task(name, self.solved_reward, self.step_limit)
-        sizes = (self.architecture.state_size, self.architecture.n_actions)
-        if sizes != (task.state_size, task.n_actions):
+        module, _, name = self.task_id.rpartition(":")
+        known = self.task_id if module in sys.modules else name
+        try:
+            task = get_task(known, self.solved_reward, self.step_limit)
+        except InvalidInput as error:
+            if not module or module in sys.modules:
+                raise
             raise InvalidInput(
-                f"the SE has {sizes[0]} state dimensions and {sizes[1]} actions: {task.id} has "
-                f"{task.state_size} and {task.n_actions}"
-            )
+                f"the module {module!r}, which registers the SE's task, is not imported: import "
+                f"it first, or, on the command line, give --task {self.task_id}"
+            ) from error
+        self.architecture.check_fits(task)
         return task
 
 

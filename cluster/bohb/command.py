@@ -152,6 +152,9 @@ class _Runner:
             f"budgets {'/'.join(map(str, study.schedule.budgets))} core seconds, "
             f"{command.trials} trial(s) at a time with {command.workers_per_trial} worker(s) each"
         )
+        if study.moved:
+            told = ", ".join(f"{name} {was} to {now}" for name, (was, now) in study.moved.items())
+            line(f"the recipe lies outside of the space; the search begins nearest to it: {told}")
         if command.time_budget is not None:
             line(f"time budget {duration(command.time_budget)}, its last quarter for validation")
         if self.journal.results:

@@ -2,10 +2,9 @@
 
 import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 
 from bilevel.durable import write_aside
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
 from bilevel.synthetic_env import save_se
 from cluster.bohb.journal import Journal, ResultLine
 from cluster.bohb.objective import Tally
@@ -125,7 +124,7 @@ class Handover:
         incumbent = summary.incumbent
         if incumbent is None:
             return None
-        origin = ", the recipe that the search began with" if self._is_base(incumbent) else ""
+        origin = ", which the search began with" if self._is_base(incumbent) else ""
         line(
             f"incumbent {configuration_name(incumbent.id)}{origin}: "
             f"{Tally.told(incumbent.info)}, objective {incumbent.loss:.0f}"
@@ -174,9 +173,16 @@ class Handover:
     def _all_runs(self, pool: EvaluationPool) -> Iterator[ConfigurationRuns]:
         """The runs of every configuration, and those of its validation."""
         reached, tell = self.journal.reached, self.terminal.line
+        failed = {line.id for line in self.journal.results if line.loss is None}
         for line in self.journal.configs:
-            with suppress(InvalidInput):  # it failed, because its values do not fit together
+            try:
                 runs = ConfigurationRuns.open(self.study, line.id, line.configuration, tell)
                 runs.spend(reached.get(line.id, 0), pool)
-                yield runs
-                yield ConfigurationRuns.read(self.study, line.id, line.configuration, True)
+                validated = ConfigurationRuns.read(self.study, line.id, line.configuration, True)
+            except (StorageFailure, OtherVersion):
+                raise
+            except InvalidInput as error:
+                if line.id not in failed:
+                    tell(f"{configuration_name(line.id)} is left out: {error}")
+                continue
+            yield from (runs, validated)

@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 
 from bilevel.errors import one_of
-from bilevel.hyperparameters import Hyperparameters
+from bilevel.hyperparameters import CONFIRMING_AGENTS, Hyperparameters
 
 #: Search methods and their titles. `bohb` proposes configurations with hpbandster's model, the
 #: others at random; `random` runs all of them at the largest budget.
@@ -53,8 +53,8 @@ PROFILES = {
 #: Hyperparameters that say when a run is over. A search compares configurations by how soon that
 #: is, so all of them must mean the same by it.
 SET_BY_SEARCH = ("nes.solved_for", "nes.confirming_agents")
-#: Their values where the recipe has none: `paper` and `authors` never end early.
-_SOLVED_FOR, _CONFIRMING_AGENTS = 4, 128
+#: Its value where the recipe has none: `paper` and `authors` never end early.
+_SOLVED_FOR = 4
 
 
 def get_method(name: str) -> str:
@@ -76,7 +76,7 @@ def sized(hp: Hyperparameters, profile: Profile) -> Hyperparameters:
     nes = replace(
         hp.nes,
         solved_for=hp.nes.solved_for or _SOLVED_FOR,
-        confirming_agents=hp.nes.confirming_agents or _CONFIRMING_AGENTS,
+        confirming_agents=hp.nes.confirming_agents or CONFIRMING_AGENTS,
     )
     if profile.population is not None:
         nes = replace(nes, population_size=profile.population)

@@ -143,7 +143,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             self._terminal.bar("searching", done, total, "min", note)
             return
         total = sum(rung.configurations for rung in self._rungs)
-        note = f"ETA {duration(seconds)}, {now}" if self._spent else now
+        note = f"ETA {duration(seconds)}, {now}" if math.isfinite(seconds) else now
         self._terminal.bar("searching", results, total, "results", note)
 
     def _result_line(self, job: Job, result: dict[str, Any]) -> None:
@@ -152,7 +152,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         best = "" if leader is None else f" (best so far {leader.loss:.0f})"
         self._terminal.line(
             f"{configuration_name(job.id)} {Tally.told(result[TALLY].info)}; "
-            f"objective {result[OBJECTIVE]:.0f}{best}; {self._time_to_go()}"
+            f"objective {result[OBJECTIVE]:.0f}{best}{self._time_to_go()}"
         )
         tried = (
             f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
@@ -161,8 +161,11 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._terminal.line(f"    {job.origin}: {', '.join(tried)}")
 
     def _time_to_go(self) -> str:
-        left = duration(self._seconds_left())
-        return f"{left} left" if self._time_decides() else f"ETA {left}"
+        seconds = self._seconds_left()
+        if math.isinf(seconds):  # a result of an earlier process's generations
+            return ""
+        left = duration(seconds)
+        return f"; {left} left" if self._time_decides() else f"; ETA {left}"
 
     def _elapsed(self) -> float:
         return time.monotonic() - self._started

@@ -29,7 +29,7 @@ from bilevel.seeds import Purpose, derive, split
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, ResultLine
 from cluster.bohb.study import Study
-from search_spaces import around, nearest, of_hyperparameters
+from search_spaces import around
 
 #: Share of the random configurations that are drawn around the prior, if there is one. The others
 #: keep the search from believing a wrong one.
@@ -91,12 +91,15 @@ class BracketSearch:
     @classmethod
     def of(cls, study: Study, journal: Journal, brackets: int) -> Self:
         """A study's, from where its journal ends. Raises InvalidInput as the class does."""
-        space = study.space.build(study.agents)
-        model, prior = study.method == "bohb", None
-        if study.prior == "recipe":
-            prior = nearest(space, of_hyperparameters(study.base, space))
         return cls(
-            space, study.schedule, brackets, study.seed, journal, model, prior, study.earlier
+            study.space.build(study.agents),
+            study.schedule,
+            brackets,
+            study.seed,
+            journal,
+            study.method == "bohb",
+            study.prior_configuration,
+            study.earlier,
         )
 
     @property
@@ -215,7 +218,7 @@ class BracketSearch:
             return "the model proposed"
         if not info.get("prior"):
             return "drawn at random"
-        return "the recipe's own" if info["prior"] == "itself" else "drawn around the recipe"
+        return "the search begins with" if info["prior"] == "itself" else "drawn around the recipe"
 
     def _apply(self, line: ResultLine, configuration: Configuration) -> None:
         job = _hpbandsters(line, configuration)

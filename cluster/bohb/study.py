@@ -2,6 +2,7 @@
 
 import json
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from cluster.bohb.journal import ConfigId, Configuration, Journal
 from cluster.bohb.profiles import METHODS, get_method
 from cluster.nes.run import NESRun
 from cluster.storage.run_folder import Settings, read_settings
-from search_spaces import SPACES, Space, to_hyperparameters
+from search_spaces import SPACES, Space, nearest, of_hyperparameters, to_hyperparameters
 
 #: The kind of run that `settings.json` tells.
 KIND = "study"
@@ -107,6 +108,32 @@ class Study:
         heading = f"Found by the study {self.name!r}: configuration {configuration_name(config_id)}"
         return recipe_text(to_hyperparameters(self.base, configuration), heading)
 
+    @cached_property
+    def prior_configuration(self) -> Configuration | None:
+        """The configuration that the search begins with, if its prior is the recipe: the recipe's
+        values, moved into the space where they lie outside. Raises InvalidInput if the space
+        forbids it."""
+        if self.prior != "recipe":
+            return None
+        return nearest(self.space.build(self.agents), self._of_recipe)
+
+    @property
+    def moved(self) -> dict[str, tuple[Any, Any]]:
+        """The recipe's values outside of the space, and those that the search begins with."""
+        begun = self.prior_configuration or {}
+        return {
+            name: (self._of_recipe[name], value)
+            for name, value in begun.items()
+            if value != self._of_recipe[name]
+        }
+
+    @property
+    def _of_recipe(self) -> Configuration:
+        values = of_hyperparameters(self.base, self.space.build(self.agents))
+        if values.get("se.step_limit") == 0:  # which stands for
+            values["se.step_limit"] = self.task.step_limit
+        return values
+
     @property
     def earlier(self) -> Journal | None:
         """The results that the model begins with, once they are taken over."""
@@ -165,6 +192,14 @@ class Study:
             "cycle": self.schedule.cycle,
             "base": self.base.to_dict(),
         }
+
+    @classmethod
+    def schedule_in(cls, folder: Path) -> Schedule:
+        """The schedule of the study in a folder, whose agents need not be known here. Raises
+        InvalidInput."""
+        damaged = f"{str(folder)!r} holds no study"
+        settings = decode(_Settings, read_settings(folder), damaged)
+        return Schedule(settings.budgets, settings.cycle)
 
     @classmethod
     def read(cls, folder: Path) -> "Study":

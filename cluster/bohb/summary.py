@@ -58,10 +58,10 @@ class StudySummary:
     @property
     def leader(self) -> ResultLine | None:
         """The best result at the largest budget that has results (hpbandster's incumbent)."""
-        changes = self.incumbents()
+        changes = self.leaders()
         return changes[-1][1] if changes else None
 
-    def incumbents(self) -> list[tuple[int, ResultLine]]:
+    def leaders(self) -> list[tuple[int, ResultLine]]:
         """Each change of the leader, with the number (from 1) of the result that caused it."""
         changes: list[tuple[int, ResultLine]] = []
         best: ResultLine | None = None

@@ -30,7 +30,7 @@ def results_csv(summary: StudySummary) -> str:
 
 def incumbents_csv(summary: StudySummary) -> str:
     """The result of each change of the incumbent."""
-    return _csv(summary, [line for _, line in summary.incumbents()])
+    return _csv(summary, [line for _, line in summary.leaders()])
 
 
 def _csv(summary: StudySummary, results: Sequence[ResultLine]) -> str:

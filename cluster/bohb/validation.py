@@ -24,10 +24,12 @@ from typing import Self
 
 from bilevel.decode import decode_file
 from bilevel.durable import write_aside
+from bilevel.errors import OtherVersion, StorageFailure
 from cluster.bohb.journal import ConfigId, Journal, ResultLine
 from cluster.bohb.runs import ConfigurationRuns
-from cluster.bohb.study import Study
+from cluster.bohb.study import Study, configuration_name
 from cluster.ray.pool import EvaluationPool
+from cluster.session.terminal import last_line
 
 #: Most configurations that a search validates, the recipe that it began with among them. The last
 #: winner may come on top.
@@ -105,7 +107,8 @@ def validate(
     """Run the finalists and write what came of it; None if the time was not enough for that.
 
     `progress` takes the core seconds spent and those of all finalists. What has been run is on
-    disk, and is not run again. Raises StorageFailure.
+    disk, and is not run again. A finalist whose runs fail is left out; None if all do. Raises
+    StorageFailure, and OtherVersion.
     """
     each = plan.core_seconds
     configurations = {line.id: line.configuration for line in journal.configs}
@@ -116,8 +119,16 @@ def validate(
     started = time.time()
     while (left := [one for one in runs if not one.spent(each)]) and not is_over():
         progress(sum(min(one.tally.cost, each) for one in runs), float(each * len(runs)))
-        min(left, key=lambda one: one.tally.cost).advance(pool)
-    if min(one.tally.cost for one in runs) < _ENOUGH * each:
+        behind = min(left, key=lambda one: one.tally.cost)
+        try:
+            behind.advance(pool)
+        except (StorageFailure, OtherVersion):
+            raise
+        except Exception as error:  # as in the search: others may go on
+            runs.remove(behind)
+            name = configuration_name(behind.id)
+            tell(f"{name} failed with new seeds, and is left out: {last_line(str(error))}")
+    if not runs or min(one.tally.cost for one in runs) < _ENOUGH * each:
         return None
     now = time.time()
     stamps = {"submitted": started, "started": started, "finished": now}

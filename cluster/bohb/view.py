@@ -13,7 +13,7 @@ from bilevel.nes import NESState
 from bilevel.synthetic_env import se_bytes
 from cluster.bohb import pictures
 from cluster.bohb.importance import importance, unit_values
-from cluster.bohb.journal import ConfigLine, Journal, ResultLine
+from cluster.bohb.journal import ConfigId, ConfigLine, Journal, ResultLine
 from cluster.bohb.profiles import ENDLESS
 from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
@@ -94,7 +94,7 @@ class StudyViews:
                 number,
                 journal.results[number - 1].finished,
             )
-            for number, line in summary.incumbents()
+            for number, line in summary.leaders()
         ]
         if summary.validation is not None:
             winner = summary.validation.winner
@@ -162,10 +162,11 @@ class StudyViews:
             number = len(journal.results)
             if number > 10 and not over:
                 number -= number % 10
+            name = configuration_name(incumbent.id)
             documents.append(
                 Document(
                     "hyperparameters.png",
-                    f"{number} results",
+                    f"{number} results" + (f", incumbent {name}" if summary.validation else ""),
                     lambda: self._hyperparameters(summary),
                 )
             )
@@ -185,7 +186,7 @@ class StudyViews:
         figure = pictures.hyperparameters(
             np.array([values[line.id] for line in good]).reshape(-1, width),
             np.array([line.loss for line in good], np.float64),
-            np.array([values[line.id] for _, line in summary.incumbents()]).reshape(-1, width),
+            np.array([values[one] for one in _way(summary)]).reshape(-1, width),
             unit_values(space, of_hyperparameters(study.base, space)),
             tuple(space),
             importance(space, journal),
@@ -263,6 +264,14 @@ class StudyViews:
         )
 
 
+def _way(summary: StudySummary) -> list[ConfigId]:
+    """The configurations that led one after the other, and the incumbent, which may be another one
+    since the validation."""
+    way = [line.id for _, line in summary.leaders()]
+    incumbent = summary.incumbent
+    return way if incumbent is None or incumbent.id == way[-1] else [*way, incumbent.id]
+
+
 def _points(states: Sequence[NESState]) -> list[Point]:
     """One point per generation of all runs, one run after the other."""
     points: list[Point] = []
@@ -290,7 +299,7 @@ def study_progress(folder: Path, brackets: int) -> Progress:
     """Number of results, and the incumbent's objective, of a study of so many brackets. Raises
     InvalidInput."""
     journal = Journal(folder)
-    rungs = Study.read(folder).schedule.brackets(brackets)
+    rungs = Study.schedule_in(folder).brackets(brackets)
     incumbent = StudySummary.of(journal, rungs).incumbent
     best = "" if incumbent is None else f"{incumbent.loss:.0f} core s"
     results = len(journal.results)

@@ -20,7 +20,7 @@ _PIPED = 1000
 
 @dataclass(frozen=True)
 class Line:
-    """A study or NES run in one line."""
+    """A run of any kind in one line."""
 
     task: str
     name: str
@@ -32,7 +32,7 @@ class Line:
 
 
 def overview(home: Home) -> list[Line]:
-    """All studies and NES runs in a home, by task and name."""
+    """All runs in a home, of every kind, by task and name."""
     return [_line(folder) for folder in home.runs()]
 
 

@@ -8,7 +8,15 @@ from typing import Any
 import click
 
 from bilevel.errors import InvalidInput, one_of
-from cluster.cli.options import RunOptions, SEAddress, WholeNumber, common_options, vary_option
+from cluster.cli.options import (
+    RunOptions,
+    SEAddress,
+    WholeNumber,
+    common_options,
+    load_se_of,
+    task_option,
+    vary_option,
+)
 from cluster.storage.home import LONGEST_NAME
 
 
@@ -17,6 +25,7 @@ from cluster.storage.home import LONGEST_NAME
 @click.option(
     "--real", metavar="TASK", help="Also train on this real task (gymnasium id), as the baseline."
 )
+@task_option
 @click.option(
     "--agents",
     "count",
@@ -48,6 +57,7 @@ from cluster.storage.home import LONGEST_NAME
 def evaluate(
     files: tuple[Path, ...],
     real: str | None,
+    se_task: str | None,
     count: int,
     vary: str | None,
     recipe: str | None,
@@ -62,7 +72,7 @@ def evaluate(
     Several kinds (--agent ddqn,td3) are trained --agents times each.
     """
     from bilevel.hyperparameters import VARIATIONS, load_recipe
-    from bilevel.synthetic_env import StoredSE, load_se
+    from bilevel.synthetic_env import StoredSE
 
     ses = _labelled(files)
     facts = (options["solved_reward"], options["step_limit"])
@@ -70,11 +80,14 @@ def evaluate(
         raise InvalidInput(
             "--solved-reward and --step-limit need --real: an SE file holds its own values"
         )
-    sources: dict[str, StoredSE | None] = {label: load_se(file) for label, file in ses.items()}
+    # A task's module is imported before an SE of the task is read.
+    on_real = None if real is None else RunOptions(task=real, **options).the_task()
+    sources: dict[str, StoredSE | None] = {
+        label: load_se_of(file, se_task) for label, file in ses.items()
+    }
     tasks = {label: se.task() for label, se in sources.items() if se is not None}
-    if real is not None:
-        sources["real"] = None
-        tasks["real"] = RunOptions(task=real, **options).the_task()
+    if on_real is not None:
+        sources["real"], tasks["real"] = None, on_real
     task = next(iter(tasks.values()), None)
     if task is None:
         raise InvalidInput("nothing to train on: give SE files, or --real TASK")
@@ -85,9 +98,11 @@ def evaluate(
         )
         raise InvalidInput(f"all sources must have the same task; got {', '.join(facts_of)}")
     common = RunOptions(task=task.id, **options)
-    agents = common.the_agents() or ("ddqn",)
+    agents = common.the_agents()
     kinds = (
-        load_recipe("paper", "", agents) if recipe is None else load_recipe(recipe, task.id, agents)
+        load_recipe("paper", "", agents or ("ddqn",))
+        if recipe is None
+        else load_recipe(recipe, task.id, agents)
     ).agents
     if max_episodes is not None:
         kinds = tuple(replace(hp, max_episodes=max_episodes) for hp in kinds)

@@ -10,11 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from bilevel.errors import InvalidInput
 from bilevel.tasks import Task
 from cluster.storage.home import DEFAULT_HOME, Home
 
 if TYPE_CHECKING:
     from bilevel.hyperparameters import Hyperparameters
+    from bilevel.synthetic_env import StoredSE
     from cluster.session.context import RunContext
 
 _SECONDS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
@@ -79,6 +81,20 @@ class SEAddress(click.ParamType[Path]):
         return zoo_file(value) if value in ENTRIES else se_file(value)
 
 
+def load_se_of(path: Path, task: str | None) -> "StoredSE":
+    """The SE in a file; `task`, if given, is the id of its task, whose module is imported. Raises
+    InvalidInput for another task."""
+    from bilevel.synthetic_env import load_se
+    from bilevel.tasks import get_task
+
+    stored = load_se(path)
+    if task is not None:
+        if task != stored.task_id:
+            raise InvalidInput(f"--task {task}: {str(path)!r} is an SE for {stored.task_id}")
+        get_task(task, stored.solved_reward, stored.step_limit)
+    return stored
+
+
 class Folder(click.ParamType[Path]):
     """Parses the path of a folder, which need not exist."""
 
@@ -104,6 +120,14 @@ agent_file_option = click.option(
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     multiple=True,
     help="Python file that registers an agent (docs/agents.md); may be repeated.",
+)
+
+task_option = click.option(
+    "--task",
+    "se_task",
+    metavar="MODULE:ID",
+    help="The SE's task, as it was learned for, if a module of yours registers it: the module is "
+    "imported.",
 )
 
 vary_option = click.option(

@@ -43,10 +43,18 @@ def nes(
     **options: Any,
 ) -> None:
     """Learn an SE for TASK (CartPole-v0, Acrobot-v1 or another gymnasium id) by one NES run."""
+    from bilevel.hyperparameters import CONFIRMING_AGENTS
+
     common = RunOptions(**options)
     task = common.the_task()
     hp = common.the_hyperparameters(task)
-    wanted = {"generations": generations, "solved_for": solved_for}
+    # A recipe whose runs never stop early has no agents that confirm.
+    confirming = (hp.nes.confirming_agents or CONFIRMING_AGENTS) if solved_for else None
+    wanted = {
+        "generations": generations,
+        "solved_for": solved_for,
+        "confirming_agents": confirming,
+    }
     changes: dict[str, Any] = {key: value for key, value in wanted.items() if value is not None}
     hp = replace(hp, nes=replace(hp.nes, **changes))
     name = name or f"nes{common.suffix(hp.recipe)}-seed{common.seed}"
@@ -132,6 +140,7 @@ def bohb(
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
     from bilevel.errors import InvalidInput
     from bilevel.nes import NES
+    from bilevel.synthetic_env import least_units
     from cluster.bohb.profiles import SET_BY_SEARCH, get_method, get_profile, sized
     from search_spaces import Space
 
@@ -154,6 +163,8 @@ def bohb(
             )
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
     searched = Space.of(size.space)
+    if hp.se.structure == "exogenous":
+        searched = searched.fitting("se.hidden_size", least_units(task))
     searched.check(hp, SET_BY_SEARCH, lambda tried: NES(task, tried))
     if searched == Space("full") and hp.se.structure != "plain":
         raise InvalidInput(

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from bilevel.errors import InvalidInput
-from cluster.cli.options import SEAddress
+from cluster.cli.options import SEAddress, load_se_of, task_option
 
 #: Formats of pictures by the file's ending.
 FORMATS = (".png", ".svg", ".pdf")
@@ -18,18 +18,17 @@ FORMATS = (".png", ".svg", ".pdf")
     type=click.Path(path_type=Path, dir_okay=False),
     help="File of the picture, *.png, *.svg or *.pdf (default: the SE's name, in this folder).",
 )
-def show(path: Path, out: Path | None) -> None:
+@task_option
+def show(path: Path, out: Path | None, se_task: str | None) -> None:
     """Draw an SE above the real task: which action is rewarded, where each goes next, where
     episodes end, and episodes by the SE's rewards.
 
     SE is a file, the name of one of the zoo, or MLflow's address (runs:/..., models:/...).
     """
-    from bilevel.synthetic_env import load_se
-
     out = out or Path(f"{path.stem}.png")
     if out.suffix not in FORMATS:
         raise InvalidInput(f"cannot draw {str(out)!r}: allowed are files {', '.join(FORMATS)}")
-    stored = load_se(path)
+    stored = load_se_of(path, se_task)
 
     from cluster.show.picture import picture
     from cluster.show.portrait import Portrait

@@ -15,7 +15,7 @@ from cluster.cli.options import (
 @click.command()
 @home_option
 def studies(home: Path) -> None:
-    """List studies and NES runs: state, progress, best score."""
+    """List all runs: state, progress, best score."""
     from cluster.catalog.overview import overview, print_overview
     from cluster.session.terminal import Terminal
     from cluster.storage.home import Home
@@ -37,7 +37,7 @@ def studies(home: Path) -> None:
 def sync(study: str, home: Path, tracking_uri: str | None, agent_files: tuple[Path, ...]) -> None:
     """Write to MLflow what it lacks of STUDY, from the files on disk.
 
-    STUDY is the name of a study or an NES run, or TASK/NAME if several tasks have that name.
+    STUDY is the name of a study or of any other run, or TASK/NAME if several tasks have that name.
     """
     from bilevel.agents import load_plugins
     from cluster.catalog.sync import sync as write

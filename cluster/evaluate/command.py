@@ -47,7 +47,7 @@ class EvaluateCommand:
     seed: int
     name: str
     context: RunContext
-    workers: int | None = None  # actors; None: one a core of the cluster
+    workers: int | None = None  # actors; None: one a core of the run's share
 
     def settings(self) -> dict[str, Any]:
         """Settings that must stay the same when it is resumed; more agents may be added."""

@@ -12,8 +12,9 @@ from scipy.stats import t as student_t
 
 from bilevel.tasks import Task
 from cluster.evaluate.report import Group
+from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
-_COLOURS = ("#2a6fbb", "#d9822b", "#3d9970", "#8a8f98", "#b04a8b")
+_COLOURS = (BLUE, ORANGE, "#3d9970", GREY, "#b04a8b")
 
 #: Number of agents from which a violin shows their distribution; of fewer it would invent one.
 VIOLIN_FROM = 20
@@ -31,7 +32,7 @@ def returns(groups: Sequence[Group], task: Task, title: str) -> Figure:
         for axes, values in ((scores, group.scores), (steps, group.train_steps)):
             _column(axes, x, values, colour)
             _above(axes, x, f"{values.mean():.1f}" if axes is scores else f"{values.mean():.0f}")
-    scores.axhline(task.solved_reward, color="#d9822b", ls="--", lw=1, label="solved")
+    scores.axhline(task.solved_reward, color=ORANGE, ls="--", lw=1, label="solved")
     scores.set_ylabel(f"mean test return on {task.id}")
     figure.supxlabel("a point an agent; black: their mean and its 95 % interval", fontsize="small")
     scores.legend(frameon=False, fontsize="small", loc="lower left")

@@ -66,4 +66,5 @@ def evaluation_progress(folder: Path, agents: int) -> Progress:
     InvalidInput."""
     settings = EvaluationSettings.read(folder)
     total = agents * len(settings.sources) * len(settings.kinds)
-    return Progress(f"{len(JsonlLog(folder / RESULTS_FILE).values)}/{total} agents")
+    trained = len(JsonlLog(folder / RESULTS_FILE).values)
+    return Progress(f"{trained}/{max(total, trained)} agents")

@@ -1,6 +1,7 @@
 """`behaviour`: what agents see on an SE and on the real task (paper, Figure "histograms")."""
 
 import io
+import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -101,7 +102,7 @@ def _loaded(path: Path) -> Arrays:
     try:
         with np.load(path, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
-    except (OSError, ValueError) as error:
+    except (OSError, ValueError, zipfile.BadZipFile) as error:
         raise InvalidInput(f"damaged file {str(path)!r}: {error}; delete it") from None
 
 

@@ -206,6 +206,7 @@ class _Runner:
         for name, figure in pictures.items():
             write_aside(self.folder / name, svg(figure))
         write_aside(self.folder / DATA_FILE, csv_bytes(findings.data))
+        author = Author.of_this_process()
         stored = StoredFindings(
             self.experiment.name,
             self.plan.size,
@@ -214,7 +215,8 @@ class _Runner:
             tuple(dict(row) for row in findings.summary),
             tuple(findings.notes),
             versions(),
-            Author.of_this_process().command,
+            author.command,
+            author.commit,
         )
         write_aside(self.folder / FINDINGS_FILE, json.dumps(asdict(stored), indent=2).encode())
         add_final(self.folder, Final(len(self.ses) + agents, time.time(), dict(findings.metrics)))

@@ -45,7 +45,6 @@ class Reported:
             for agent, hp in self.settings.kinds.items()
         )
         versions = ", ".join(f"{name} {number}" for name, number in findings.versions.items())
-        by = self.settings.by
         return Section(
             experiment.title,
             experiment.explanation,
@@ -54,7 +53,7 @@ class Reported:
             findings.notes,
             (
                 ("command", findings.command),
-                ("commit", by.commit if by is not None and by.commit else "-"),
+                ("commit", findings.commit or "-"),
                 ("seed", str(self.settings.seed)),
                 ("size", size),
                 ("NES runs", runs),

@@ -52,6 +52,7 @@ class StoredFindings:
     notes: tuple[str, ...]
     versions: dict[str, str]
     command: str  # by which it was found
+    commit: str = ""  # of the source by which it was found, if known
 
     @classmethod
     def read(cls, folder: Path) -> "StoredFindings | None":

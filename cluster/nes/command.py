@@ -161,13 +161,17 @@ class _Runner:
 
     def _finish(self, state: NESState) -> None:
         run, line = self.run, self.terminal.line
-        reason = "solved and confirmed" if state.confirmed else "all generations done"
+        # A run without a confirmation ends as one that was confirmed.
+        confirmed = state.confirmed and run.hp.nes.confirming_agents > 0
+        reason = "all generations done"
+        if state.confirmed:
+            reason = "solved and confirmed" if confirmed else "solved"
         elapsed = duration(time.monotonic() - self.terminal.started)
         line(
             f"{reason}: {count(state.generation, 'generation')}, {elapsed} after the command began"
         )
         before = self.pool.real_env_steps
-        best = Contender(state.best, run.hp) if state.confirmed else self._best(state)
+        best = Contender(state.best, run.hp) if confirmed else self._best(state)
         score = evaluate_holdout(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
         real_steps = state.real_env_steps + self.pool.real_env_steps - before
         line(f"{real_steps} steps on the real task, nearly all of them in tests")

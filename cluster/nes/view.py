@@ -4,6 +4,7 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from bilevel.hyperparameters import Hyperparameters, SEHyperparameters
 from bilevel.nes import NESState
@@ -99,8 +100,8 @@ class NESViews:
             run_status.ended_as if over else "RUNNING",
             self.identity.began,
             run_status.since if over else None,
-            {**run.hp.to_dict(), "seed": run.seed, "task": run.task.id},
-            {"bilevel.kind": "nes"},
+            self._params(),
+            {"bilevel.kind": "nes", "bilevel.generations": str(run.hp.nes.generations)},
             tuple(points),
             tuple(documents),
             edition=None if state is None else edition([state]),
@@ -113,6 +114,13 @@ class NESViews:
     def name(self) -> str:
         """The run's name."""
         return self.run.folder.name
+
+    def _params(self) -> dict[str, Any]:
+        """All hyperparameters, but for the number of generations: a run may get more of them, and
+        MLflow's parameters stay as they are."""
+        params: dict[str, Any] = self.run.hp.to_dict()
+        del params["nes"]["generations"]
+        return {**params, "seed": self.run.seed, "task": self.run.task.id}
 
     def _description(self) -> str:
         run, nes = self.run, self.run.hp.nes

@@ -33,6 +33,8 @@ _JOINING = {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN_PATH"}
 
 #: Seconds until a service that starts must answer, and until one that answers counts as slow.
 _START, _ANSWER = 120.0, 3.0
+#: Seconds that who wants to join waits for a service that does not answer.
+PATIENCE = 30.0
 
 
 @dataclass(frozen=True)
@@ -73,10 +75,23 @@ def services(home: Home) -> list[Service]:
 
 
 def join(name: str, home: Home) -> str | None:
-    """Address of a running service of this home, None if it is not up. Sets the token with which
-    this process and its children may use it. To be called before Ray is imported."""
+    """Address of a running service of this home, None if it is gone. Sets the token with which
+    this process and its children may use it. To be called before Ray is imported.
+
+    Raises InvalidInput for one that runs, but does not answer for PATIENCE seconds.
+    """
     for service in services(home):
-        if service.name == name and service.state == "up":
+        if service.name != name:
+            continue
+        deadline = time.monotonic() + PATIENCE
+        while (state := service.state) == "not answering":
+            if time.monotonic() > deadline:
+                raise InvalidInput(
+                    f"{name}, which `up` started, runs (process {service.pid}) but does not "
+                    f"answer: see {home.hint('status')}, or end it with {home.hint('down')}"
+                )
+            time.sleep(0.5)
+        if state == "up":
             os.environ.update(
                 {name: service.environment[name] for name in _JOINING & service.environment.keys()}
             )
@@ -229,7 +244,7 @@ def _answers(url: str) -> bool:
 
 def _reachable(host: str) -> str:
     """Address at which this machine reaches a server bound to `host`."""
-    return "127.0.0.1" if host in ("0.0.0.0", "::", "localhost") else host
+    return "127.0.0.1" if host in ("0.0.0.0", "localhost") else host
 
 
 def _record(home: Home) -> Path:

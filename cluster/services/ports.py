@@ -20,9 +20,3 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
-
-
-def listening(host: str, port: int) -> bool:
-    """Whether a server accepts connections on the port."""
-    with socket.socket() as probe:
-        return probe.connect_ex((host, port)) == 0

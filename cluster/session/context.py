@@ -50,7 +50,14 @@ class RunContext:
             ray_cluster(self.address),
             InterruptGuard(terminal) as guard,  # after Ray, which installs its own SIGTERM handler
         ):
-            Capacity.of_cluster().require(workers_per_trial, trials)
+            capacity = Capacity.of_cluster()
+            if capacity.cores:
+                capacity.require(workers_per_trial)
+            if workers_per_trial * trials > capacity.cores:
+                terminal.line(
+                    f"{workers_per_trial * trials} cores are asked for, the cluster has "
+                    f"{capacity.cores}: trials wait until others are free or join"
+                )
             require_server_for_nodes(self.tracking_uri)
             if ray.available_resources().get("CPU", 0) < 1:
                 terminal.line("all cores of the cluster are taken: waiting until one is free")

@@ -9,6 +9,7 @@ from pathlib import Path
 from bilevel.errors import StorageFailure
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal
+from cluster.storage.author import without_password
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunIdentity, RunStatus, Status
 from cluster.tracking import Mirror, Tracker, Views
@@ -86,5 +87,5 @@ def shown_at(home: Home, tracker: Tracker, key: str | None = None) -> str:
     if tracker.server is not None:
         return tracker.server + page
     if tracker.uri != home.database_uri:
-        return f"{tracker.uri}, experiment {tracker.experiment_id}"
+        return f"{without_password(tracker.uri)}, experiment {tracker.experiment_id}"
     return f"{UI_ADDRESS}{page} (after {home.hint('ui', 'ui')})"

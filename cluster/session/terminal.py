@@ -1,5 +1,6 @@
 """Progress output: one line per event and, on a terminal, a live bar."""
 
+import contextlib
 import textwrap
 import threading
 import time
@@ -40,7 +41,8 @@ class Terminal:
     """Prints lines above a progress bar. If the output is no terminal, a line tells the progress
     instead whenever nothing else has been printed for `silence` seconds.
 
-    On a terminal lines are wrapped between words; elsewhere a line is never broken.
+    On a terminal lines are wrapped between words; elsewhere a line is never broken. A terminal that
+    is gone, as when a connection by ssh ends, stops nothing: a signal does that, in order.
     """
 
     def __init__(self, console: Console | None = None, silence: float = SILENCE) -> None:
@@ -63,7 +65,8 @@ class Terminal:
         self._over = threading.Event()
 
     def __enter__(self) -> Self:
-        self._bar.start()
+        with contextlib.suppress(OSError):
+            self._bar.start()
         if not self.console.is_terminal:
             threading.Thread(target=self._break_silence, name="progress", daemon=True).start()
         return self
@@ -75,13 +78,15 @@ class Terminal:
         trace: TracebackType | None,
     ) -> None:
         self._over.set()
-        self._bar.stop()
+        with contextlib.suppress(OSError):
+            self._bar.stop()
 
     def line(self, text: str) -> None:
         """Print one line; if it is wrapped, all parts are indented like the first."""
         self._spoke = time.monotonic()
-        for part in self._wrapped(text):
-            self.console.print(part, markup=False)
+        with contextlib.suppress(OSError):
+            for part in self._wrapped(text):
+                self.console.print(part, markup=False)
 
     def _wrapped(self, text: str) -> list[str]:
         if not self.console.is_terminal or len(text) <= self.console.width:
@@ -110,13 +115,15 @@ class Terminal:
 
     def bar(self, what: str, done: float, total: float, unit: str, note: str = "") -> None:
         """Set the bar's title, progress and note."""
-        self._bar.update(
-            self._task, description=what, completed=done, total=total, unit=unit, note=note
-        )
+        with contextlib.suppress(OSError):
+            self._bar.update(
+                self._task, description=what, completed=done, total=total, unit=unit, note=note
+            )
 
     def step(self) -> None:
         """Advance the bar by one."""
-        self._bar.advance(self._task)
+        with contextlib.suppress(OSError):
+            self._bar.advance(self._task)
 
 
 def generation_line(record: GenerationRecord, best: float) -> str:

@@ -118,8 +118,9 @@ def _course(axes: Axes, portrait: Portrait, found: TransitionField, what: str) -
 def _ends(axes: Axes, portrait: Portrait, ends: NDArray[np.bool_]) -> None:
     """Hatch the grid's states (GRID, GRID) in which an episode ends."""
     across, up = portrait.plane.axes
-    if ends.any() and not ends.all():
+    if ends.any():
         axes.contourf(across, up, ends, levels=[0.5, np.inf], colors="none", hatches=["///"])
+    if ends.any() and not ends.all():
         axes.contour(across, up, ends, levels=[0.5], colors="black", linewidths=1)
 
 

@@ -34,9 +34,13 @@ class Author:
     def of_this_process(cls) -> Self:
         """The author of runs that this process begins."""
         program, *arguments = sys.argv
-        # Databases may be given with a password.
-        arguments = [re.sub(r"(?<=://)[^/@\s]+@", "***@", argument) for argument in arguments]
+        arguments = [without_password(argument) for argument in arguments]
         return cls(_user(), shlex.join([Path(program).name, *arguments]), _commit())
+
+
+def without_password(text: str) -> str:
+    """The text without users and passwords in its URIs, such as those of databases."""
+    return re.sub(r"(?<=://)[^/@\s]+@", "***@", text)
 
 
 def _user() -> str:

@@ -7,7 +7,9 @@ finals.json     a line each time it ended: fresh agents' scores of its best SE
 """
 
 import contextlib
+import fcntl
 import json
+import os
 import time
 import uuid
 from collections.abc import Iterator
@@ -39,7 +41,7 @@ class RunStatus:
 
     status: Status  # RUNNING if that process was killed
     since: FiniteFloat  # unix time, seconds
-    target: int  # brackets of a study, generations of an NES run
+    target: int  # brackets of a study, generations of an NES run, agents of an evaluation
 
     @classmethod
     def load(cls, folder: Path) -> "RunStatus | None":
@@ -85,7 +87,9 @@ _IDENTITY = {"uuid": "identity", "began": "begun", "author": "by"}
 class Final:
     """Scores of fresh agents on a run's best SE, each time that the run ended."""
 
-    step: int  # results of a study, generations of an NES run until then
+    #: Results of a study, generations of an NES run, agents of an evaluation until then; SEs and
+    #: agents of an experiment.
+    step: int
     time: float  # unix time, seconds
     metrics: dict[str, float]
 
@@ -97,7 +101,8 @@ def finals(folder: Path) -> list[Final]:
 
 def add_final(folder: Path, final: Final) -> None:
     """Append an end, unless an earlier process did so just before it was killed."""
-    if all(before.step != final.step for before in finals(folder)):
+    before = finals(folder)
+    if not before or (before[-1].step, before[-1].metrics) != (final.step, final.metrics):
         JsonlLog(folder / "finals.json").append(asdict(final))
 
 
@@ -161,14 +166,17 @@ def held(folder: Path) -> Iterator[None]:
 
 def is_held(folder: Path) -> bool:
     """Whether a process works on the folder."""
-    if not (folder / ".lock").exists():
-        return False
-    lock = FileLock(folder / ".lock")
     try:
-        with lock.acquire(timeout=0):
-            return False
-    except Timeout:
+        lock = os.open(folder / ".lock", os.O_RDONLY)  # a folder that one may only read will do
+    except FileNotFoundError:
+        return False
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # as FileLock does
+    except BlockingIOError:
         return True
+    finally:
+        os.close(lock)
+    return False
 
 
 def read_settings(folder: Path) -> dict[str, Any]:

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterable
 
 from bilevel.errors import first_line
+from cluster.storage.author import without_password
 from cluster.tracking.tracker import Tracker
 from cluster.tracking.view import RunView
 
@@ -77,7 +78,8 @@ class Mirror:
                 if not self._away:
                     self._away = True
                     self._tell(
-                        f"MLflow at {self.tracker.uri} is unreachable ({first_line(error)}): the "
+                        f"MLflow at {without_password(self.tracker.uri)} is unreachable "
+                        f"({without_password(first_line(error))}): the "
                         "run continues, and missing data is written once MLflow is back"
                     )
                 with self._change:

@@ -34,6 +34,9 @@ def _quality(tags: Mapping[str, str]) -> tuple[float, ...]:
     return score, -float(tags.get("final_train_steps_mean", "inf")), *_age(tags)
 
 
+#: What MLflow's stores answer for an alias that no version has.
+_NONE_YET = ("INVALID_PARAMETER_VALUE", "RESOURCE_DOES_NOT_EXIST")
+
 #: By alias, the tags of the version that has it are the highest in this order.
 _ALIASES: dict[str, Callable[[Mapping[str, str]], tuple[float, ...]]] = {
     "best": _quality,
@@ -81,7 +84,9 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
     for alias, order in _ALIASES.items():
         try:
             holder = client.get_model_version_by_alias(name, alias)
-        except MlflowException:  # there is none yet
+        except MlflowException as error:
+            if error.error_code not in _NONE_YET:
+                raise
             holder = None
         if holder is None or order(holder.tags) < order(tags):
             client.set_registered_model_alias(name, alias, versions[0].version)

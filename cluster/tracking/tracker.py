@@ -26,7 +26,7 @@ from typing import Any
 from urllib.parse import urlparse
 
 from bilevel.errors import InvalidInput, first_line
-from cluster.storage.author import Author
+from cluster.storage.author import Author, without_password
 from cluster.tracking.database import database_ready, require_whole, silence_mlflow
 from cluster.tracking.registry import register_se
 from cluster.tracking.view import Document, Point, RunView
@@ -54,9 +54,10 @@ _DESCRIPTION = (
     "Synthetic environments (SEs) for {task}, learned by natural evolution strategies. "
     "`bilevel nes` makes one run; `bilevel bohb` makes one run for the study, which holds the "
     "results of the search, and below it one for each configuration; `bilevel evaluate` makes one "
-    "run for all its agents. `score_mean` is the mean return on {task} of agents trained on the "
-    "current SE, `objective` its mean over the generations, and `final_score_mean` that of fresh "
-    "agents on the SE handed over."
+    "run for all its agents, and `bilevel experiment` one for all of its SEs and agents. "
+    "`score_mean` is the mean return on {task} of agents trained on the current SE, `objective` "
+    "the expected core seconds to an SE that fresh agents confirm (less is better), and "
+    "`final_score_mean` the mean return of fresh agents on the SE handed over."
 )
 _CONNECT_TIMEOUT = 5.0  # seconds until a server counts as unreachable
 
@@ -122,7 +123,7 @@ class _Shown:
     status: str
     params: set[str]
     tags: dict[str, str]
-    marks: set[tuple[str, int]]  # points
+    marks: set[tuple[str, int, int]]  # points, as `Point.mark`
     documents: dict[str, str]  # versions by path
 
 
@@ -160,7 +161,8 @@ class Tracker:
                 self._show_columns(())
         except (MlflowException, SQLAlchemyError, OSError) as error:
             require_whole(uri)
-            raise InvalidInput(f"MLflow at {uri!r} cannot be used: {first_line(error)}") from None
+            told = without_password(f"MLflow at {uri!r} cannot be used: {first_line(error)}")
+            raise InvalidInput(told) from None
 
     def _experiment(self, name: str, location: str | None) -> str:
         """The id of the experiment, which is created if missing."""
@@ -257,9 +259,10 @@ class Tracker:
         tags = dict(run.data.tags)
         known = {} if self._thorough else json.loads(tags.get(_DOCUMENTS, "{}"))
         marks = {
-            (name, metric.step)
+            (name, metric.step, time)
             for name in {point.mark[0] for point in view.points} & set(run.data.metrics)
             for metric in self._client.get_metric_history(run_id, name)
+            for time in (0, metric.timestamp)
         }
         return _Shown(run_id, run.info.status, set(run.data.params), tags, marks, known)
 
@@ -286,8 +289,10 @@ class Tracker:
         missing = [point for point in points if point.mark not in shown.marks]
         batch: list[Any] = []
         for i, point in enumerate(missing):
-            time = _milliseconds(point.time)
-            batch += [Metric(k, float(v), time, point.step) for k, v in point.values.items()]
+            batch += [
+                Metric(name, float(value), point.milliseconds, point.step)
+                for name, value in point.values.items()
+            ]
             if len(batch) > _BATCH or i == len(missing) - 1:
                 self._client.log_batch(shown.run_id, metrics=batch)
                 batch = []

@@ -23,11 +23,19 @@ class Point:
     values: Mapping[str, float]
     step: int
     time: float  # of the event, unix seconds, so that a repeated write changes nothing
+    #: Whether another point of this step may follow later.
+    repeated: bool = False
 
     @property
-    def mark(self) -> tuple[str, int]:
-        """The metric and step that identify the point in MLflow."""
-        return next(iter(self.values)), self.step
+    def milliseconds(self) -> int:
+        """MLflow's time of the event."""
+        return int(self.time * 1000)
+
+    @property
+    def mark(self) -> tuple[str, int, int]:
+        """What identifies the point in MLflow: the metric, the step, and, where others of this step
+        may follow, the time (else 0)."""
+        return next(iter(self.values)), self.step, self.milliseconds if self.repeated else 0
 
     @classmethod
     def of(cls, record: GenerationRecord, before: int = 0, **more: float) -> "Point":
@@ -40,7 +48,7 @@ class Point:
     @classmethod
     def of_final(cls, final: Final) -> "Point":
         """The point of the final scores, of fresh agents on the best SE."""
-        return cls(final.metrics, final.step, final.time)
+        return cls(final.metrics, final.step, final.time, repeated=True)
 
 
 @dataclass(frozen=True)

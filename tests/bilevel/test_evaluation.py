@@ -16,10 +16,11 @@ from bilevel.evaluation import (
     requested_se,
     train_and_test,
 )
-from bilevel.hyperparameters import Hyperparameters, load_recipe
+from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_recipe
 from bilevel.synthetic_env import SE, Architecture, SEDistribution, coordinates
 from bilevel.tasks import Task, get_task
 from tests.conftest import ddqn
+from tests.ses import make_se
 
 
 def around(task: Task, hp: Hyperparameters, seed: int = 0) -> SEDistribution:
@@ -72,6 +73,16 @@ def test_what_a_request_asks_for(cartpole: Task, small_hp: Hyperparameters) -> N
     for se in (None, centre):
         with pytest.raises(InvalidInput, match="training on Initialized"):
             requested_se(se, Initialized(1))
+
+
+def test_an_se_as_it_is_loaded(
+    cartpole: Task, acrobot: Task, small_agent: DDQNHyperparameters
+) -> None:
+    stored, request = make_se(cartpole), EvaluationRequest(0, 1, small_agent)
+    one, other = evaluate(cartpole, stored, request), evaluate(cartpole, stored.se, request)
+    assert one.test_returns == other.test_returns
+    with pytest.raises(InvalidInput, match="the SE has 4 state dimensions and 2 actions"):
+        evaluate(acrobot, stored, request)
 
 
 def test_steps_on_the_real_task_are_counted(cartpole: Task, small_hp: Hyperparameters) -> None:

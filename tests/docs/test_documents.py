@@ -3,6 +3,7 @@
 The code of docs/agents.md, se-files.md and zoo.md is run where what it shows is tested.
 """
 
+import os
 import re
 import subprocess
 import sys
@@ -12,6 +13,7 @@ from pathlib import Path
 import pytest
 
 from bilevel.hyperparameters import load_recipe, recipe_text
+from tests.commands import BILEVEL, run_bilevel
 from tests.documents import ROOT, python_blocks
 
 pytestmark = pytest.mark.timeout(200)
@@ -30,16 +32,32 @@ def test_the_site_is_built(tmp_path: Path) -> None:
 
 
 def test_the_tutorial(tmp_path: Path) -> None:
-    zoo, task, *rest = python_blocks("docs/tutorial.md")
+    """The SE is used by other processes than the one that learned it."""
+    zoo, task, learn, train = python_blocks("docs/tutorial.md")
     (tmp_path / "balance.py").write_text(task)
-    (tmp_path / "tutorial.py").write_text("\n".join([zoo, *rest]))
-    command = [sys.executable, "tutorial.py"]
-    run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert run.returncode == 0, run.stderr
-    assert (tmp_path / "balance_se.safetensors").exists()
-    assert run.stdout.endswith("Box(-inf, inf, (2,), float32) Discrete(2)\n")
-    scores = re.findall(r"^\d+ (\d+\.\d+)$", run.stdout, re.MULTILINE)
+    (tmp_path / "learn.py").write_text(f"{zoo}\n{learn}")
+    (tmp_path / "train.py").write_text(train)
+    scores = re.findall(r"^\d+ (\d+\.\d+)$", told_by("learn.py", tmp_path), re.MULTILINE)
     assert float(scores[-1]) >= 95  # this task is solved within seconds
+    assert told_by("train.py", tmp_path) == "Box(-inf, inf, (2,), float32) Discrete(2)\n"
+    shown = ("show", "balance_se.safetensors")
+    result = run_bilevel(*shown, cwd=tmp_path)
+    assert result.returncode == 2
+    assert "--task balance:Balance-v0" in result.stderr
+    result = run_bilevel(*shown, "--task", "CartPole-v0", cwd=tmp_path)
+    assert result.returncode == 2
+    assert "is an SE for balance:Balance-v0" in result.stderr
+    command = [BILEVEL, *shown, "--task", "balance:Balance-v0"]
+    subprocess.run(command, cwd=tmp_path, check=True, env={**os.environ, "PYTHONPATH": "."})
+    assert (tmp_path / "balance_se.png").exists()
+
+
+def told_by(script: str, folder: Path) -> str:
+    """What a script in a folder prints."""
+    command = [sys.executable, script]
+    run = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert run.returncode == 0, run.stderr
+    return run.stdout
 
 
 def test_the_page_on_recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -67,7 +67,10 @@ def test_full_is_table_1() -> None:
                 values, ends = np.log(values), np.log(ends)
             assert kstest((values - ends[0]) / (ends[1] - ends[0]), "uniform").pvalue > 1e-3, name
         else:
-            assert {low, high} <= set(values.astype(int)) or high > 2
+            drawn_in = np.log(values) if scale != "linear" else values
+            ends = np.log([low, high]) if scale != "linear" else np.array([low, high])
+            assert abs(np.mean(drawn_in) - np.mean(ends)) < 0.05 * np.ptp(ends), name
+            assert {low, high} <= set(values.astype(int)) or high > 20
     assert {hp.nes.mirrored_sampling for hp in hps} == {True, False}
     assert len({hp.nes.score_transform for hp in hps}) == 8
     assert len({hp.se.activation for hp in hps}) == len({ddqn(hp).activation for hp in hps}) == 4

@@ -80,3 +80,22 @@ def test_the_packages_own_spaces_fit_any_agent() -> None:
     assert Space.of("core").build(("td3",)) == search_space("core", ("td3",))
     with pytest.raises(InvalidInput, match="unknown search space 'x': allowed are full, core"):
         Space.of("x")
+
+
+def test_a_space_of_the_package_fits_a_task_with_many_observations() -> None:
+    core = Space.of("core")
+    assert core.fitting("se.hidden_size", 12) is core
+    for least, ends in ((16, (16, 64)), (80, (80, 160))):
+        fitted = core.fitting("se.hidden_size", least)
+        units = fitted.build()["se.hidden_size"]
+        assert isinstance(units, CS.UniformIntegerHyperparameter)
+        assert (units.lower, units.upper, units.log) == (*ends, True)
+        assert fitted.name == "core"
+        others = [dict(space.build()) for space in (core, fitted)]
+        assert all(other.pop("se.hidden_size") for other in others)
+        assert others[0] == others[1]
+
+
+def test_a_space_of_the_users_own_stays_as_it_is(tmp_path: Path) -> None:
+    mine = Space.of(str(written(tmp_path, "mine.json", CS.Integer("se.hidden_size", (4, 8)))))
+    assert mine.fitting("se.hidden_size", 16) is mine

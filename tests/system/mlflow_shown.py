@@ -12,11 +12,12 @@ import psutil
 
 from cluster.catalog.kinds import views_of
 from cluster.services.mlflow_server import mlflow_server
-from cluster.services.ports import free_port, listening
+from cluster.services.ports import free_port
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunIdentity
 from cluster.tracking import RunView
 from cluster.tracking.tracker import KEY
+from tests.commands import listening
 
 
 def disagreements(folder: Path, tracking_uri: str) -> list[str]:

@@ -15,10 +15,10 @@ import psutil
 import pytest
 
 from cluster.services.background import services
-from cluster.services.ports import free_port, listening
+from cluster.services.ports import free_port
 from cluster.storage.home import Home
 from cluster.tracking import Tracker
-from tests.commands import BILEVEL, run_bilevel
+from tests.commands import BILEVEL, listening, run_bilevel
 from tests.system.mlflow_shown import disagreements
 
 pytestmark = pytest.mark.timeout(290)

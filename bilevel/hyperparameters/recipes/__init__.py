@@ -22,7 +22,7 @@ from typing import Any, Protocol
 
 from bilevel.decode import decode
 from bilevel.errors import InvalidInput, one_of
-from bilevel.hyperparameters.agents import agent_hyperparameters
+from bilevel.hyperparameters.agents import AgentHyperparameters, agent_hyperparameters
 from bilevel.hyperparameters.definitions import (
     Hyperparameters,
     NESHyperparameters,
@@ -55,23 +55,34 @@ def load_recipe(
 ) -> Hyperparameters:
     """A recipe for a task (or its id), by name or as the path of a file (`*.toml`).
 
-    `agents` replaces those that the recipe draws; one that it does not know has the defaults of
-    its own fields. Raises InvalidInput for an unknown name, and for a file that is not a recipe.
+    `agents` replaces those that the recipe draws. An agent of a user's own has the defaults of the
+    fields that the recipe does not give. Raises InvalidInput for an unknown name, for a file that
+    is not a recipe, and for one that lacks a built-in agent or one of its fields.
     """
     values, what = _read(name, task if isinstance(task, str) else task.id), f"recipe {name!r}"
     own = {spec.name: values[spec.name] for spec in fields(_Recipe) if spec.name in values}
     recipe = decode(_Recipe, own, what)
-    sections = [
-        (agent, decode(dict[str, Any], values.get(agent, {}), f"{what}, {agent}"))
-        for agent in (recipe.agents if agents is None else agents)
-    ]
+    names = recipe.agents if agents is None else agents
     return Hyperparameters(
         nes=NESHyperparameters(**recipe.nes),
         se=SEHyperparameters(**recipe.se),
-        agents=tuple(agent_hyperparameters(agent)(**own) for agent, own in sections),
+        agents=tuple(_agent(agent, values, what) for agent in names),
         vary_agent=recipe.vary_agent,
         recipe=Path(name).stem,
     )
+
+
+def _agent(name: str, values: dict[str, Any], what: str) -> AgentHyperparameters:
+    """An agent's section of a recipe; a built-in agent's gives all fields. Raises InvalidInput."""
+    kind = agent_hyperparameters(name)
+    built_in = kind.__module__ == AgentHyperparameters.__module__
+    if built_in and name not in values:
+        raise InvalidInput(f"{what} has no section [{name}], for the agent of that name")
+    given = decode(dict[str, Any], values.get(name, {}), f"{what}, {name}")
+    missing = [spec.name for spec in fields(kind) if spec.name not in given]
+    if built_in and missing:
+        raise InvalidInput(f"{what}, {name}: {missing[0]!r} is missing")
+    return kind(**given)
 
 
 def _read(name: str, task_id: str) -> dict[str, Any]:

@@ -15,7 +15,13 @@ from bilevel.agents import agent as registry
 from bilevel.agents import get_agent, register_agent, registered_agents
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
-from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters, load_recipe
+from bilevel.hyperparameters import (
+    AgentHyperparameters,
+    DDQNHyperparameters,
+    Hyperparameters,
+    load_recipe,
+)
+from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.nes import NES
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task, get_task
@@ -147,6 +153,25 @@ def test_hyperparameters_that_nothing_checks_are_refused() -> None:
 
     with pytest.raises(InvalidInput, match="Unchecked must be decorated with `hyperparameters`"):
         register_agent(Unchecked, lambda *_: None)  # type: ignore[arg-type]
+
+
+def test_an_agent_names_itself_and_no_other_agent() -> None:
+    @hyperparameters
+    class Heir(DDQNHyperparameters):
+        """Without a name of its own: it would replace DDQN."""
+
+    @hyperparameters
+    class Nameless(AgentHyperparameters):
+        """Without any name."""
+
+    for kind in (Heir, Nameless):
+        with pytest.raises(InvalidInput, match=f"{kind.__name__} must name its agent"):
+            register_agent(kind, lambda *_: None)  # type: ignore[arg-type]
+    assert get_agent("ddqn").build_kernel is not None
+    with pytest.raises(InvalidInput, match="the agent name 'ddqn' is taken by"):
+
+        class Usurper(AgentHyperparameters, agent="ddqn"):
+            """With the name of another."""
 
 
 def test_entry_points_of_installed_packages_are_loaded(

@@ -1,15 +1,17 @@
 """Agents are drawn from the paper's ranges, and depend on the seed alone."""
 
 from dataclasses import fields, replace
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 import pytest
+from pydantic import Field
 from scipy.stats import chisquare, kstest
 
 from bilevel import InvalidInput
 from bilevel.agents.variation import NARROWEST, SMALL, draw_agent
 from bilevel.hyperparameters import AgentHyperparameters, DDQNHyperparameters, load_recipe
+from bilevel.hyperparameters.validation import hyperparameters
 from tests.conftest import ddqn
 
 SAMPLES = 300
@@ -57,6 +59,21 @@ def test_narrowed_agents_stand_for_those_of_all_sizes(name: str) -> None:
 @pytest.mark.parametrize("vary", ["small", "narrowed"])
 def test_an_agent_of_unknown_cost_is_drawn_all_the_same(vary: str) -> None:
     assert draw_agent((AgentHyperparameters(),), vary, 0) == AgentHyperparameters()
+
+
+@hyperparameters
+class Uncounted(AgentHyperparameters, agent="uncounted"):
+    """An agent of a user's own, which does not tell what its sizes cost."""
+
+    learning_rate: Annotated[float, Field(ge=1e-8, le=1.0)] = 0.3
+    hidden_size: Annotated[int, Field(ge=1, le=4096)] = 64
+    batch_size: Annotated[int, Field(ge=1, le=4096)] = 64
+
+
+def test_an_agent_whose_sizes_cost_nothing_is_not_narrowed() -> None:
+    agents = (Uncounted(),)
+    for seed in range(20):
+        assert draw_agent(agents, "narrowed", seed) == draw_agent(agents, "all", seed)
 
 
 def test_another_variation_is_refused() -> None:

@@ -84,3 +84,9 @@ def test_the_cost_of_a_step_counts_every_hidden_layer(name: str, layers: int) ->
     wide = [n_in * n_out for n_in, n_out in agent.network(4, 2).shapes if min(n_in, n_out) > 4]
     counted = agent.batch_size * (sum(wide) + 8 * agent.hidden_size)
     assert agent.step_cost == counted
+
+
+def test_a_distilled_start_is_not_replaced_by_a_random_one() -> None:
+    hp = load_recipe("distilled", "CartPole-v0")
+    with pytest.raises(InvalidInput, match="restart_after must be 0 with the start 'distilled'"):
+        replace(hp, nes=replace(hp.nes, restart_after=40))

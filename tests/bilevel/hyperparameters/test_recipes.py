@@ -47,23 +47,10 @@ def test_a_file_is_complete(file: str, tmp_path: Path) -> None:
         key = line.split(" = ")[0]
         if section not in ("nes", "se", "ddqn") or " = " not in line:
             continue
-        if section == "ddqn" and key in OPTIONAL:
-            continue
         path = tmp_path / "cut.toml"
         path.write_text("\n".join(lines[:number] + lines[number + 1 :]))
         with pytest.raises(InvalidInput, match=key):
             load_recipe(str(path), "CartPole-v0")
-
-
-#: Fields of every agent that have a default, so that user-defined agents need no recipe.
-OPTIONAL = (
-    "init_episodes",
-    "max_episodes",
-    "early_out_episodes",
-    "early_out_difference",
-    "test_episodes",
-    "replay_capacity",
-)
 
 
 def test_paper_holds_table_1() -> None:
@@ -130,3 +117,10 @@ def test_what_is_written_as_a_recipe_is_read_again(name: str, tmp_path: Path) ->
     path = tmp_path / f"{name}.toml"
     path.write_text(recipe_text(hp, "Written by a test"))
     assert load_recipe(str(path), "Acrobot-v1") == hp
+
+
+def test_a_recipe_without_an_agent_says_so(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text(recipe_text(load_recipe("default", "CartPole-v0"), "Mine."))
+    with pytest.raises(InvalidInput, match=r"has no section \[td3\], for the agent of that name"):
+        load_recipe(str(path), "CartPole-v0", ["ddqn", "td3"])

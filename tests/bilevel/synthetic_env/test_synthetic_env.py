@@ -1,10 +1,13 @@
 import contextlib
+import importlib
 import json
 import pickle
+import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 import safetensors.numpy
@@ -164,6 +167,23 @@ def test_an_se_of_other_sizes_than_its_task_is_refused(tmp_path: Path) -> None:
     se = replace(make_se(get_task("CartPole-v0")), task_id="Acrobot-v1")
     with pytest.raises(InvalidInput, match="4 state dimensions and 2 actions: Acrobot-v1 has 6"):
         se.task()
+
+
+def test_the_task_of_an_imported_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "poles.py").write_text(
+        "import gymnasium\n"
+        "entry = gymnasium.spec('CartPole-v1').entry_point\n"
+        "gymnasium.register('Pole-v0', entry_point=entry, max_episode_steps=50)\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    se = replace(make_se(get_task("CartPole-v0")), task_id="poles:Pole-v0")
+    with pytest.raises(InvalidInput, match=r"'poles'.*not imported.*give --task poles:Pole-v0"):
+        se.task()
+    importlib.import_module("poles")
+    try:
+        assert se.task().id == "poles:Pole-v0"
+    finally:
+        del sys.modules["poles"], gymnasium.registry["Pole-v0"]
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)

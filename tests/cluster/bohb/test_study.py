@@ -8,8 +8,10 @@ import pytest
 
 from bilevel import InvalidInput
 from bilevel.hyperparameters import load_recipe
+from bilevel.tasks import get_task
 from cluster.bohb.journal import Journal
-from cluster.bohb.study import SPACE_FILE
+from cluster.bohb.study import SPACE_FILE, Study
+from cluster.bohb.view import study_progress
 from search_spaces import search_space
 from tests.commands import run_bilevel
 from tests.studies import make_study, new_study
@@ -47,3 +49,28 @@ def test_a_study_keeps_the_ranges_that_it_was_begun_with(tmp_path: Path) -> None
     with pytest.raises(InvalidInput, match="begun with other ranges of the search space 'core'"):
         study.write_space()
     assert json.loads((tmp_path / SPACE_FILE).read_text()) == other
+
+
+def test_a_recipe_outside_of_the_space_is_moved_and_told() -> None:
+    task = get_task("CartPole-v0")
+    recipe = load_recipe("default", task.id)
+    inside = replace(new_study(Path("study")), prior="recipe", base=recipe)
+    assert inside.moved == {}
+    assert inside.prior_configuration is not None
+    paper = replace(inside, base=load_recipe("paper", task.id))
+    assert paper.moved["nes.std_dev"] == (0.0124, 0.03)
+    # 0 stands for the task's own limit, which is in the space.
+    assert "se.step_limit" not in paper.moved
+    assert paper.prior_configuration is not None
+    assert paper.prior_configuration["se.step_limit"] == task.step_limit
+    assert replace(paper, prior="none").moved == {}
+
+
+def test_progress_of_a_study_whose_agent_is_not_known_here(tmp_path: Path) -> None:
+    make_study(tmp_path)
+    settings = json.loads((tmp_path / "settings.json").read_text())
+    settings["base"]["agents"] = {"reinforce": {}}
+    (tmp_path / "settings.json").write_text(json.dumps(settings))
+    with pytest.raises(InvalidInput, match="unknown agent 'reinforce'"):
+        Study.read(tmp_path)
+    assert study_progress(tmp_path, 2).done == "6/6 results"

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.nes import NESState
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.runs import ConfigurationRuns
@@ -179,6 +179,35 @@ class TestValidation:
         assert [(one.id, one.loss) for one in rest.finalists] == [
             (one.id, one.loss) for one in whole.finalists
         ]
+
+    def test_a_finalist_that_fails_is_left_out(
+        self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The others are compared all the same, also by the next process."""
+        study = make_study(tmp_path)
+        plan = Plan.of(Journal(study.folder), None)
+        assert plan is not None
+        failing, advance = plan.finalists[0], ConfigurationRuns.advance
+
+        def sometimes(runs: ConfigurationRuns, pool: EvaluationPool) -> NESState:
+            if runs.id == failing:
+                raise InvalidInput("agent 'mine' returned nothing")
+            return advance(runs, pool)
+
+        monkeypatch.setattr(ConfigurationRuns, "advance", sometimes)
+        found, _ = run_validation(study)
+        assert found is not None
+        assert {line.id for line in found.finalists} == {*plan.finalists} - {failing}
+
+        def full(runs: ConfigurationRuns, pool: EvaluationPool) -> NESState:
+            raise StorageFailure("the disk is full")
+
+        monkeypatch.setattr(ConfigurationRuns, "advance", full)
+        (study.folder / VALIDATION_FILE).unlink()
+        for runs in study.folder.glob("configurations/*/validation-*/*"):
+            runs.unlink()
+        with pytest.raises(StorageFailure):
+            run_validation(study)
 
     def test_damage_is_told(self, tmp_path: Path) -> None:
         (tmp_path / VALIDATION_FILE).write_text('{"results": 3}')

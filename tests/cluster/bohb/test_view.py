@@ -4,7 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from cluster.bohb.journal import Journal
-from cluster.bohb.view import StudyViews
+from cluster.bohb.summary import StudySummary
+from cluster.bohb.validation import Validation
+from cluster.bohb.view import StudyViews, _way
 from cluster.storage.run_folder import RunStatus
 from tests.studies import make_study
 
@@ -36,3 +38,16 @@ def test_the_first_results_are_drawn_at_once(tmp_path: Path) -> None:
     number = len(Journal(tmp_path).results)
     assert number < 10
     assert drawn_at(views) == f"{number} results"
+
+
+def test_the_way_ends_at_the_incumbent(tmp_path: Path) -> None:
+    """Which is the winner of a validation, whoever led in the search."""
+    study = make_study(tmp_path)
+    summary = StudySummary.of(Journal(tmp_path), study.schedule.brackets(2))
+    leader = summary.leader
+    assert leader is not None
+    way = _way(summary)
+    assert way[-1] == leader.id
+    other = next(line for line in Journal(tmp_path).results if line.id != leader.id)
+    validated = replace(summary, validation=Validation(6, (other, leader)))
+    assert _way(validated) == [*way, other.id]

@@ -52,8 +52,10 @@ def test_a_picture_is_the_same_file_each_time(home: Path) -> None:
 
 @experiments
 def test_it_needs_no_agent_twice(experiment: Experiment, home: Path) -> None:
-    """Asked again with all results, it asks for the same agents, all of which have a result."""
+    """Asked again with all results, it asks for the same agents, once on each SE."""
     plan = smoke_plan(experiment)
     material = material_of(experiment, plan, Home(home))
     units = experiment.units(plan, material)
     assert {unit.key for unit in units} <= set(material.found)
+    places = [(unit.key, unit.source.condition, unit.source.number) for unit in units]
+    assert len(set(places)) == len(places)

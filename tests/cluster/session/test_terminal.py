@@ -1,5 +1,6 @@
 """What the terminal shows, and what a pipe gets."""
 
+import errno
 import io
 import re
 import time
@@ -85,3 +86,22 @@ def test_a_generation_fits_80_columns() -> None:
 )
 def test_duration(seconds: float, text: str) -> None:
     assert duration(seconds) == text
+
+
+class Gone(io.StringIO):
+    """A terminal whose connection has ended."""
+
+    def write(self, text: str) -> int:
+        raise OSError(errno.EIO, "Input/output error")
+
+
+@pytest.mark.parametrize("is_terminal", [True, False])
+def test_a_terminal_that_is_gone_stops_nothing(is_terminal: bool) -> None:
+    """The signal that tells of it stops the command, in order."""
+    console = Console(file=Gone(), force_terminal=is_terminal)
+    with pytest.raises(OSError, match="Input/output error"):
+        console.print("a line")
+    with Terminal(console) as shown:
+        shown.line("a line")
+        shown.bar("searching", 1, 2, "results")
+        shown.step()

@@ -117,6 +117,8 @@ def test_an_end_is_written_once(tmp_path: Path) -> None:
     add_final(tmp_path, Final(6, 9.0, {"score": 2.0}))  # killed just after, and run again
     add_final(tmp_path, Final(8, 9.0, {"score": 3.0}))
     assert [final.step for final in finals(tmp_path)] == [6, 8]
+    add_final(tmp_path, Final(8, 10.0, {"score": 4.0}))  # no new result, but another best SE
+    assert [final.metrics["score"] for final in finals(tmp_path)] == [2.0, 3.0, 4.0]
 
 
 def test_what_a_killed_process_was_writing_is_removed(tmp_path: Path) -> None:

@@ -9,7 +9,8 @@ from cluster.bohb.journal import Journal
 from cluster.bohb.study import configuration_name
 from cluster.catalog.kinds import views_of
 from cluster.nes.selection import BEST_FILE
-from cluster.storage.run_folder import RunIdentity, RunStatus
+from cluster.storage.run_folder import Final, RunIdentity, RunStatus
+from cluster.tracking.view import Point
 from tests.studies import make_study
 
 
@@ -50,3 +51,10 @@ def test_a_deleted_se_file_is_an_error_of_the_disk(folder: Path) -> None:
     views = views_of(folder)
     with pytest.raises(InvalidInput, match=r"cannot read '.*best_se.safetensors': No such file"):
         views.view(next(iter(views.keys())))
+
+
+def test_final_scores_may_follow_at_the_same_step() -> None:
+    """A new best SE without a new result; generations are written once."""
+    first, later = (Point.of_final(Final(8, time, {"score": 2.0})) for time in (1.0, 2.0))
+    assert first.mark != later.mark
+    assert Point({"score": 1.0}, 8, 1.0).mark == Point({"score": 1.0}, 8, 2.0).mark
