@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import MaxNLocator
+from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from bilevel.tasks import Task
@@ -30,6 +30,9 @@ def objective_against_cost(
     axes.set_xlabel("core seconds spent by the search (marker size: budget of the result)")
     axes.set_ylabel("expected core seconds to a confirmed SE")
     axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5, 7)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_locator(NullLocator())
     axes.set_title(f"{title}, {task.id}")
     axes.spines["right"].set_visible(False)
     if not points:
