@@ -48,14 +48,11 @@ def nes(
     common = RunOptions(**options)
     task = common.the_task()
     hp = common.the_hyperparameters(task)
-    # A recipe whose runs never stop early has no agents that confirm.
-    confirming = (hp.nes.confirming_agents or CONFIRMING_AGENTS) if solved_for else None
-    wanted = {
-        "generations": generations,
-        "solved_for": solved_for,
-        "confirming_agents": confirming,
-    }
+    wanted = {"generations": generations, "solved_for": solved_for}
     changes: dict[str, Any] = {key: value for key, value in wanted.items() if value is not None}
+    # A recipe whose runs never stop early has no agents that confirm.
+    if solved_for and "nes.confirming_agents" not in dict(common.settings):
+        changes["confirming_agents"] = hp.nes.confirming_agents or CONFIRMING_AGENTS
     hp = replace(hp, nes=replace(hp.nes, **changes))
     name = name or f"nes{common.suffix(hp.recipe)}-seed{common.seed}"
 

@@ -71,8 +71,9 @@ def test_a_run_its_tracking_and_its_continuation(
     assert tracked.data.tags["mlflow.source.name"] == "bilevel nes CartPole-v0"
     assert "--set nes.centre_agents=2" in tracked.data.tags["mlflow.note.content"]
     assert tracked.data.tags["mlflow.user"]
-    ours = {tag for tag in tracked.data.tags if not tag.startswith("mlflow.")}
-    assert ours == {"bilevel.kind"}
+    ours = {tag: told for tag, told in tracked.data.tags.items() if "mlflow." not in tag}
+    assert ours == {"bilevel.kind": "nes", "bilevel.generations": "3"}
+    assert "nes.generations" not in tracked.data.params  # which could not change
     assert tracked.data.params["nes.population_size"] == "2"
     assert tracked.data.params["nes.patient_episodes"] == "15"
     assert tracked.data.params["se.structure"] == "exogenous"
@@ -194,9 +195,12 @@ def test_the_default_name_tells_recipe_agents_and_variation(tmp_home: Path, addr
     small = [word for word in SMALL if word not in ("--name", "run")]
     chosen = ("--recipe", "paper", "--agent", "td3", "--vary-hp", "small")
     few = ("--generations", "1", "--set", "td3.max_episodes=12", "--seed", "3")
+    ended = ("--solved-for", "1")
     words = [word.replace("ddqn", "td3") for word in small]
-    result = run_bilevel(*words, *chosen, *few, "--home", tmp_home, "--address", address)
+    result = run_bilevel(*words, *chosen, *few, *ended, "--home", tmp_home, "--address", address)
     assert result.returncode == 0, result.stderr
     run = NESRun.read(tmp_home / "CartPole-v0" / "nes-paper-td3-small-seed3")
     assert (run.hp.nes.update, run.hp.se.structure) == ("paper", "plain")
+    # The recipe never stops early; whoever wants it to, wants a confirmation.
+    assert (run.hp.nes.solved_for, run.hp.nes.confirming_agents) == (1, 128)
     assert run.load() is not None
