@@ -1,8 +1,11 @@
 """Settings of the documentation site: `make docs`."""
 
 import re
+from typing import Any, get_args, get_origin
 
-from bilevel import __version__
+from sphinx.pycode import ModuleAnalyzer
+
+from bilevel import __version__, hyperparameters
 
 project = "bilevel"
 release = __version__
@@ -37,7 +40,47 @@ def _includes(app: object, path: object, page: str, content: list[str]) -> None:
         content[0] = content[0].replace(f"]({file}", f"]({target}")
 
 
+def _fields_as_tables(app: object, page: str, content: list[str]) -> None:
+    """Replace `<!-- fields: CLASS -->` by a table of the fields of a class of hyperparameters."""
+    content[0] = re.sub(r"<!-- fields: (\w+) -->", lambda m: _fields(m[1]), content[0])
+
+
+def _fields(name: str) -> str:
+    kind: Any = getattr(hyperparameters, name)
+    comments: dict[str, str] = {}
+    for base in reversed(kind.__mro__):
+        if base.__module__.startswith("bilevel"):
+            found = ModuleAnalyzer.for_module(base.__module__).find_attr_docs()
+            comments |= {
+                field: " ".join(lines).strip()
+                for (owner, field), lines in found.items()
+                if owner == base.__name__
+            }
+    rows = [
+        f"| `{field}` | {_allowed(spec)} | {comments.get(field, '')} |"
+        for field, spec in kind.__pydantic_fields__.items()
+    ]
+    return "\n".join(["| field | allowed | meaning |", "| --- | --- | --- |", *rows])
+
+
+def _allowed(spec: Any) -> str:
+    """The values of a field, as pydantic describes it."""
+    if get_origin(spec.annotation) is not None:
+        return ", ".join(f"`{value}`" for value in get_args(spec.annotation))
+    if spec.annotation is bool:
+        return "true, false"
+    ends = {
+        end: getattr(rule, end)
+        for rule in spec.metadata
+        for end in ("ge", "gt", "le")
+        if hasattr(rule, end)
+    }
+    low = f"above {ends['gt']}" if "gt" in ends else ends["ge"]
+    return f"{spec.annotation.__name__}, {low} to {ends['le']}"
+
+
 def setup(app):  # type: ignore[no-untyped-def]
-    """Register the two."""
+    """Register them."""
     app.connect("source-read", _links_to_pages)
+    app.connect("source-read", _fields_as_tables)
     app.connect("include-read", _includes)

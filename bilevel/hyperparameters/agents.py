@@ -34,10 +34,12 @@ class AgentHyperparameters:
 
     #: Episodes before the first gradient step.
     init_episodes: Annotated[int, Field(ge=0, le=1_000_000)] = 10
-    max_episodes: _Episodes = 1000  #: n_e
-    early_out_episodes: _Episodes = 10  #: d
-    early_out_difference: Annotated[float, Field(ge=0.0, le=1e6)] = 0.01  #: C_diff
-    test_episodes: _Episodes = 10  #: n_te
+    max_episodes: _Episodes = 1000  #: n_e, the episodes of training at most.
+    #: d: training stops early if the mean return of the last d episodes differs from that of
+    #: the d before by a share of at most C_diff (`early_out_difference`).
+    early_out_episodes: _Episodes = 10
+    early_out_difference: Annotated[float, Field(ge=0.0, le=1e6)] = 0.01  #: C_diff.
+    test_episodes: _Episodes = 10  #: n_te, the episodes of a test on the real task.
 
     def __init_subclass__(cls, agent: str = "", **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -81,13 +83,14 @@ def agent_hyperparameters(agent: str) -> type[AgentHyperparameters]:
 class _OffPolicy(AgentHyperparameters):
     """Hyperparameters that the three agents of the paper share (Table "Default HPs")."""
 
-    batch_size: Annotated[int, Field(ge=1, le=65536)]
-    learning_rate: Annotated[float, Field(ge=1e-8, le=1.0)]  #: of Adam
-    target_update_rate: _Share  #: of the soft update
-    discount: _Share
-    hidden_layers: Annotated[int, Field(ge=1, le=3)]
-    hidden_size: Annotated[int, Field(ge=1, le=4096)]
-    activation: Activation
+    batch_size: Annotated[int, Field(ge=1, le=65536)]  #: Transitions a gradient step.
+    learning_rate: Annotated[float, Field(ge=1e-8, le=1.0)]  #: Of Adam.
+    target_update_rate: _Share  #: tau of the targets' soft update.
+    discount: _Share  #: gamma.
+    hidden_layers: Annotated[int, Field(ge=1, le=3)]  #: Of each network.
+    hidden_size: Annotated[int, Field(ge=1, le=4096)]  #: Units a hidden layer.
+    activation: Activation  #: Of the hidden layers.
+    #: Transitions that the replay memory holds.
     replay_capacity: Annotated[int, Field(ge=1, le=100_000_000)] = 100_000
 
     @property
@@ -108,9 +111,9 @@ class DDQNHyperparameters(_OffPolicy, agent="ddqn"):
 
     dueling: ClassVar[bool] = False
 
-    initial_epsilon: _Share  #: in the first episode
-    minimal_epsilon: _Share
-    epsilon_decay: _Share  #: factor per episode
+    initial_epsilon: _Share  #: Share of random actions in the beginning.
+    minimal_epsilon: _Share  #: Share of random actions at least.
+    epsilon_decay: _Share  #: Factor of that share per episode.
 
     def network(self, state_size: int, n_actions: int) -> Network:
         """The shape of the Q-network."""
@@ -160,12 +163,12 @@ class TD3Hyperparameters(_OffPolicy, agent="td3"):
     #: Temperatures stay within: below, gradients vanish; above, actions are all alike.
     temperatures: ClassVar[tuple[float, float]] = (0.1, 10.0)
 
-    #: Critic steps a step of actor and targets.
+    #: Gradient steps of the critics for each of actor and targets.
     policy_delay: Annotated[int, Field(ge=1, le=1000)] = 2
-    action_noise: _Noise = 0.1  #: std. dev. added to relaxed actions
-    target_noise: _Noise = 0.2  #: std. dev. of target smoothing
-    target_noise_clip: _Noise = 0.5
-    #: Of the Gumbel-Softmax, learned.
+    action_noise: _Noise = 0.1  #: Standard deviation of what is added to relaxed actions.
+    target_noise: _Noise = 0.2  #: Standard deviation of the targets' smoothing.
+    target_noise_clip: _Noise = 0.5  #: Largest noise of the targets' smoothing.
+    #: Temperature of the Gumbel-Softmax in the beginning; it is learned.
     initial_temperature: Annotated[float, Field(ge=0.1, le=10.0)] = 1.0
 
     @property

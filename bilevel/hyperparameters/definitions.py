@@ -56,18 +56,20 @@ _Count = Annotated[int, Field(ge=1, le=65536)]
 class NESHyperparameters:
     """Natural evolution strategies (paper, Algorithm 1)."""
 
-    update: Update
-    step_size: Annotated[float, Field(ge=1e-6, le=100.0)]  #: alpha
-    std_dev: Annotated[float, Field(ge=1e-6, le=10.0)]  #: sigma of the perturbations
-    mirrored_sampling: bool  #: evaluate mean - eps beside mean + eps
-    score_transform: ScoreTransform  #: read by `paper` and `authors`
-    ties: Ties  #: read by `paper` and `authors`
-    population_size: _Count  #: n_p, members a generation
-    generations: Annotated[int, Field(ge=1, le=1_000_000)]  #: n_o, outer loops at most
+    update: Update  #: The update rule.
+    step_size: Annotated[float, Field(ge=1e-6, le=100.0)]  #: Alpha, the step.
+    std_dev: Annotated[float, Field(ge=1e-6, le=10.0)]  #: Sigma of the perturbations.
+    mirrored_sampling: bool  #: Whether mean - eps is evaluated beside mean + eps.
+    #: What becomes of the members' scores in the rules `paper` and `authors`.
+    score_transform: ScoreTransform
+    #: The rank of equal scores in these: their mean rank, or the order of the members.
+    ties: Ties
+    population_size: _Count  #: n_p, the members of a generation (without mirror images).
+    generations: Annotated[int, Field(ge=1, le=1_000_000)]  #: n_o, the outer loops at most.
     #: One agent and one set of random numbers for all members of a generation, new ones in the
-    #: next (common random numbers); false: every member has its own.
+    #: next (common random numbers). False: every member has its own.
     shared_agent: bool
-    centre_agents: _Count  #: trained on the unperturbed SE, each generation
+    centre_agents: _Count  #: Agents trained on the unperturbed SE, each generation.
     #: Every second generation its agents train until max_episodes (an even number of agents on
     #: the unperturbed SE likewise), whatever their returns. 0: the stopping rule decides always.
     patient_episodes: Annotated[int, Field(ge=0, le=1_000_000)]
@@ -76,8 +78,8 @@ class NESHyperparameters:
     averaging: Annotated[float, Field(ge=0.0, le=0.999)]
     #: Factor by which each failed confirmation multiplies the step and the rate of the average.
     refinement: Annotated[float, Field(gt=0.0, le=1.0)]
-    start: Start
-    start_candidates: _Count  #: random SEs of which the start is chosen
+    start: Start  #: What NES starts from: random SEs, or a distilled one (the baseline).
+    start_candidates: _Count  #: Random SEs among which the start is chosen.
     #: Generations without a new highest score after which a run that has not solved the task
     #: begins again from other random SEs. 0: it never does.
     restart_after: Annotated[int, Field(ge=0, le=1_000_000)]
@@ -97,10 +99,10 @@ class NESHyperparameters:
 class SEHyperparameters:
     """The three networks of a synthetic environment, and its step limit."""
 
-    structure: Structure
-    hidden_layers: Annotated[int, Field(ge=1, le=2)]
-    hidden_size: Annotated[int, Field(ge=1, le=4096)]
-    activation: Activation
+    structure: Structure  #: How NES parametrises the networks.
+    hidden_layers: Annotated[int, Field(ge=1, le=2)]  #: Of each network.
+    hidden_size: Annotated[int, Field(ge=1, le=4096)]  #: Units a hidden layer.
+    activation: Activation  #: Of the hidden layers.
     #: Steps after which an episode on the SE is truncated. 0: the task's own limit.
     step_limit: Annotated[int, Field(ge=0, le=1_000_000)]
     #: Factor by which one step carries states away from the mean observation, read by `exogenous`.

@@ -18,12 +18,11 @@ def _cache_folder() -> str:
     """Folder of the cached machine code, named by a digest of the kernels' sources.
 
     Numba notices a change in a function's own file, but not in functions that it calls from other
-    files. So the digest covers all kernels, and the modules whose functions or constants they use.
+    files. So the digest covers all kernels, and the modules that they share with the definitions.
     """
     here = Path(__file__).parent
     digest = hashlib.sha256()
-    modules = ("activations", "networks", "splitmix", "hyperparameters/agents")
-    shared = [here.parent / f"{name}.py" for name in modules]
+    shared = [here.parent / f"{name}.py" for name in ("activations", "networks", "splitmix")]
     for source in [*sorted(here.glob("*.py")), *shared]:
         digest.update(source.read_bytes())
     name = f"kernels-{digest.hexdigest()[:16]}"

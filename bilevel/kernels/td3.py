@@ -33,7 +33,6 @@ from bilevel.kernels.training import act, end_episode, greedy, implements, learn
 from bilevel.networks import Network, initial_parameters
 
 _f = np.float32
-_LOWEST_RHO, _HIGHEST_RHO = (_f(math.log(t)) for t in TD3Hyperparameters.temperatures)
 
 
 class Settings(NamedTuple):
@@ -46,6 +45,8 @@ class Settings(NamedTuple):
     action_noise: float
     target_noise: float
     target_noise_clip: float
+    lowest_rho: float  # logarithms of the temperatures' ends
+    highest_rho: float
 
 
 class Learned(NamedTuple):
@@ -117,6 +118,7 @@ def new_agent(
             hp.action_noise,
             hp.target_noise,
             hp.target_noise_clip,
+            *map(math.log, hp.temperatures),
         ),
         actor=actor,
         critic=critic,
@@ -279,7 +281,8 @@ def actor_step(agent, rng):
     rho = agent.rho
     rho.gradient[0] = delta_rho
     _descend(rho, agent.steps[1], settings.learning_rate)
-    rho.online[0] = min(max(rho.online[0], _LOWEST_RHO), _HIGHEST_RHO)
+    lowest, highest = _f(settings.lowest_rho), _f(settings.highest_rho)
+    rho.online[0] = min(max(rho.online[0], lowest), highest)
 
 
 @compiled
