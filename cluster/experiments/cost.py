@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogLocator, NullLocator
 
 from cluster.experiments.agents import Unit
 from cluster.experiments.conditions import REAL
@@ -118,6 +119,9 @@ def payback(costs: Sequence[SECost], steps: Cost, core: Cost, kind: str) -> Figu
     above.set_title(f"{kind}: dots, where an SE is paid back")
     _panel(below, [cost.core for cost in costs], core)
     below.set_ylabel("core time in all (s)")
+    below.yaxis.set_major_locator(LogLocator(subs=(1, 3)))
+    below.yaxis.set_major_formatter("{x:g}")
+    below.yaxis.set_minor_locator(NullLocator())
     below.set_xlabel("agents trained")
     figure.legend(*below.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
