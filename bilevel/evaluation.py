@@ -52,12 +52,22 @@ class Initialized:
 
 
 @dataclass(frozen=True)
+class Given:
+    """Train on one of several given SEs."""
+
+    number: int
+
+
+@dataclass(frozen=True)
 class RealTask:
     """Train on the real task, without an SE."""
 
 
 #: What an agent trains on.
-TrainedOn = Centre | Perturbed | Initialized | RealTask
+TrainedOn = Centre | Perturbed | Initialized | Given | RealTask
+
+#: What requests get their SE from: one SE, several, or a distribution; None for the real task.
+SESource = SE | StoredSE | SEDistribution | tuple[SE, ...] | None
 
 
 @dataclass(frozen=True)
@@ -95,13 +105,12 @@ class EvaluationResult(Outcome):
     seconds: float
 
 
-def evaluate(
-    task: Task, se: SE | StoredSE | SEDistribution | None, request: EvaluationRequest
-) -> EvaluationResult:
+def evaluate(task: Task, se: SESource, request: EvaluationRequest) -> EvaluationResult:
     """TrainAgent, then EvaluateAgent (paper, Algorithm 1).
 
-    `se` is one SE (also as `load` and `learn` return it), for requests on `Centre`, or a
-    distribution that the request draws its SE from; it may be None for training on the real task.
+    `se` is one SE (also as `load` and `learn` return it), for requests on `Centre`, several of
+    them, for requests on `Given`, or a distribution that the request draws its SE from; it may be
+    None for training on the real task.
     Raises InvalidInput for a request that `se` cannot serve, and for an SE of a task with other
     sizes.
     """
@@ -111,17 +120,19 @@ def evaluate(
     return EvaluationResult(**vars(outcome), index=request.index, seconds=seconds)
 
 
-def requested_se(se: SE | StoredSE | SEDistribution | None, on: TrainedOn) -> SE | None:
+def requested_se(se: SESource, on: TrainedOn) -> SE | None:
     """The SE that a request asks for, None for the real task. Raises InvalidInput if `se` does not
     hold it."""
     if isinstance(on, RealTask):
         return None
     if isinstance(se, StoredSE):
         se = se.se
+    if isinstance(on, Given) and isinstance(se, tuple):
+        return se[on.number]
     if isinstance(se, SE) and isinstance(on, Centre):
         return se
-    if not isinstance(se, SEDistribution):
-        raise InvalidInput(f"training on {on} needs a distribution of SEs; got {se!r:.40}")
+    if not isinstance(se, SEDistribution) or isinstance(on, Given):
+        raise InvalidInput(f"training on {on} needs another source of SEs; got {se!r:.40}")
     if isinstance(on, Perturbed):
         return se.perturbed(on.seed, on.sign)
     if isinstance(on, Initialized):

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from bilevel.evaluation import EvaluationRequest, EvaluationResult
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource
 from bilevel.hyperparameters import load_recipe
-from bilevel.synthetic_env import SE, SEDistribution
 from bilevel.tasks import Task, get_task
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal
@@ -59,7 +58,7 @@ class MadeUpPool(EvaluationPool):
     def run(
         self,
         task: Task,
-        se: SE | SEDistribution | None,
+        se: SESource,
         requests: Sequence[EvaluationRequest],
         on_result: Callable[[EvaluationResult], None] = lambda result: None,
     ) -> list[EvaluationResult]:

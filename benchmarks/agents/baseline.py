@@ -11,6 +11,7 @@ import sys
 from pathlib import Path
 
 from benchmarks.machine import write_result
+from bilevel.evaluation import RealTask
 from bilevel.hyperparameters import AgentHyperparameters, load_recipe
 from bilevel.tasks import get_task
 from cluster.evaluate.command import EvaluateCommand, run_evaluate
@@ -37,7 +38,7 @@ def worst_by_layers(
     """Per number of hidden layers: agents with the worst return in every test, and all agents."""
     found: dict[int, list[int]] = {}
     for i, result in enumerate(group.results):
-        agent = command.request(hp, i, True).agent
+        agent = command.request(0, hp, i, RealTask()).agent
         counts = found.setdefault(getattr(agent, "hidden_layers", 0), [0, 0])
         counts[0] += max(result.test_returns) <= command.task.worst_score
         counts[1] += 1

@@ -13,12 +13,18 @@ Performance of SE-trained Agents").
 import json
 import time
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from bilevel.agents.variation import draw_agent
 from bilevel.durable import write_aside
-from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, RealTask
+from bilevel.evaluation import (
+    EvaluationRequest,
+    EvaluationResult,
+    Given,
+    RealTask,
+    TrainedOn,
+)
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
@@ -62,11 +68,12 @@ class EvaluateCommand:
             "kinds": {hp.agent: asdict(hp) for hp in self.kinds},
         }
 
-    def request(self, hp: AgentHyperparameters, i: int, real: bool) -> EvaluationRequest:
-        """Agent `i` of a kind."""
+    def request(
+        self, index: int, hp: AgentHyperparameters, i: int, on: TrainedOn
+    ) -> EvaluationRequest:
+        """Agent `i` of a kind, at that index among the requests of one call."""
         word = derive(self.seed, Purpose.EVALUATION, i)
-        on = RealTask() if real else Centre()
-        return EvaluationRequest(i, word, draw_agent((hp,), self.vary, word), on)
+        return EvaluationRequest(index, word, draw_agent((hp,), self.vary, word), on)
 
 
 def run_evaluate(command: EvaluateCommand) -> list[Group]:
@@ -115,25 +122,29 @@ class _Runner:
         results = dict(self._stored(file))
         total = len(command.sources) * len(command.kinds) * command.agents
         self.terminal.bar("evaluating", len(results), total, "agents")
-        for label, se in command.sources.items():
-            requests = {
-                (label, hp.agent, i): command.request(hp, i, se is None)
-                for hp in command.kinds
-                for i in range(command.agents)
-            }
-            missing = [key for key in requests if key not in results]
+        # All sources at a time: a long evaluation then keeps no core waiting.
+        ses = {label: se.se for label, se in command.sources.items() if se is not None}
+        on: dict[str, TrainedOn] = {label: Given(number) for number, label in enumerate(ses)}
+        missing = [
+            (label, hp, i)
+            for label in command.sources
+            for hp in command.kinds
+            for i in range(command.agents)
+            if (label, hp.agent, i) not in results
+        ]
+        requests = [
+            command.request(index, hp, i, on.get(label, RealTask()))
+            for index, (label, hp, i) in enumerate(missing)
+        ]
 
-            def keep(result: EvaluationResult, keys: list[tuple[str, str, int]] = missing) -> None:
-                key = keys[result.index]
-                results[key] = result
-                file.append([*key, asdict(result)])
-                self.terminal.step()
+        def keep(result: EvaluationResult) -> None:
+            label, hp, i = missing[result.index]
+            # Stored under its own number, whatever was asked for beside it.
+            results[label, hp.agent, i] = replace(result, index=i)
+            file.append([label, hp.agent, i, asdict(results[label, hp.agent, i])])
+            self.terminal.step()
 
-            numbered = [
-                EvaluationRequest(**{**vars(requests[key]), "index": index})
-                for index, key in enumerate(missing)
-            ]
-            self.pool.run(command.task, se.se if se else None, numbered, keep)
+        self.pool.run(command.task, tuple(ses.values()), requests, keep)
         return [
             Group(
                 label,

@@ -11,7 +11,14 @@ from functools import cached_property
 from pathlib import Path
 
 from bilevel.durable import checksum
-from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, RealTask
+from bilevel.evaluation import (
+    Centre,
+    EvaluationRequest,
+    EvaluationResult,
+    Given,
+    RealTask,
+    TrainedOn,
+)
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.nes.requests import fresh_agent
 from bilevel.seeds import Purpose
@@ -95,10 +102,13 @@ class Unit:
         """The same agent, stopped after so many episodes if it has not stopped before."""
         return replace(self, hp=replace(self.hp, max_episodes=min(episodes, self.hp.max_episodes)))
 
-    def request(self, index: int) -> EvaluationRequest:
-        """The evaluation, at that index among the requests of one call."""
-        on = RealTask() if self.source.se is None else Centre()
-        return EvaluationRequest(index, self.seed, self.hp, on)
+    def request(self, index: int, se: int | None = None) -> EvaluationRequest:
+        """The evaluation, at that index among the requests of one call, which gets this unit's SE
+        or (`se`) several, of which this is its number."""
+        on: TrainedOn = Centre() if se is None else Given(se)
+        return EvaluationRequest(
+            index, self.seed, self.hp, RealTask() if self.source.se is None else on
+        )
 
 
 #: Results by the units' keys.

@@ -165,7 +165,6 @@ class _Runner:
 
     def _train(self, material: Material, results: AgentResults) -> None:
         """Train the agents that the experiment asks for until it asks for no more."""
-        started, trained = time.monotonic(), 0
         while True:
             # By key: the same agent on equal SEs is asked for twice, and trained once.
             units = {unit.key: unit for unit in self.experiment.units(self.plan, material)}
@@ -173,26 +172,35 @@ class _Runner:
             missing = [unit for key, unit in units.items() if key not in results.found]
             if not missing:
                 return
-            done = len(units) - len(missing)
-            for group in _by_source(missing):
-                seconds = time.monotonic() - started
-                left = (len(units) - done) * seconds / max(trained, 1)
-                note = f"ETA {duration(left)}" if trained else ""
-                self.terminal.bar("training", done, len(units), "agents", note)
-                self._train_on(group, results)
-                done, trained = done + len(group), trained + len(group)
+            self._train_all(missing, len(units), results)
 
-    def _train_on(self, units: Sequence[Unit], results: AgentResults) -> None:
-        """Train agents of one source."""
+    def _train_all(self, missing: Sequence[Unit], total: int, results: AgentResults) -> None:
+        """Train the missing ones of so many agents, those on all SEs at a time: a long one then
+        keeps no core waiting."""
+        ses = {unit.source.digest: unit.source.se for unit in missing if unit.source.se is not None}
+        numbers = {digest: number for number, digest in enumerate(ses)}
+        requests = [
+            unit.request(index, numbers.get(unit.source.digest, 0))
+            for index, unit in enumerate(missing)
+        ]
+        started, costs = time.monotonic(), [unit.hp.step_cost for unit in missing]
+        trained: list[float] = []  # costs of steps
+
+        def show() -> None:
+            left = sum(costs) - sum(trained)
+            seconds = (time.monotonic() - started) * left / max(sum(trained), 1.0)
+            note = f"ETA {duration(seconds)}" if trained else ""
+            done = total - len(missing) + len(trained)
+            self.terminal.bar("training", done, total, "agents", note)
 
         def keep(result: EvaluationResult) -> None:
-            results.add(units[result.index], result)
-            self.terminal.step()
+            self.session.guard.check()
+            results.add(missing[result.index], result)
+            trained.append(costs[result.index])
+            show()
 
-        self.session.guard.check()
-        se = units[0].source.se
-        requests = [unit.request(index) for index, unit in enumerate(units)]
-        self.pool.run(self.plan.task, se.se if se else None, requests, keep)
+        show()
+        self.pool.run(self.plan.task, tuple(se.se for se in ses.values()), requests, keep)
 
     def _recorded(self, done: int, total: int) -> None:
         self.session.guard.check()
@@ -223,11 +231,3 @@ class _Runner:
         line = self.terminal.line
         line(f"data: {self.folder / DATA_FILE}; pictures: {', '.join(pictures)} in the same folder")
         line(f"MLflow {self.session.shown_at(self.session.identity.uuid)}")
-
-
-def _by_source(units: Sequence[Unit]) -> list[list[Unit]]:
-    """The units in groups that train on the same source."""
-    groups: dict[str, list[Unit]] = {}
-    for unit in units:
-        groups.setdefault(unit.source.digest, []).append(unit)
-    return list(groups.values())

@@ -12,8 +12,7 @@ import ray
 from ray.exceptions import RayError, RayTaskError
 
 from bilevel.errors import InvalidInput, first_line
-from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
-from bilevel.synthetic_env import SE, SEDistribution
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.tasks import Task
 from cluster.ray.connection import Capacity
 from cluster.ray.queue import Batch, RequestQueue
@@ -33,9 +32,7 @@ class _Worker:
     def arrive(self) -> None:
         """Return once the actor is up."""
 
-    def evaluate(
-        self, task: Task, se: SE | SEDistribution | None, batch: Batch
-    ) -> list[EvaluationResult]:
+    def evaluate(self, task: Task, se: SESource, batch: Batch) -> list[EvaluationResult]:
         return [evaluate(task, se, request) for request in batch.requests]
 
 
@@ -86,15 +83,15 @@ class EvaluationPool:
     def run(
         self,
         task: Task,
-        se: SE | SEDistribution | None,
+        se: SESource,
         requests: Sequence[EvaluationRequest],
         on_result: Callable[[EvaluationResult], None] = lambda result: None,
     ) -> list[EvaluationResult]:
         """Evaluate all requests; return the results in no particular order.
 
-        The SE, or the distribution that requests draw from, is sent once. `on_result` is called
-        with each result. Raises ActorsDied if actors keep dying on one batch or at start, and
-        AgentMistake for a wrong agent of a user's.
+        The SE or SEs, or the distribution that requests draw from, are sent once. `on_result` is
+        called with each result. Raises ActorsDied if actors keep dying on one batch or at start,
+        and AgentMistake for a wrong agent of a user's.
         """
         sent = [ray.put(task), ray.put(se)]
         waiting = RequestQueue(requests, self.size)

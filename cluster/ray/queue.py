@@ -16,6 +16,11 @@ from bilevel.evaluation import Centre, EvaluationRequest
 #: self-scheduling; Polychronopoulos and Kuck, 1987).
 BATCHES = 4
 
+#: Expected cost, in multiplications per training step, from which no request joins a batch: eight
+#: small agents, half a second or so. The results of longer evaluations come one by one, so that
+#: little is lost when the driver ends.
+LONG = 2e6
+
 #: A busy actor gets its next batch early while the waiting batches would keep every actor busy for
 #: this multiple of the cost of its two batches (docs/speed.md).
 EARLY_MARGIN = 1.5
@@ -48,7 +53,7 @@ def batches(requests: Sequence[EvaluationRequest], actors: int) -> list[Batch]:
     for request in ordered:
         held.append(request)
         cost = sum(one.agent.step_cost for one in held)
-        if cost * actors * BATCHES >= left:
+        if cost * actors * BATCHES >= left or cost >= LONG:
             divided.append(Batch(len(divided), tuple(held)))
             held = []
             left -= cost

@@ -8,6 +8,7 @@ from bilevel.errors import InvalidInput
 from bilevel.evaluation import (
     Centre,
     EvaluationRequest,
+    Given,
     Initialized,
     Perturbed,
     RealTask,
@@ -70,6 +71,10 @@ def test_what_a_request_asks_for(cartpole: Task, small_hp: Hyperparameters) -> N
     assert one.digest == same.digest != other.digest
     assert requested_se(ses, RealTask()) is None
     assert requested_se(centre, Centre()) is centre
+    assert requested_se((one, centre), Given(1)) is centre
+    for source in (centre, ses, None):
+        with pytest.raises(InvalidInput, match="needs another source of SEs"):
+            requested_se(source, Given(0))
     for se in (None, centre):
         with pytest.raises(InvalidInput, match="training on Initialized"):
             requested_se(se, Initialized(1))

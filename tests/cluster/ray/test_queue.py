@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bilevel.evaluation import Centre, EvaluationRequest, Perturbed, TrainedOn
 from bilevel.hyperparameters import load_recipe
-from cluster.ray.queue import BATCHES, Batch, RequestQueue, batches
+from cluster.ray.queue import BATCHES, LONG, Batch, RequestQueue, batches
 from tests.conftest import ddqn
 
 AGENT = ddqn(load_recipe("paper", "CartPole-v0"))
@@ -97,6 +97,17 @@ class TestBatches:
         assert sizes[0] == math.ceil(30 / BATCHES)
         assert sizes[-n:] == [1] * n
         assert len(sizes) < 20 * n
+
+    def test_long_evaluations_come_one_by_one(self) -> None:
+        """However many there are, so that little is lost when the driver ends."""
+        wide = replace(AGENT, hidden_layers=3, hidden_size=384)
+        assert wide.step_cost > LONG
+        asked = [EvaluationRequest(i, seed=i, agent=wide) for i in range(90)]
+        assert all(len(batch.requests) == 1 for batch in batches(asked, 1))
+        small = [replace(one, index=90 + i, agent=AGENT) for i, one in enumerate(asked)]
+        sizes = [len(batch.requests) for batch in batches([*asked, *small], 1)]
+        assert sizes[:90] == [1] * 90
+        assert max(sizes) > 1
 
     def test_few_requests_are_batches_of_one(self) -> None:
         assert [len(batch.requests) for batch in batches(requests([100] * 7), 2)] == [1] * 7
