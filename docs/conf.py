@@ -36,6 +36,7 @@ def _links_to_pages(app: object, page: str, content: list[str]) -> None:
 def _includes(app: object, path: object, page: str, content: list[str]) -> None:
     """The same for links within an included file."""
     content[0] = content[0].replace("](docs/", "](")
+    content[0] = content[0].replace("](benchmarks/", "](path:../benchmarks/")
     for file, target in _INCLUDED.items():
         content[0] = content[0].replace(f"]({file}", f"]({target}")
 
