@@ -124,7 +124,10 @@ class Handover:
         incumbent = summary.incumbent
         if incumbent is None:
             return None
-        origin = ", which the search began with" if self._is_base(incumbent) else ""
+        origin = ""
+        if self._is_base(incumbent):
+            what = "the nearest to the recipe" if self.study.moved else "the recipe"
+            origin = f", {what}, which the search began with"
         line(
             f"incumbent {configuration_name(incumbent.id)}{origin}: "
             f"{Tally.told(incumbent.info)}, objective {incumbent.loss:.0f}"

@@ -100,9 +100,9 @@ def _npz(arrays: Arrays) -> bytes:
 
 def _loaded(path: Path) -> Arrays:
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
             return {name: file[name] for name in file.files}
-    except (OSError, ValueError, zipfile.BadZipFile) as error:
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise InvalidInput(f"damaged file {str(path)!r}: {error}; delete it") from None
 
 

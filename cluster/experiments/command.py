@@ -189,7 +189,9 @@ class _Runner:
         def show() -> None:
             left = sum(costs) - sum(trained)
             seconds = (time.monotonic() - started) * left / max(sum(trained), 1.0)
-            note = f"ETA {duration(seconds)}" if trained else ""
+            # How long the last ones take, which all run now, their sizes do not tell.
+            known = trained and len(missing) - len(trained) > self.pool.size
+            note = f"ETA {duration(seconds)}" if known else ""
             done = total - len(missing) + len(trained)
             self.terminal.bar("training", done, total, "agents", note)
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 import ray
 
+from bilevel import InvalidInput
 from cluster.ray.connection import Capacity, sharing
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext
@@ -32,6 +33,19 @@ def test_termination_stops_it_as_ctrl_c_does(tmp_path: Path, address: str) -> No
         terminated()
     assert not ray.is_initialized()
     assert not home.folder.exists()  # nothing was run
+
+
+def test_more_trials_than_cores_wait_for_cores_that_join(
+    tmp_path: Path, address: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """On a cluster that a command joins, which an autoscaler may enlarge; one trial must fit."""
+    home = Home(tmp_path / "home")
+    context = RunContext(home, home.database_uri, address)
+    with context.connected(1, 9):
+        assert Capacity.of_cluster().cores == 2
+    assert "9 cores are asked for, the cluster has 2: trials wait" in capsys.readouterr().out
+    with pytest.raises(InvalidInput, match="9 worker"), context.connected(9):
+        pass
 
 
 def test_runs_share_the_cores_equally(joined_ray: None) -> None:

@@ -13,15 +13,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import mlflow
+import numpy as np
 import pytest
 
 from bilevel import InvalidInput
 from bilevel.nes.checkpoint import save_state
+from bilevel.synthetic_env import SE, load_se
 from cluster.bohb.journal import Journal
 from cluster.bohb.study import Study
 from cluster.bohb.view import StudyViews
 from cluster.catalog.kinds import views_of
 from cluster.catalog.sync import sync
+from cluster.nes.selection import BEST_FILE, FinalScore, export_best
 from cluster.session.session import shown_at
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
@@ -197,6 +200,21 @@ def test_aliases_of_the_best_and_the_newest_se(
     for alias, name in (("best", best), ("newest", "newer")):
         version = client.get_model_version_by_alias("SE-CartPole-v0", alias)
         assert client.get_run(version.run_id or "").info.run_name == name
+
+
+def test_another_best_se_without_another_result(home: Home, folder: Path) -> None:
+    """As of a study all of whose jobs were still under way: the newest version is the new SE."""
+    sync(folder, home, home.database_uri, Terminal())
+    made, number = load_se(folder / BEST_FILE), len(Journal(folder).results)
+    other = replace(made, se=SE(made.architecture, made.psi + np.float32(1)))
+    export_best(other, FinalScore(np.array([90.0]), np.array([7]), 195.0), folder, number)
+    for _ in range(2):
+        sync(folder, home, home.database_uri, Terminal())
+    client = mlflow.MlflowClient(home.database_uri, registry_uri=home.database_uri)
+    newest = client.get_model_version_by_alias("SE-CartPole-v0", "newest")
+    assert newest.tags["final_score_mean"] == "90"
+    history = client.get_metric_history(newest.run_id or "", "final_score_mean")
+    assert [(one.step, one.value) for one in history] == [(number, 100.0), (number, 90.0)]
 
 
 def test_a_study_with_damaged_settings_is_refused_in_one_line(home: Home, folder: Path) -> None:

@@ -12,6 +12,7 @@ from bilevel.synthetic_env import SE, SEDistribution, StoredSE, coordinates, loa
 from bilevel.synthetic_env.coordinates import ExogenousCoordinates
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import get_task
+from tests.documents import ROOT
 
 TASKS = ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"]
 
@@ -178,3 +179,12 @@ def test_the_scale_of_observations_is_that_of_random_episodes() -> None:
     assert not np.array_equal(one.deviation, other.deviation)
     assert one.real_env_steps == 1000
     assert 0.3 < one.deviation[1] < 0.9  # a cart's velocity in units a second
+
+
+def test_the_numbers_that_the_documents_give() -> None:
+    """Of parameters and coordinates with the recipe `default`."""
+    space, told = distribution("CartPole-v0").coordinates, (ROOT / "docs" / "nes.md").read_text()
+    assert isinstance(space, ExogenousCoordinates)
+    words = " ".join(told.split())
+    assert f"({space.architecture.parameter_count} on CartPole" in words
+    assert f"It moves {space.size} coordinates" in words

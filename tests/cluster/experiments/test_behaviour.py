@@ -1,14 +1,16 @@
 """What agents meet: recorded transitions, and their histograms."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from bilevel.errors import InvalidInput
 from bilevel.evaluation import record, train_and_test
 from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.tasks import get_task
-from cluster.experiments.behaviour import ORIGINS, columns, histograms
+from cluster.experiments.behaviour import ORIGINS, _loaded, _npz, columns, histograms
 from cluster.experiments.style import styled
 from cluster.experiments.table import Row
 from tests.ses import make_se
@@ -31,6 +33,15 @@ def test_the_recorded_agent_is_the_one_that_is_tested(
     assert len(tests) == outcome.real_env_steps
     total = sum(one.reward for one in tests) / short_agent.test_episodes
     assert total == pytest.approx(outcome.score)
+
+
+@pytest.mark.parametrize("kept", [0, 1, 2])
+def test_a_recording_that_was_cut_off_is_told(kept: int, tmp_path: Path) -> None:
+    """Cut to so many thirds."""
+    path, whole = tmp_path / "agent.npz", _npz({"states": np.ones((50, 4), np.float32)})
+    path.write_bytes(whole[: kept * len(whole) // 3])
+    with pytest.raises(InvalidInput, match=r"damaged file '.*agent.npz'.*; delete it"):
+        _loaded(path)
 
 
 def test_transitions_as_arrays(short_agent: DDQNHyperparameters) -> None:

@@ -9,7 +9,7 @@ from matplotlib.contour import ContourSet
 from matplotlib.quiver import Quiver
 
 from bilevel.errors import InvalidInput
-from bilevel.synthetic_env import load_se, save_se
+from bilevel.synthetic_env import SE, load_se, save_se
 from bilevel.tasks import Task, get_task
 from bilevel.zoo import zoo_file
 from cluster.show.picture import picture
@@ -89,6 +89,15 @@ def test_actions_that_lead_elsewhere_have_arrows_of_their_own(
     assert found == arrows
     ends = [any(isinstance(one, ContourSet) for one in panels[k].collections) for k in (1, 4)]
     assert ends == [path != "plain", True]  # inside the plane the plain one never ends
+
+
+def test_an_se_that_ends_everywhere_is_hatched_everywhere(cartpole: Task) -> None:
+    """It must not look like one that never ends."""
+    made = make_se(cartpole)
+    psi = made.psi.copy()
+    psi[-1] = 50.0  # the last bias, of done
+    panels = picture(Portrait.of(replace(made, se=SE(made.architecture, psi))), "title").axes
+    assert any(isinstance(one, ContourSet) for one in panels[1].collections)
 
 
 def test_random_steps_stand_for_a_task_that_is_not_compiled(cartpole: Task) -> None:
