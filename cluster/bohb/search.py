@@ -218,7 +218,9 @@ class BracketSearch:
             return "the model proposed"
         if not info.get("prior"):
             return "drawn at random"
-        return "the search begins with" if info["prior"] == "itself" else "drawn around the recipe"
+        if info["prior"] != "itself":
+            return "drawn around the recipe"
+        return "the recipe, within the space"
 
     def _apply(self, line: ResultLine, configuration: Configuration) -> None:
         job = _hpbandsters(line, configuration)

@@ -252,7 +252,7 @@ class TestPrior:
         jobs = run_to_end(search)
         assert jobs[0].configuration == prior
         origins = {job.origin for job in jobs[1:]}
-        assert jobs[0].origin == "the search begins with"
+        assert jobs[0].origin == "the recipe, within the space"
         assert origins == {"drawn around the recipe", "drawn at random"}
         drawn = [bool(line.info.get("prior")) for line in journal.configs]
         assert 70 < sum(drawn) < 130
