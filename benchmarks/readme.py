@@ -10,7 +10,6 @@ from pathlib import Path
 from benchmarks.agents import tables as agents
 from benchmarks.agents.sb3 import sb3
 from benchmarks.faults import tables as faults
-from benchmarks.layout import layout
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source, table
 from benchmarks.nes import tables as nes
@@ -60,7 +59,6 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
         "inner-loop": inner_loop,
         "nes-seeds": nes.seeds,
     },
-    ROOT / "CONTRIBUTING.md": {"layout": layout},
     ROOT / "docs" / "agents.md": agents.TABLES,
     ROOT / "docs" / "nes.md": nes.TABLES,
     ROOT / "docs" / "other-tasks.md": {"nes-others": nes.others},

@@ -1,11 +1,11 @@
-"""What evaluations cost, in core seconds estimated from counts alone.
+"""What evaluations cost, in core seconds that are computed from counts alone.
 
 A search that compares costs must get the same ones on every machine, under any load, and each time
-it is repeated. So costs are counted, in gradient steps and the multiplications of a minibatch's
-pass through the agent's network (`step_cost`; all passes of a step cost a multiple of it), and
-converted to seconds by the constants below, of a fast core that trains DDQN. How much longer
-another one takes differs between machines and between kinds of agents (`benchmarks.speed.cost`,
-docs/speed.md).
+it is repeated. So costs are computed from the number of gradient steps and the
+multiplications of a minibatch's pass through the agent's network (`step_cost`; all passes of a step
+cost a multiple of it), by the constants below, which are those of a fast core that trains DDQN. How
+much longer another one takes differs between machines and between kinds of agents
+(`benchmarks.speed.cost`, docs/speed.md).
 """
 
 from bilevel.hyperparameters import AgentHyperparameters

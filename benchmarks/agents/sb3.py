@@ -18,6 +18,7 @@ import numpy as np
 import bilevel  # noqa: F401  (registers the environments)
 from benchmarks.machine import read_result, write_result
 from benchmarks.markdown import mean_and_range, source, table
+from benchmarks.seeds import format_seeds, parse_seeds
 from bilevel.tasks import get_task
 from bilevel.zoo import ENTRIES, env_id, get_entry
 
@@ -90,12 +91,13 @@ def _one(name: str, kind: str, on_se: bool, steps: int, seed: int) -> float:
 def main() -> None:
     """Train all, and write the result."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=5)
+    parser.add_argument("--seeds", type=parse_seeds, default="0-4", help="such as 0-4")
     parser.add_argument(
         "--ses", nargs="+", choices=[*ENTRIES], default=[*ENTRIES], help="measured anew"
     )
     options = parser.parse_args()
-    seeds, command = options.seeds, f"python -m benchmarks.agents.sb3 --seeds {options.seeds}"
+    seeds = options.seeds
+    command = f"python -m benchmarks.agents.sb3 --seeds {format_seeds(seeds)}"
     rows = []
     if others := set(ENTRIES) - set(options.ses):
         before = read_result("sb3")
@@ -108,10 +110,7 @@ def main() -> None:
                 for steps in STEPS:
                     row: dict[str, Any] = {"se": name, "kind": kind, "steps": steps}
                     for where, on_se in (("synthetic", True), ("real", False)):
-                        jobs = [
-                            pool.submit(_one, name, kind, on_se, steps, seed)
-                            for seed in range(seeds)
-                        ]
+                        jobs = [pool.submit(_one, name, kind, on_se, steps, seed) for seed in seeds]
                         row[where] = [job.result() for job in jobs]
                     rows.append(row)
                     print(row, flush=True)

@@ -29,10 +29,12 @@ def baseline(task: str) -> str:
         rows.append([group["agent"], agents, *_measured(group), score, steps])
         stuck = group.get("worst_by_layers", {})
         if any(worst for worst, _ in stuck.values()):
-            counts = ", ".join(f"{worst} of {of}" for worst, of in stuck.values())
+            counts = ", ".join(
+                f"{worst} of {of} with {layers}" for layers, (worst, of) in stuck.items()
+            )
             notes += (
-                f"\n\nThe worst return in every test, {group['agent']} of {', '.join(stuck)} "
-                f"hidden layers: {counts}."
+                f"\n\nOf the {group['agent']} agents, by hidden layers, {counts} had the worst "
+                "return in every test."
             )
     whole = table([*head, "authors' return", "authors' train steps"], rows)
     return f"{whole}{notes}\n\n{source(result)}"

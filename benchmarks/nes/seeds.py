@@ -1,6 +1,6 @@
 """NES runs over seeds: how many solve the task, in what time, and how other agents do on their SEs.
 
-    python -m benchmarks.nes.seeds CartPole-v0 --seeds 0 1 2 --agents 6 --sb3 3 --home FOLDER
+    python -m benchmarks.nes.seeds CartPole-v0 --seeds 0-2 --agents 6 --sb3 3 --home FOLDER
 
 Each seed is one `bilevel nes TASK --seed SEED` on all cores; the seconds are those of the whole
 command. On the best SEs of the first `--taught` seeds, fresh agents of every kind are trained with
@@ -24,6 +24,7 @@ import numpy as np
 
 from benchmarks.agents import sb3
 from benchmarks.machine import NotMeasured, read_result, write_result
+from benchmarks.seeds import format_seeds, parse_seeds
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import load_recipe
@@ -138,7 +139,7 @@ def main() -> None:
     """Measure the missing results."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("task")
-    parser.add_argument("--seeds", type=int, nargs="+", required=True)
+    parser.add_argument("--seeds", type=parse_seeds, required=True, help="such as 0-4,9")
     parser.add_argument("--recipe", default="default")
     parser.add_argument(
         "--set", nargs="+", default=[], metavar="FIELD=VALUE", help="changes of the recipe"
@@ -165,7 +166,7 @@ def main() -> None:
     more += f"--generations {options.generations} " if options.generations else ""
     command = (
         f"python -m benchmarks.nes.seeds {options.task} --recipe {options.recipe} --seeds "
-        f"{' '.join(map(str, options.seeds))} --taught {options.taught} --agents "
+        f"{format_seeds(options.seeds)} --taught {options.taught} --agents "
         f"{options.agents} --sb3 {options.sb3} {more}--home FOLDER"
     )
 

@@ -7,6 +7,7 @@ from typing import Any
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import mean_and_range, source, table
+from benchmarks.seeds import parse_seeds
 
 #: Target mean score of each kind of agent on an SE, by task; `sb3` is for agents of
 #: Stable-Baselines3.
@@ -22,9 +23,9 @@ PAPER_TASKS, OTHER_TASKS = ("CartPole-v0", "Acrobot-v1"), ("MountainCar-v0",)
 _SEEDS = (
     "task",
     "solved",
-    "seconds from command to SE",
-    "to end",
-    "core seconds, counted",
+    "seconds to SE",
+    "seconds in all",
+    "core seconds",
     "generations",
     "train steps of an agent",
     "million real steps",
@@ -96,7 +97,7 @@ def _results(ending: str, tasks: Sequence[str]) -> dict[str, dict[str, Any]]:
             missing.append(str(error))
             continue
         asked = result["command"].partition("--seeds ")[2].partition(" --")[0]
-        if asked.split() == [str(run["seed"]) for run in result["runs"]]:
+        if parse_seeds(asked) == [run["seed"] for run in result["runs"]]:
             found[task] = result
         else:
             missing.append(f"some seeds of `benchmarks/results/{name}.json`")

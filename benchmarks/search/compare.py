@@ -1,6 +1,6 @@
 """BOHB, Hyperband and random search at equal core time, by the recipes that they find.
 
-    python -m benchmarks.search.compare CartPole-v0 --seeds 0 1 2 3 4 5 --home FOLDER
+    python -m benchmarks.search.compare CartPole-v0 --seeds 0-5 --home FOLDER
 
 Each search is one `bilevel bohb TASK --method METHOD --seed SEED --space SPACE`, of so many core
 seconds and a third as many for its validation. Its recipe then runs NES with fresh seeds, the same
@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import NotMeasured, read_result, write_result
+from benchmarks.seeds import format_seeds, parse_seeds
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import evaluate, train_and_test
 from bilevel.hyperparameters import load_recipe
@@ -98,7 +99,7 @@ def main() -> None:
     """Measure what is missing."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("task")
-    parser.add_argument("--seeds", type=int, nargs="+", required=True)
+    parser.add_argument("--seeds", type=parse_seeds, required=True, help="such as 0-5")
     parser.add_argument(
         "--core-seconds", type=int, default=1890, help="of a search, without validation"
     )
@@ -108,7 +109,7 @@ def main() -> None:
     name = f"search_{options.task}"
     command = (
         f"python -m benchmarks.search.compare {options.task} --seeds "
-        f"{' '.join(map(str, options.seeds))} --core-seconds {options.core_seconds} --fresh "
+        f"{format_seeds(options.seeds)} --core-seconds {options.core_seconds} --fresh "
         f"{options.fresh} --home FOLDER"
     )
     try:

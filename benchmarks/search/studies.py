@@ -1,11 +1,9 @@
 """Long searches for better defaults: what they found, beside the recipe `default`.
 
-    python -m benchmarks.search.studies
-
 The studies lie in `studies`, a home without checkpoints and MLflow's database; `bilevel sync NAME
 --home benchmarks/search/studies` shows one in MLflow. The recipes beside it are those that a search
 began with or led to, other than the defaults of today. `benchmarks.nes.seeds` runs all of them over
-seeds that no choice was made on. This program draws the pictures of docs/tuning.md.
+seeds that no choice was made on.
 """
 
 from contextlib import suppress
@@ -13,18 +11,15 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib import rc_context
 from scipy.stats import fisher_exact, mannwhitneyu
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import mean_and_range, source, table
 from cluster.bohb.journal import Journal
-from cluster.bohb.pictures import objective_against_cost
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 
 STUDIES = Path(__file__).parent / "studies"
-PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 #: Recipes of a task in the order in which they came about, and the endings of their results over
 #: seeds. Each is compared with the first.
 RECIPES = {
@@ -211,19 +206,3 @@ def _quality(runs: list[dict[str, Any]]) -> tuple[str, ...]:
         f"{sum(costs) / confirmed:.0f}",
         f"{np.median([run['final_train_steps'] for run in runs]):.0f}",
     )
-
-
-def main() -> None:
-    """Draw the pictures of the committed studies."""
-    for study in committed():
-        told = summary(study)
-        points, validated = told.points(), told.validated_points()
-        figure = objective_against_cost(points, validated, study.task, study.method_name)
-        path = PICTURES / f"search-{study.task.id}-{study.name}.svg"
-        with rc_context({"svg.hashsalt": study.name}):  # the same picture gives the same file
-            figure.savefig(path, metadata={"Date": None})
-        print(f"drawn: {path}")
-
-
-if __name__ == "__main__":
-    main()

@@ -1,11 +1,9 @@
-"""The table and the picture of the comparison of search methods."""
+"""The tables of docs/tuning.md; here the one that compares search methods."""
 
 from collections.abc import Callable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from scipy.stats import permutation_test
 
@@ -13,9 +11,6 @@ from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source, table
 from benchmarks.search import studies
 from cluster.bohb.profiles import METHODS
-from cluster.tracking.pictures import BLUE, GREY, ORANGE
-
-_COLOURS = {"bohb": BLUE, "hyperband": ORANGE, "random": GREY}
 
 
 def expected_core_seconds(fresh: Sequence[dict[str, Any]]) -> float:
@@ -63,7 +58,7 @@ def comparison() -> str:
         "method",
         "searches",
         "fresh runs solved",
-        "core seconds an SE",
+        "core seconds a solved run",
         "p against BOHB",
     ]
     return f"{table(head, rows)}\n\n{source(*results)}"
@@ -93,31 +88,6 @@ def _quality(searches: Sequence[Sequence[dict[str, Any]]]) -> tuple[str, str]:
     spread = f" ({min(costs):.0f} to {max(costs):.0f})" if len(costs) > 1 else ""
     solved = sum(run["solved"] for run in runs)
     return f"{solved} of {len(runs)}", f"{np.median(costs):.0f}{spread}"
-
-
-def picture(task: str, path: Path) -> None:
-    """Draw a point for every search, and those of a seed joined by a line. Raises NotMeasured."""
-    measured = read_result(f"search_{task}")["rows"]
-    figure = Figure(figsize=(5, 3.2), layout="constrained")
-    axes = figure.subplots()
-    found = {method: by_method(measured, method) for method in METHODS}
-    for seed in sorted(set.intersection(*(set(of) for of in found.values()))):
-        axes.plot(
-            [expected_core_seconds(of[seed]) for of in found.values()], color=GREY, lw=0.7, zorder=0
-        )
-    for place, (method, of) in enumerate(found.items()):
-        costs = [expected_core_seconds(fresh) for fresh in of.values()]
-        axes.scatter([place] * len(costs), costs, color=_COLOURS[method])
-    default = expected_core_seconds(measured["default"]["fresh"])
-    axes.axhline(default, color="black", lw=0.8, ls="--", label="the recipe default")
-    axes.set_yscale("log")
-    axes.set_xticks(range(len(METHODS)), [*METHODS.values()])
-    axes.set_xlim(-0.5, len(METHODS) - 0.5)
-    axes.set_ylabel("core seconds an SE, fresh seeds")
-    axes.set_title(task)
-    axes.legend(frameon=False, fontsize="small")
-    axes.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path)
 
 
 TABLES: dict[str, Callable[[], str]] = {

@@ -20,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import spread, write_result
-from benchmarks.watched_command import PARTS
+from benchmarks.speed.watched_command import PARTS
 from bilevel.agents import get_agent
 from bilevel.evaluation import EvaluationRequest, evaluate
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_recipe
@@ -35,7 +35,13 @@ REPEATS = 3
 def start(home: Path) -> dict[str, float]:
     """Seconds of each part of one start, and in total."""
     arguments = ["nes", "CartPole-v0", "--home", str(home)]
-    command = [sys.executable, "-m", "benchmarks.watched_command", str(time.time()), *arguments]
+    command = [
+        sys.executable,
+        "-m",
+        "benchmarks.speed.watched_command",
+        str(time.time()),
+        *arguments,
+    ]
     done = subprocess.run(command, stdout=subprocess.PIPE, text=True, check=False)
     times = dict(json.loads(line) for line in done.stdout.splitlines() if line.startswith('["'))
     ends = [times[part] for part in PARTS]

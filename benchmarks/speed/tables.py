@@ -97,7 +97,9 @@ def cost() -> str:
         [agents, f"{case['ms_an_agent']:.1f}", _spread(case["measured_over_estimated"], ".2f")]
         for agents, case in result["results"].items()
     ]
-    return _table(["agents", "milliseconds an agent", "measured over estimated"], rows, result)
+    return _table(
+        ["agents", "milliseconds an agent", "measured time over core seconds"], rows, result
+    )
 
 
 TABLES: dict[str, Callable[[], str]] = {

@@ -1,8 +1,6 @@
-"""The hyperparameters of NES and SE, with their ranges and sources, and a whole run's.
+"""The hyperparameters of NES and SE, and those of a whole run.
 
-Ranges here bound what is *valid*; the (narrower) ranges that are searched stand
-in `search_spaces`. "Table 1" is the paper's table of optimized hyperparameters,
-"fixed" the one of fixed, "default" the one of default hyperparameters.
+Ranges bound what is valid; the narrower ranges that are searched are in `search_spaces`.
 """
 
 from dataclasses import asdict, dataclass

@@ -1,0 +1,1 @@
+"""Compiled twins of the agents, the environments and the training loop."""

@@ -26,8 +26,7 @@ def uniform(state):
 
 @compiled
 def below(state, n):
-    """An int64 in [0, n), n < 2**32 (multiply-shift; its bias, n / 2**32, is
-    below 3e-5 for the largest replay buffer)."""
+    """An int64 in [0, n), n < 2**32, by multiply-shift; its bias is n / 2**32."""
     return np.int64(((next_uint64(state) >> S32) * np.uint64(n)) >> S32)
 
 

@@ -51,8 +51,8 @@ class Job:
 class BracketSearch:
     """The search over `space` by a schedule, up to so many brackets.
 
-    With a `prior`, the first configuration is that, and every second random one is drawn around it.
-    The model begins with the results of an `earlier` search over the same space.
+    With a `prior`, the first configuration is that, and about half of the random ones are drawn
+    around it. The model begins with the results of an `earlier` search over the same space.
     Raises InvalidInput for a journal that no such search has written.
     """
 

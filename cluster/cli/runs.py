@@ -114,8 +114,8 @@ def nes(
 )
 @click.option(
     "--prior",
-    help="none; recipe: the first configuration is the recipe's, and every second random one is "
-    "drawn around it; or the name of a study on the task, with whose results the model begins "
+    help="none; recipe: the first configuration is the recipe's, and about half of the random ones "
+    "are drawn around it; or the name of a study on the task, with whose results the model begins "
     "(default: recipe in the profile local, else none).",
 )
 @click.option(

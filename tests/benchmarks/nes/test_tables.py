@@ -29,7 +29,7 @@ def results(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(machine, "RESULTS", tmp_path)
 
 
-def write(runs: list[dict[str, Any]], asked: str = "0 1 2") -> None:
+def write(runs: list[dict[str, Any]], asked: str = "0-2") -> None:
     write_result(
         "nes_seeds_CartPole-v0", f"it CartPole-v0 --seeds {asked} --taught 1", {"runs": runs}
     )

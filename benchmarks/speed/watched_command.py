@@ -1,7 +1,7 @@
 """Runs `bilevel` up to its first evaluation and prints JSON lines of each part of the start and its
 seconds since BEGUN.
 
-    python -m benchmarks.watched_command BEGUN nes CartPole-v0 ...
+    python -m benchmarks.speed.watched_command BEGUN nes CartPole-v0 ...
 
 BEGUN is the start of the process, unix time in seconds.
 """

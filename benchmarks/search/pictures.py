@@ -1,0 +1,72 @@
+"""Draws the pictures of docs/tuning.md: each committed study, and the comparison of search methods.
+
+python -m benchmarks.search.pictures
+"""
+
+from pathlib import Path
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
+
+from benchmarks.machine import NotMeasured, read_result
+from benchmarks.search.studies import TASKS, committed, summary
+from benchmarks.search.tables import by_method, expected_core_seconds
+from cluster.bohb.pictures import objective_against_cost
+from cluster.bohb.profiles import METHODS
+from cluster.tracking.pictures import BLUE, GREY, ORANGE
+
+PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
+
+_COLOURS = {"bohb": BLUE, "hyperband": ORANGE, "random": GREY}
+
+
+def compared(task: str, measured: dict[str, Any]) -> Figure:
+    """The rows of `benchmarks.search.compare`: a point for every search, and a line that joins
+    those of a seed."""
+    figure = Figure(figsize=(5, 3.2), layout="constrained")
+    axes = figure.subplots()
+    found = {method: by_method(measured, method) for method in METHODS}
+    for seed in sorted(set.intersection(*(set(of) for of in found.values()))):
+        costs = [expected_core_seconds(of[seed]) for of in found.values()]
+        axes.plot(costs, color=GREY, lw=0.7, zorder=0)
+    for place, (method, of) in enumerate(found.items()):
+        costs = [expected_core_seconds(fresh) for fresh in of.values()]
+        axes.scatter([place] * len(costs), costs, color=_COLOURS[method])
+    if "default" in measured:
+        default = expected_core_seconds(measured["default"]["fresh"])
+        axes.axhline(default, color="black", lw=0.8, ls="--", label="the recipe default")
+        axes.legend(frameon=False, fontsize="small")
+    axes.set_yscale("log")
+    axes.set_xticks(range(len(METHODS)), [*METHODS.values()])
+    axes.set_xlim(-0.5, len(METHODS) - 0.5)
+    axes.set_ylabel("core seconds a solved run")
+    axes.set_title(task)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure
+
+
+def _save(figure: Figure, name: str) -> None:
+    path = PICTURES / f"{name}.svg"
+    with rc_context({"svg.hashsalt": name}):  # the same picture gives the same file
+        figure.savefig(path, metadata={"Date": None})
+    print(f"drawn: {path}")
+
+
+def main() -> None:
+    """Draw all that has been measured."""
+    for study in committed():
+        told = summary(study)
+        points, validated = told.points(), told.validated_points()
+        figure = objective_against_cost(points, validated, study.task, study.method_name)
+        _save(figure, f"search-{study.task.id}-{study.name}")
+    for task in TASKS:
+        try:
+            measured = read_result(f"search_{task}")["rows"]
+        except NotMeasured:
+            continue
+        _save(compared(task, measured), f"comparison-{task}")
+
+
+if __name__ == "__main__":
+    main()
