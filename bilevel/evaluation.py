@@ -6,6 +6,7 @@ repeat them.
 """
 
 import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import Any
@@ -13,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.agents import Agent, get_agent
+from bilevel.agents import get_agent
 from bilevel.agents.agent import Transition, agent_seeds
 from bilevel.agents.checked import CheckedAgent
 from bilevel.agents.environments import GymnasiumEnvironment, KernelEnvironment
@@ -23,12 +24,12 @@ from bilevel.cost import estimated_core_seconds
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.kernels import training
-from bilevel.kernels.blas import one_blas_thread
 from bilevel.kernels.environment import Environment, environment
 from bilevel.kernels.stopping import NOT_FINITE
 from bilevel.seeds import split
 from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE
 from bilevel.tasks import Task
+from bilevel.threads import one_blas_thread, one_torch_thread
 
 
 @dataclass(frozen=True)
@@ -55,7 +56,7 @@ class Initialized:
 class Given:
     """Train on one of several given SEs."""
 
-    number: int
+    number: int  #: of the SE, from 0
 
 
 @dataclass(frozen=True)
@@ -67,7 +68,7 @@ class RealTask:
 TrainedOn = Centre | Perturbed | Initialized | Given | RealTask
 
 #: What requests get their SE from: one SE, several, or a distribution; None for the real task.
-SESource = SE | StoredSE | SEDistribution | tuple[SE, ...] | None
+SESource = SE | StoredSE | SEDistribution | tuple[SE | StoredSE, ...] | None
 
 
 @dataclass(frozen=True)
@@ -105,6 +106,16 @@ class EvaluationResult(Outcome):
     seconds: float
 
 
+def scores_of(results: Sequence[Outcome]) -> NDArray[np.float64]:
+    """Scores (n,) of results that are compared. A diverged agent gets no more than the lowest of
+    the others, however the task's worst score compares with them."""
+    scores = np.array([result.score for result in results])
+    finite = np.array([result.finite for result in results])
+    if finite.any():
+        scores[~finite] = np.minimum(scores[~finite], scores[finite].min())
+    return scores
+
+
 def evaluate(task: Task, se: SESource, request: EvaluationRequest) -> EvaluationResult:
     """TrainAgent, then EvaluateAgent (paper, Algorithm 1).
 
@@ -125,10 +136,12 @@ def requested_se(se: SESource, on: TrainedOn) -> SE | None:
     hold it."""
     if isinstance(on, RealTask):
         return None
+    if isinstance(on, Given) and isinstance(se, tuple):
+        if not 0 <= on.number < len(se):
+            raise InvalidInput(f"training on {on}: allowed are the SEs 0 to {len(se) - 1}")
+        se, on = se[on.number], Centre()
     if isinstance(se, StoredSE):
         se = se.se
-    if isinstance(on, Given) and isinstance(se, tuple):
-        return se[on.number]
     if isinstance(se, SE) and isinstance(on, Centre):
         return se
     if not isinstance(se, SEDistribution) or isinstance(on, Given):
@@ -160,9 +173,20 @@ def train_and_test(
         return run.interpreted()
 
 
-#: Placeholder where the kernel takes an SE but does not read it.
-_SMALLEST = Architecture(1, 1, 1, 1, "tanh", 1)
-_NO_SE = SE(_SMALLEST, np.zeros(_SMALLEST.parameter_count, np.float32))
+def greedy_episodes(
+    task: Task, greedy: Callable[[NDArray[np.float32]], int], episodes: int, seed: int
+) -> Iterator[list[Transition]]:
+    """EvaluateAgent (paper, Algorithm 1) for an agent in Python: the transitions of each test
+    episode on the real task."""
+    env = environment_in_python(task, None, episodes, seed)
+    for episode in range(episodes):
+        state, over, made = env.reset(episode), False, list[Transition]()
+        while not over and len(made) < env.step_limit:
+            action = greedy(state)
+            next_state, reward, done, over = env.step(action)
+            made.append(Transition(state, action, reward, next_state, done))
+            state = next_state
+        yield made
 
 
 def real_returns(
@@ -171,13 +195,37 @@ def real_returns(
     """Returns (episodes,) of greedy episodes of a compiled agent on the real task, and their
     number of steps."""
     if task.compiled:
-        returns, steps = training.test_returns(
-            agent, _environment(task, None, episodes, seed), episodes
-        )
+        environment = _environment(task, None, episodes, seed)
+        returns, steps = training.test_returns(agent, environment, episodes)
         return returns, int(steps)
-    return task.test_returns(
-        lambda state: int(training.greedy_action(agent, state)), episodes, seed % 2**31
-    )
+
+    def greedy(state: NDArray[np.float32]) -> int:
+        return int(training.greedy_action(agent, state))
+
+    return _returns(greedy_episodes(task, greedy, episodes, seed))
+
+
+def _returns(episodes: Iterator[list[Transition]]) -> tuple[NDArray[np.float64], int]:
+    returns, steps = [], 0
+    for transitions in episodes:
+        returns.append(sum(transition.reward for transition in transitions))
+        steps += len(transitions)
+    return np.array(returns, np.float64), steps
+
+
+def environment_in_python(
+    task: Task, se: SE | None, episodes: int, seed: int
+) -> TrainingEnvironment:
+    """The SE, or (None) the real task, with initial states of `episodes` episodes, for agents in
+    Python."""
+    if se is None and not task.compiled:
+        return GymnasiumEnvironment(task, seed % 2**31)
+    return KernelEnvironment(_environment(task, se, episodes, seed))
+
+
+#: Placeholder where the kernel takes an SE but does not read it.
+_SMALLEST = Architecture(1, 1, 1, 1, "tanh", 1)
+_NO_SE = SE(_SMALLEST, np.zeros(_SMALLEST.parameter_count, np.float32))
 
 
 def _environment(task: Task, se: SE | None, episodes: int, seed: int) -> Environment:
@@ -204,9 +252,6 @@ class _Run:
     physics_seed: int
     test_seed: int
 
-    def _training_environment(self) -> Environment:
-        return _environment(self.task, self.se, self.hp.max_episodes, self.physics_seed)
-
     def compiled(self) -> Outcome:
         """Train and test the agent's compiled kernel."""
         task, hp, registered = self.task, self.hp, get_agent(self.hp.agent)
@@ -216,7 +261,7 @@ class _Run:
         agent = registered.build_kernel(
             hp, task.state_size, task.n_actions, np.random.default_rng(initial)
         )
-        env = self._training_environment()
+        env = _environment(task, self.se, hp.max_episodes, self.physics_seed)
         rng = np.array([loop], np.uint64)
         steps, episodes, reason = training.train(agent, env, schedule(hp), rng)
         parameters = registered.kernel_parameters(agent)
@@ -234,52 +279,19 @@ class _Run:
 
     def interpreted(self) -> Outcome:
         """Train and test the agent's definition: slower, but works for every agent and task."""
-        import torch
-
-        threads = torch.get_num_threads()
-        torch.set_num_threads(1)  # other evaluations use the other cores
-        try:
-            return self._interpreted()
-        finally:
-            torch.set_num_threads(threads)
-
-    def _interpreted(self) -> Outcome:
-        task, hp = self.task, self.hp
-        build = partial(
-            get_agent(hp.agent).build, hp, task.state_size, task.n_actions, self.agent_seed
-        )
-        agent = CheckedAgent(hp.agent, task.n_actions, build)
-        env: TrainingEnvironment
-        if self.se is not None or task.compiled:
-            env = KernelEnvironment(self._training_environment())
-        else:
-            env = GymnasiumEnvironment(task, self.physics_seed % 2**31)
-        stop = returns_converged(hp) if self.se else task_solved(hp, task.solved_reward)
-        steps, episodes, finite = train_in_python(agent, hp, env, stop)
-        if not finite:
-            return self._diverged(steps, episodes)
-        returns, tested = self._tested(agent)
+        task, hp, n = self.task, self.hp, self.hp.test_episodes
+        with one_torch_thread():  # other evaluations use the other cores
+            agent = definition(task, hp, self.agent_seed)
+            env = environment_in_python(task, self.se, hp.max_episodes, self.physics_seed)
+            stop = returns_converged(hp) if self.se else task_solved(hp, task.solved_reward)
+            steps, episodes, finite = train_in_python(agent, hp, env, stop)
+            if not finite:
+                return self._diverged(steps, episodes)
+            returns, tested = _returns(greedy_episodes(task, agent.greedy, n, self.test_seed))
         if not np.isfinite(returns).all():
             return self._diverged(steps, episodes, tested)
-        return self._outcome(returns, steps, episodes, tested + self._real_steps(steps), True)
-
-    def _tested(self, agent: Agent) -> tuple[tuple[float, ...], int]:
-        """EvaluateAgent for an agent in Python: returns and number of steps of greedy episodes."""
-        n = self.hp.test_episodes
-        if not self.task.compiled:
-            returns, made = self.task.test_returns(agent.greedy, n, self.test_seed % 2**31)
-            return tuple(returns.tolist()), made
-        environment = _environment(self.task, None, n, self.test_seed)
-        env, totals, made = KernelEnvironment(environment), [0.0] * n, 0
-        for episode in range(n):
-            state = env.reset(episode)
-            for _ in range(env.step_limit):
-                state, reward, done = env.step(agent.greedy(state))
-                totals[episode] += reward
-                made += 1
-                if done > 0.5:
-                    break
-        return tuple(totals), made
+        real = tested + self._real_steps(steps)
+        return self._outcome(tuple(returns.tolist()), steps, episodes, real, True)
 
     def _diverged(self, steps: int, episodes: int, tested: int = 0) -> Outcome:
         worst = (self.task.worst_score,) * self.hp.test_episodes
@@ -292,59 +304,11 @@ class _Run:
         return Outcome(returns, steps, episodes, real, finite, cost)
 
 
-def record(
-    task: Task, se: SE, hp: AgentHyperparameters, seed: int
-) -> tuple[list[Transition], list[Transition]]:
-    """Transitions of the training on `se` and of the tests on the real task that `train_and_test`
-    makes with these arguments, by the agent's definition; no tests if training diverges."""
-    import torch
-
-    agent_seed, physics_seed, test_seed = split(seed, 3)
+def definition(task: Task, hp: AgentHyperparameters, agent_seed: int) -> CheckedAgent:
+    """A fresh agent in Python. Raises AgentMistake where it returns what it must not, raises or
+    exits."""
     build = partial(get_agent(hp.agent).build, hp, task.state_size, task.n_actions, agent_seed)
-    agent = _Recorder(CheckedAgent(hp.agent, task.n_actions, build))
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        training_env = KernelEnvironment(_environment(task, se, hp.max_episodes, physics_seed))
-        _, _, finite = train_in_python(agent, hp, training_env, returns_converged(hp))
-        tests = _test_transitions(task, agent, hp.test_episodes, test_seed) if finite else []
-    finally:
-        torch.set_num_threads(threads)
-    return agent.observed, tests
-
-
-class _Recorder:
-    """An agent that keeps what it observes."""
-
-    def __init__(self, agent: Agent) -> None:
-        self.act, self.greedy = agent.act, agent.greedy
-        self.learn, self.end_episode = agent.learn, agent.end_episode
-        self._observe = agent.observe
-        self.observed: list[Transition] = []
-
-    def observe(self, transition: Transition) -> None:
-        """See `Agent`."""
-        self.observed.append(transition)
-        self._observe(transition)
-
-
-def _test_transitions(task: Task, agent: Agent, episodes: int, seed: int) -> list[Transition]:
-    env: TrainingEnvironment = (
-        KernelEnvironment(_environment(task, None, episodes, seed))
-        if task.compiled
-        else GymnasiumEnvironment(task, seed % 2**31)
-    )
-    made: list[Transition] = []
-    for episode in range(episodes):
-        state = env.reset(episode)
-        for _ in range(env.step_limit):
-            action = agent.greedy(state)
-            next_state, reward, done = env.step(action)
-            made.append(Transition(state, action, reward, next_state, done))
-            state = next_state
-            if done > 0.5:
-                break
-    return made
+    return CheckedAgent(hp.agent, task.n_actions, build)
 
 
 def schedule(hp: AgentHyperparameters) -> training.Schedule:

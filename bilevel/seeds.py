@@ -3,9 +3,12 @@
 No other module derives seeds. An evaluation splits its seed into independent parts.
 """
 
+import operator
 from enum import IntEnum
 
 import numpy as np
+
+from bilevel.errors import InvalidInput
 
 
 class Purpose(IntEnum):
@@ -27,6 +30,18 @@ class Purpose(IntEnum):
     EVALUATION = 13  # fresh agents of `bilevel evaluate`
     EXPERIMENT = 14  # fresh agents of `bilevel experiment`
     VALIDATION = 15  # the NES run of a study's finalist
+
+
+def checked_seed(seed: object) -> int:
+    """A seed from outside, an integer of any kind, as an int. Raises InvalidInput for another
+    value."""
+    try:
+        number = operator.index(seed)  # type: ignore[arg-type]
+    except TypeError:
+        number = -1
+    if number < 0:
+        raise InvalidInput(f"a seed is an integer of at least 0; got {seed!r}")
+    return number
 
 
 def derive(root: int, purpose: Purpose, *path: int) -> int:

@@ -21,10 +21,10 @@ from bilevel.agents.training import train as train_in_python
 from bilevel.evaluation import schedule
 from bilevel.hyperparameters import AgentHyperparameters, SEHyperparameters, load_recipe
 from bilevel.kernels import training
-from bilevel.kernels.blas import one_blas_thread
 from bilevel.kernels.environment import environment
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import get_task
+from bilevel.threads import one_blas_thread
 
 REPEATS = 7
 #: Approximate seconds of one measurement. Every step learns, and all episodes have equal length,

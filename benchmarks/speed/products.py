@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import spread, write_result
-from bilevel.kernels.blas import one_blas_thread
 from bilevel.kernels.jit import compiled
 from bilevel.kernels.products import tiles_of_rows, tiles_with_rows
+from bilevel.threads import one_blas_thread
 
 REPEATS = 15
 #: Approximate seconds of one measurement.

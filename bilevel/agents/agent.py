@@ -16,6 +16,7 @@ from pydantic.dataclasses import is_pydantic_dataclass
 
 from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters import AgentHyperparameters, agent_hyperparameters
+from bilevel.hyperparameters.agents import keep_hyperparameters
 from bilevel.seeds import split
 
 #: Group of entry points in which packages name modules that register agents.
@@ -99,6 +100,12 @@ def register_agent(
             f'`class {given}(..., agent="mine")`'
         )
     _AGENTS[name] = RegisteredAgent(name, build, build_kernel, kernel_parameters)
+
+
+def register_again(hyperparameters: type[AgentHyperparameters], agent: RegisteredAgent) -> None:
+    """Make an agent that another process has registered known to this one."""
+    keep_hyperparameters(hyperparameters)
+    _AGENTS[agent.name] = agent
 
 
 def load_plugins() -> None:

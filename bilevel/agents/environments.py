@@ -28,12 +28,12 @@ class KernelEnvironment:
         reset(self.env, episode, self.state)
         return self.state
 
-    def step(self, action: int) -> tuple[NDArray[np.float32], float, float]:
-        """Take one step: next state (S,), reward, raw done."""
+    def step(self, action: int) -> tuple[NDArray[np.float32], float, float, bool]:
+        """Take one step: next state (S,), reward, raw done, whether the episode is over."""
         next_state = np.empty_like(self.state)
-        reward, done, _ = step(self.env, self.state, action, next_state)
+        reward, done, over = step(self.env, self.state, action, next_state)
         self.state = next_state
-        return next_state, float(reward), float(done)
+        return next_state, float(reward), float(done), bool(over)
 
 
 class GymnasiumEnvironment:
@@ -50,7 +50,11 @@ class GymnasiumEnvironment:
         self._seed = None
         return np.asarray(state, np.float32)
 
-    def step(self, action: int) -> tuple[NDArray[np.float32], float, float]:
-        """Take one step: next state (S,), reward, and 1 if the task itself ended the episode."""
-        state, reward, terminated, _, _ = self._env.step(self._env.action_space.start + action)
-        return np.asarray(state, np.float32), float(reward), float(terminated)
+    def step(self, action: int) -> tuple[NDArray[np.float32], float, float, bool]:
+        """Take one step: next state (S,), reward, 1 if the task terminated the episode, and whether
+        it is over, by termination or by truncation."""
+        state, reward, terminated, truncated, _ = self._env.step(
+            self._env.action_space.start + action
+        )
+        over = bool(terminated or truncated)
+        return np.asarray(state, np.float32), float(reward), float(terminated), over

@@ -23,8 +23,9 @@ class TrainingEnvironment(Protocol):
     def reset(self, episode: int) -> NDArray[np.float32]:
         """The initial state (S,) of an episode."""
 
-    def step(self, action: int) -> tuple[NDArray[np.float32], float, float]:
-        """Take one step: next state (S,), reward, raw done (above 0.5 the episode ends)."""
+    def step(self, action: int) -> tuple[NDArray[np.float32], float, float, bool]:
+        """Take one step: next state (S,), reward, raw done, whether the episode is over. (It may be
+        truncated, with a done output of 0.)"""
 
 
 #: Decides from the returns of all episodes so far whether training ends.
@@ -87,7 +88,7 @@ def train(
         total = 0.0
         for _ in range(environment.step_limit):
             action = agent.act(state, exploring)
-            next_state, reward, done = environment.step(action)
+            next_state, reward, done, over = environment.step(action)
             if not np.isfinite([*next_state, reward, done]).all():
                 return steps, episode, False
             agent.observe(Transition(state, action, reward, next_state, done))
@@ -96,7 +97,7 @@ def train(
             steps += 1
             if not exploring and not np.isfinite(agent.learn()):
                 return steps, episode, False
-            if done > 0.5:
+            if over:
                 break
         agent.end_episode()
         returns.append(total)

@@ -14,6 +14,7 @@ import numpy as np
 
 from bilevel.errors import one_of
 from bilevel.hyperparameters import VARIATIONS, AgentHyperparameters
+from bilevel.hyperparameters.validation import within_range
 
 #: The default learning rates (paper, Table "Default HPs"): a third to three times of
 #: it is drawn. The table of ranges gives that of DDQN and Dueling DDQN; TD3's is the
@@ -40,8 +41,8 @@ def draw_agent(
     agents: tuple[AgentHyperparameters, ...], vary: str, seed: int
 ) -> AgentHyperparameters:
     """One of the agents, learning rate, batch size, hidden size and hidden layers (those of them
-    that it has) drawn anew as one of VARIATIONS says; by `seed` alone. `small` takes the cheapest
-    draw if none is small.
+    that it has) drawn anew as one of VARIATIONS says, within the agent's own ranges; by `seed`
+    alone. `small` takes the cheapest draw if none is small.
 
     Raises InvalidInput for another variation.
     """
@@ -78,20 +79,29 @@ def narrowed(agent: AgentHyperparameters) -> AgentHyperparameters:
     before, after = (getattr(hp, "hidden_size", 1) for hp in (agent, narrow))
     if before == after or not hasattr(agent, "learning_rate"):
         return narrow
-    values: dict[str, Any] = {"learning_rate": agent.learning_rate * math.sqrt(before / after)}
-    return replace(narrow, **values)
+    return _changed(narrow, learning_rate=agent.learning_rate * math.sqrt(before / after))
+
+
+def _changed(agent: AgentHyperparameters, **values: Any) -> AgentHyperparameters:
+    """The agent with other values of those of these fields that it has, each within its range."""
+    known = values.keys() & {spec.name for spec in fields(agent)}
+    fitting: dict[str, Any] = {
+        name: within_range(type(agent), name, values[name]) for name in known
+    }
+    return replace(agent, **fitting)
 
 
 def _cut(agent: AgentHyperparameters, name: str, least: int) -> AgentHyperparameters:
     """The agent with the largest value of that field, `least` or more, with which it is small; as
     it is, if its cost does not tell of that field."""
-    value = getattr(agent, name, least)
+    if not hasattr(agent, name):
+        return agent
+    value, least = getattr(agent, name), int(within_range(type(agent), name, least))
     if agent.step_cost <= SMALL or value <= least:
         return agent
 
     def with_size(size: int) -> AgentHyperparameters:
-        values: dict[str, Any] = {name: size}
-        return replace(agent, **values)
+        return _changed(agent, **{name: size})
 
     if with_size(least).step_cost >= agent.step_cost:
         return agent
@@ -105,11 +115,10 @@ def _varied(
 ) -> AgentHyperparameters:
     learning_rate = _LEARNING_RATE.get(agent.agent, getattr(agent, "learning_rate", 1.0))
     low, high = SIZES
-    values = {
-        "learning_rate": float(learning_rate * 3 ** rng.uniform(-1, 1)),
-        "batch_size": round(low * (high / low) ** rng.uniform()),
-        "hidden_size": round(low * (high / low) ** rng.uniform()),
-        "hidden_layers": layers,
-    }
-    known = {spec.name for spec in fields(agent)}
-    return replace(agent, **{name: value for name, value in values.items() if name in known})
+    return _changed(
+        agent,
+        learning_rate=float(learning_rate * 3 ** rng.uniform(-1, 1)),
+        batch_size=round(low * (high / low) ** rng.uniform()),
+        hidden_size=round(low * (high / low) ** rng.uniform()),
+        hidden_layers=layers,
+    )

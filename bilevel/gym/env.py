@@ -23,7 +23,7 @@ from bilevel.gym.source import se_file
 
 
 class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
-    """The SE of a file, with observations Box (S,) float32 and actions Discrete(A).
+    """The SE of a file, with observations Box (S,) float32 and the real task's actions.
 
     `path` may also be MLflow's address of an SE (`bilevel.gym.source`). Raises InvalidInput if the
     file is missing or damaged, if gymnasium does not know its task, or if the task cannot draw the
@@ -44,7 +44,11 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         self._steps = 0
         shape = (se.architecture.state_size,)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
-        self.action_space = gymnasium.spaces.Discrete(se.architecture.n_actions)
+        # gymnasium draws initial states of a task that is not compiled, in an environment that is
+        # made once.
+        self._real = None if self._task.compiled else self._task.make()
+        self.first_action = 0 if self._real is None else int(self._real.action_space.start)  # type: ignore[attr-defined]
+        self.action_space = gymnasium.spaces.Discrete(self.n_actions, start=self.first_action)
         self.render_mode = render_mode
         self._renderer = None if render_mode is None else Renderer(self._task, render_mode)
         if self._renderer is not None:
@@ -62,7 +66,7 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
     def initial_state(self, rng: np.random.Generator) -> NDArray[np.float32]:
         """An initial state (S,) of the real task."""
-        return self._task.observe(self._task.initial_physics(rng, 1)[0])
+        return self._task.observe(self._task.initial_physics(rng, 1, self._real)[0])
 
     def step(
         self, action: np.int64
@@ -77,7 +81,7 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
         if self._state is None:
             raise ResetNeeded("call reset before step")
-        number = checked_action(action, self.n_actions)
+        number = checked_action(action, self.n_actions, self.first_action)
         next_state = np.empty_like(self._state)
         reward, done = step(self.kernel, self._state, number, next_state, self._work)
         self._state = next_state
@@ -98,7 +102,9 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         return self._renderer.draw(self._state)
 
     def close(self) -> None:
-        """Close the window, if there is one."""
+        """Close the real task's environments, and the window, if there is one."""
+        if self._real is not None:
+            self._real.close()
         if self._renderer is not None:
             self._renderer.close()
 

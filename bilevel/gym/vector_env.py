@@ -52,7 +52,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         options: dict[str, Any] | None = None,
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """Draw initial states (N, S); with one seed, copy i has the seed + i. Of the options,
-        `reset_mask` (N,) tells which copies are reset.
+        `reset_mask` (N,) tells which copies are reset; the first reset is of all.
 
         Raises ValueError for another number of seeds than of copies.
         """
@@ -65,7 +65,8 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         if len(seeds) != self.num_envs:
             raise ValueError(f"{len(seeds)} seeds for {self.num_envs} copies of the SE")
         everyone = np.ones(self.num_envs, bool)
-        mask = np.asarray((options or {}).get("reset_mask", everyone), bool)
+        some = (options or {}).get("reset_mask", everyone) if self._begun else everyone
+        mask = np.asarray(some, bool)
         for i in np.flatnonzero(mask).tolist():
             if seeds[i] is not None:
                 self._sources[i], _ = seeding.np_random(seeds[i])
@@ -108,16 +109,22 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
 
     def _numbers(self, actions: Any, resetting: NDArray[np.bool_]) -> NDArray[np.int64]:
         """The actions (N,), checked; copies that are reset take none."""
-        n_actions, numbers = self._single.n_actions, np.asarray(actions)
-        allowed = numbers.dtype.kind in "iu" and ((numbers >= 0) & (numbers < n_actions)).all()
-        if not allowed:
+        n_actions, first = self._single.n_actions, self._single.first_action
+        numbers, end = np.asarray(actions), first + n_actions
+        if numbers.dtype.kind in "iu" and ((numbers >= first) & (numbers < end)).all():
+            numbers = numbers - first
+        else:
             numbers = np.array(
                 [
-                    0 if over else checked_action(action, n_actions)
+                    0 if over else checked_action(action, n_actions, first)
                     for action, over in zip(actions, resetting, strict=True)
                 ]
             )
         return np.where(resetting, 0, numbers).astype(np.int64)
+
+    def close_extras(self, **kwargs: Any) -> None:
+        """Close the real task's environment."""
+        self._single.close()
 
     def _begin(self, which: NDArray[np.int64]) -> None:
         for i in which:

@@ -67,6 +67,11 @@ def _place(cls: type) -> tuple[str, str]:
     return cls.__module__, cls.__qualname__
 
 
+def keep_hyperparameters(cls: type[AgentHyperparameters]) -> None:
+    """Find this class under its agent's name from now on."""
+    _BY_NAME[cls.agent] = cls
+
+
 def agent_names() -> tuple[str, ...]:
     """Agents whose hyperparameters are known."""
     return tuple(_BY_NAME)

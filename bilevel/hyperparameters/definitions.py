@@ -68,8 +68,9 @@ class NESHyperparameters:
     #: next (common random numbers). False: every member has its own.
     shared_agent: bool
     centre_agents: _Count  #: Agents trained on the unperturbed SE, each generation.
-    #: Every second generation its agents train until max_episodes (an even number of agents on
-    #: the unperturbed SE likewise), whatever their returns. 0: the stopping rule decides always.
+    #: Episodes for which the members' agents train in every second generation, whatever their
+    #: returns, and so does every second agent on the unperturbed SE. 0: the stopping rule decides
+    #: always.
     patient_episodes: Annotated[int, Field(ge=0, le=1_000_000)]
     #: Share of the moving average of the distribution's mean that is kept in a generation; the
     #: average is the unperturbed SE. 0: the mean itself is, as in the paper.

@@ -12,6 +12,7 @@ from bilevel.decode import first_fault, reason
 from bilevel.errors import InvalidInput, one_of
 
 _T = TypeVar("_T")
+_Number = TypeVar("_Number", int, float)
 
 #: A bool is no int, an int will do for a float, and there are no fields but those of the class.
 _STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
@@ -39,6 +40,18 @@ def hyperparameters(cls: type[_T]) -> type[_T]:
     return cast("type[_T]", checked)
 
 
+def within_range(cls: type, name: str, value: _Number) -> _Number:
+    """The value, or the nearest end of the range (`ge`, `le`) of that field of a class."""
+    field = cls.__pydantic_fields__[name]  # type: ignore[attr-defined]
+    low, high = _end(field, "ge"), _end(field, "le")
+    value = value if low is None else max(value, low)
+    return value if high is None else min(value, high)
+
+
+def _end(field: FieldInfo, name: str) -> Any:
+    return next((getattr(rule, name) for rule in field.metadata if hasattr(rule, name)), None)
+
+
 def _refused(cls: str, fields: Mapping[str, FieldInfo], error: ValidationError) -> InvalidInput:
     """The error for the first wrong value, with what is allowed instead."""
     first = first_fault(error)
@@ -53,12 +66,10 @@ def _refused(cls: str, fields: Mapping[str, FieldInfo], error: ValidationError) 
     what, kind = field.title or f"{cls.removesuffix('Hyperparameters')} {name}", field.annotation
     if get_origin(kind) is Literal:
         return one_of(what, given, get_args(kind))
-    ends = [
-        getattr(rule, end) for end in ("ge", "le") for rule in field.metadata if hasattr(rule, end)
-    ]
+    ends = [_end(field, name) for name in ("ge", "le")]
     if kind is bool:
         told = "bool, true or false"
-    elif kind in (int, float) and len(ends) == 2:
+    elif kind in (int, float) and None not in ends:
         told = f"{kind.__name__}, {ends[0]} to {ends[1]}"
     else:
         return InvalidInput(f"{cls}: {reason(error)}")

@@ -38,13 +38,14 @@ class _Settings(BaseModel):
     hidden_layer: Annotated[int, Field(ge=1)]
 
 
-def read_paper_se(path: Path, task_id: str | None = None) -> StoredSE:
+def read_paper_se(path: Path | str, task_id: str | None = None) -> StoredSE:
     """Read an SE file of the paper's code; `task_id` is gymnasium's id of the task, by default the
     one that the file names.
 
     Raises InvalidInput for a file that is missing, damaged, holds something else, or an SE that
     this package cannot represent (layer normalisation, a PReLU whose slope was learned).
     """
+    path = Path(path)
     content = _loaded(path)
     try:
         config, model = content["config"], content["model"]

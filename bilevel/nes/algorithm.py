@@ -25,7 +25,7 @@ from typing import Any
 import numpy as np
 
 from bilevel.errors import InvalidInput
-from bilevel.evaluation import EvaluationRequest, EvaluationResult
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, scores_of
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes.archive import Finalist, admitted
 from bilevel.nes.checkpoint import load_state
@@ -36,7 +36,7 @@ from bilevel.nes.rules import RULES, MemberScores, UpdateRule
 from bilevel.nes.start import StartRace
 from bilevel.nes.state import NESState
 from bilevel.nes.steps import StepControl
-from bilevel.seeds import Purpose, derive
+from bilevel.seeds import Purpose, checked_seed, derive
 from bilevel.synthetic_env import SEDistribution, coordinates
 from bilevel.tasks import Task
 from bilevel.version import __version__
@@ -54,7 +54,8 @@ class NES:
             results = [evaluate(task, state.se, request) for request in nes.ask(state)]
             state = nes.tell(state, results)
 
-    Raises InvalidInput for hyperparameters that do not fit together, or not the task.
+    Raises InvalidInput for a negative seed, and for hyperparameters that do not fit together, or
+    not the task.
     """
 
     task: Task
@@ -62,6 +63,7 @@ class NES:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "seed", checked_seed(self.seed))
         if self.rule.needs_pairs and not self.hp.nes.mirrored_sampling:
             raise InvalidInput(
                 f"NES update {self.hp.nes.update!r} needs mirrored_sampling true; got false"
@@ -173,15 +175,21 @@ class NES:
 
     def tell(self, state: NESState, results: Sequence[EvaluationResult]) -> NESState:
         """The state after what `ask(state)` asked for; `results` may come in any order. After a
-        generation, its record is the last of `records`."""
+        generation, its record is the last of `records`. Raises InvalidInput unless there is one
+        result for each request."""
         ordered = sorted(results, key=lambda result: result.index)
+        if [result.index for result in ordered] != [*range(self.requests.number(state))]:
+            raise InvalidInput(
+                f"NES asked for {self.requests.number(state)} evaluations and needs one result of "
+                f"each; got those of the requests {[result.index for result in ordered]}"
+            )
         real_steps = state.real_env_steps + sum(result.real_env_steps for result in ordered)
         cost = state.cost + sum(result.cost for result in ordered)
         state = replace(state, real_env_steps=real_steps, cost=cost)
         if state.race is not None:
             return self._at_winner(replace(state, race=state.race.after(ordered)))
         if state.confirmation is not None:
-            scores = [result.score for result in ordered]
+            scores = scores_of(ordered).tolist()
             return self._judged(state, state.confirmation.after(scores))
         return self._evolved(state, ordered)
 
@@ -223,8 +231,7 @@ class NES:
         return replace(state, finished=state.confirmed or over)
 
     def _member_scores(self, ordered: Sequence[EvaluationResult]) -> MemberScores:
-        scores = np.array([result.score for result in ordered])
-        centre, members = np.split(scores, [self.hp.nes.centre_agents])
+        centre, members = np.split(scores_of(ordered), [self.hp.nes.centre_agents])
         plus, *minus = members.reshape(-1, self.hp.nes.population_size)
         return MemberScores(centre, plus, minus[0] if minus else None)
 

@@ -27,10 +27,11 @@ from bilevel.version import RUN_FORMAT
 _TENSORS = ("theta", "std_dev", "average", "observation_mean", "observation_deviation")
 
 
-def save_state(state: NESState, path: Path) -> None:
+def save_state(state: NESState, path: Path | str) -> None:
     """Write a checkpoint durably. Raises StorageFailure."""
     header: dict[str, Any] = {
         "format": RUN_FORMAT,
+        "seed": state.provenance.get("seed"),
         "generation": state.generation,
         "attempt": state.attempt,
         "attempt_began": state.attempt_began,
@@ -59,16 +60,21 @@ def save_state(state: NESState, path: Path) -> None:
     tensors |= {f"finalist_{i}": f.theta for i, f in enumerate(state.finalists)}
     header["sha256"] = _checksum(json.dumps(header), tensors)
     # One entry: safetensors writes several in any order.
-    write_aside(path, safetensors.numpy.save(tensors, {"nes": json.dumps(header)}))
+    write_aside(Path(path), safetensors.numpy.save(tensors, {"nes": json.dumps(header)}))
 
 
 def load_state(
-    path: Path, task: Task, hp: SEHyperparameters, provenance: Mapping[str, Any] | None = None
+    path: Path | str,
+    task: Task,
+    hp: SEHyperparameters,
+    provenance: Mapping[str, Any] | None = None,
 ) -> NESState:
     """Read a checkpoint of a run on `task` with such SEs (see also `NES.load`).
 
-    Raises InvalidInput for a damaged file, and OtherVersion for one of another format.
+    Raises InvalidInput for a file that is missing or damaged or of a run with another seed than
+    that of `provenance`, and OtherVersion for one of another format.
     """
+    provenance = provenance or {}
     try:
         with safetensors.safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
@@ -94,14 +100,22 @@ def load_state(
                 for name, finalist in zip(finalists, header.finalists, strict=True)
             )
         }
-        del same["scale_steps"]
+        del same["scale_steps"], same["seed"]
         se = SEDistribution(space, theta, std_dev, average)
-        return NESState(task=task, se=se, scale=scale, provenance=provenance or {}, **same)
+        state = NESState(task=task, se=se, scale=scale, provenance=provenance, **same)
     except OtherVersion:
         raise
+    except FileNotFoundError:
+        raise InvalidInput(f"no checkpoint at {str(path)!r}") from None
     except (SafetensorError, OSError, ValueError, TypeError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InvalidInput(f"damaged checkpoint {str(path)!r}: {reason}") from None
+    seed = provenance.get("seed", header.seed)
+    if header.seed not in (None, seed):
+        raise InvalidInput(
+            f"the checkpoint {str(path)!r} is of a run with seed {header.seed}, not {seed}"
+        )
+    return state
 
 
 @dataclass(frozen=True)
@@ -131,6 +145,7 @@ class _Header:
     finished: bool
     finalists: tuple[_Finalist, ...]
     records: tuple[GenerationRecord, ...]
+    seed: int | None = None  # of the run; checkpoints of before have none
 
 
 def _checksum(text: str, tensors: Mapping[str, NDArray[Any]]) -> str:

@@ -1,13 +1,18 @@
 """A whole NES run in one call, without Ray, MLflow or files."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
+from pathlib import Path
 
+import gymnasium
+from gymnasium.envs.registration import EnvSpec
+
+from bilevel.agents.agent import RegisteredAgent, get_agent, register_again
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
-from bilevel.hyperparameters import Hyperparameters, load_recipe
+from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters, load_recipe
 from bilevel.nes.algorithm import NES
 from bilevel.nes.records import GenerationRecord
 from bilevel.synthetic_env import SEDistribution, StoredSE
@@ -16,7 +21,7 @@ from bilevel.tasks import Task, get_task
 
 def learn(
     task: Task | str,
-    recipe: Hyperparameters | str = "default",
+    recipe: Hyperparameters | Path | str = "default",
     *,
     seed: int = 0,
     workers: int = 1,
@@ -26,7 +31,8 @@ def learn(
     """Learn an SE for a task by NES, and return the best one.
 
     `recipe` is a recipe's name or file, or hyperparameters. Evaluations run in this process or in
-    `workers` processes, or on `executor`, which is left open; the SE depends on the seed alone.
+    `workers` processes, or on `executor`, which is left open and whose processes must know the task
+    and the agents; the SE depends on the seed alone.
     `on_generation` is called with the record of each generation. The run ends once it has solved
     the task over `nes.solved_for` generations on average and fresh agents confirm it, or after
     `nes.generations`. Then its best SE is that of the highest mean score, which is lucky, too (the
@@ -36,9 +42,9 @@ def learn(
     that do not fit together.
     """
     task = get_task(task) if isinstance(task, str) else task
-    hp = load_recipe(recipe, task.id) if isinstance(recipe, str) else recipe
+    hp = recipe if isinstance(recipe, Hyperparameters) else load_recipe(recipe, task.id)
     nes = NES(task, hp, seed)
-    with _executor(workers, executor) as running:
+    with _executor(workers, executor, task, hp) as running:
         mapped = map if running is None else running.map
 
         def evaluate_all(
@@ -49,7 +55,9 @@ def learn(
         return nes.run(evaluate_all, on_generation or (lambda record: None)).best
 
 
-def _executor(workers: int, given: Executor | None) -> AbstractContextManager[Executor | None]:
+def _executor(
+    workers: int, given: Executor | None, task: Task, hp: Hyperparameters
+) -> AbstractContextManager[Executor | None]:
     """The executor of the evaluations as a context that closes it, unless it was `given`; None
     means this process. Raises InvalidInput for fewer than one worker."""
     if given is not None:
@@ -58,8 +66,22 @@ def _executor(workers: int, given: Executor | None) -> AbstractContextManager[Ex
         raise InvalidInput(f"workers must be at least 1; got {workers}")
     if workers == 1:
         return nullcontext(None)
-    # loky's processes do not import the caller's script, which then needs no main guard.
+    # loky's processes do not import the caller's script, which then needs no main guard. They are
+    # given the task and the agents that the script itself may have registered.
     from loky import ProcessPoolExecutor
 
-    pool: AbstractContextManager[Executor] = ProcessPoolExecutor(workers)
+    agents = [(type(agent), get_agent(agent.agent)) for agent in hp.agents]
+    pool: AbstractContextManager[Executor] = ProcessPoolExecutor(
+        workers, initializer=_register, initargs=(gymnasium.registry.get(task.id), agents)
+    )
     return pool
+
+
+def _register(
+    spec: EnvSpec | None, agents: Sequence[tuple[type[AgentHyperparameters], RegisteredAgent]]
+) -> None:
+    """Make a task, if it is given, and agents known to this process."""
+    if spec is not None:
+        gymnasium.registry.setdefault(spec.id, spec)
+    for hyperparameters, agent in agents:
+        register_again(hyperparameters, agent)

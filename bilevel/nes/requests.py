@@ -36,6 +36,14 @@ class Requests:
         path = (Purpose.PERTURBATION, state.attempt, state.generation)
         return [derive(self.seed, *path, i) for i in range(self.hp.nes.population_size)]
 
+    def number(self, state: NESState) -> int:
+        """Number of the evaluations that come next."""
+        if state.race is not None:
+            return len(state.race.seeds) * state.race.agents
+        if state.confirmation is not None:
+            return len(state.confirmation.coming)
+        return self.hp.nes.evaluations
+
     def start(self, state: NESState, race: StartRace) -> list[EvaluationRequest]:
         """A round of the choice of a start: the same agents for every candidate."""
         vary = self.hp.vary_agent
@@ -103,8 +111,10 @@ def fresh_agent(
 def as_turn(
     agent: AgentHyperparameters, nes: NESHyperparameters, turn: int
 ) -> AgentHyperparameters:
-    """The agent as it trains in a turn of that number: in odd ones patiently, whatever its
-    returns, if `nes` has patient agents."""
+    """The agent as it trains in a turn of that number: in odd ones patiently, for a fixed number of
+    episodes whatever its returns, if `nes` has patient agents."""
     if not nes.patient_episodes or turn % 2 == 0:
         return agent
-    return replace(agent, max_episodes=nes.patient_episodes, early_out_difference=0.0)
+    # The stopping rule compares two windows of `early_out_episodes`, for which none are left.
+    episodes = nes.patient_episodes
+    return replace(agent, max_episodes=episodes, early_out_episodes=episodes)

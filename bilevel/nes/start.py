@@ -15,7 +15,7 @@ from typing import Self
 
 import numpy as np
 
-from bilevel.evaluation import EvaluationRequest, EvaluationResult, Initialized
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, Initialized, scores_of
 from bilevel.hyperparameters import AgentHyperparameters
 
 #: Training episodes of an agent in the choice, at most.
@@ -79,6 +79,6 @@ class StartRace:
 
     def after(self, results: Sequence[EvaluationResult]) -> Self:
         """The next round, given this round's results in the order of their requests."""
-        scores = np.array([result.score for result in results]).reshape(len(self.seeds), -1)
+        scores = scores_of(results).reshape(len(self.seeds), -1)
         order = np.argsort(-scores.mean(axis=1), kind="stable")[: self._size(self.round + 1)]
         return replace(self, seeds=tuple(self.seeds[i] for i in order), round=self.round + 1)

@@ -7,7 +7,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from bilevel.evaluation import EvaluationResult
+from bilevel.evaluation import EvaluationResult, scores_of
 from bilevel.hyperparameters import NESHyperparameters
 from bilevel.nes.archive import Finalist
 from bilevel.nes.confirmation import Confirmation
@@ -87,7 +87,7 @@ class NESState:
     ) -> GenerationRecord:
         """The record of a generation's `results`, in the order of their requests, and of its update
         `step` (D,)."""
-        scores = np.array([result.score for result in results])
+        scores = scores_of(results)
         centre, on_centre = scores[:centre_agents], results[:centre_agents]
         seconds = sum(result.seconds for result in results)
         train_steps = sum(result.train_steps for result in results)

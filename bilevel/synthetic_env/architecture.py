@@ -104,17 +104,29 @@ class Architecture:
 
 @dataclass(frozen=True)
 class SE:
-    """A synthetic environment: its architecture and its parameters psi (P,)."""
+    """A synthetic environment: its architecture and its parameters psi (P,).
+
+    Raises InvalidInput for psi of another length.
+    """
 
     architecture: Architecture
     psi: Psi
+
+    def __post_init__(self) -> None:
+        psi = np.ascontiguousarray(self.psi, np.float32)
+        if psi.shape != (self.architecture.parameter_count,):
+            raise InvalidInput(
+                f"psi has shape {psi.shape}: the SE's networks have "
+                f"{self.architecture.parameter_count} parameters"
+            )
+        object.__setattr__(self, "psi", psi)
 
     @property
     def kernel(self) -> SEKernel:
         """The SE arranged for the compiled step."""
         return prepare(
             self.architecture.networks,
-            self.architecture.split(np.ascontiguousarray(self.psi, np.float32)),
+            self.architecture.split(self.psi),
             self.architecture.n_actions,
             self.architecture.slope,
         )

@@ -33,7 +33,6 @@ DONE = 0.5
 MAX_SPACE = 65536
 
 FORMAT = "bilevel-synthetic-environment"
-#: Version 1 is still read.
 FORMAT_VERSION = 2
 
 
@@ -133,7 +132,7 @@ def load_se(path: Path | str) -> StoredSE:
         told = decode_json(dict[str, Any], metadata["se"], "header")
         given = told.pop("sha256", None)  # files of other tools have none
         header = decode(_Header, told, "header")
-        architecture = header.architecture.checked(header.version, header.step_limit)
+        architecture = header.architecture.checked()
         psi = _flat(architecture, tensors)
         expected = checksum(json.dumps(told).encode(), psi.tobytes())
         if given not in (None, expected):
@@ -158,23 +157,16 @@ class _Sizes:
     hidden_layers: int
     hidden_size: int
     activation: Literal["tanh", "relu", "lrelu", "prelu"]
-    step_limit: _StepLimit | None = None  # of version 2
-    # Of version 1: the step limit as a share of the task's, and a scale of rewards.
-    step_limit_share: Annotated[float, Field(gt=0, le=1)] | None = None
-    reward_scale: FiniteFloat | None = None
+    step_limit: _StepLimit
 
-    def checked(self, version: int, task_limit: int) -> Architecture:
-        """The architecture of an SE of a task with that step limit. Raises InvalidInput."""
-        old = (self.step_limit_share, self.reward_scale)
-        if (version == 1) != (self.step_limit is None) or (version == 2 and old != (None, None)):
-            raise InvalidInput(f"its architecture is not one of version {version}")
-        limit = self.step_limit or max(1, round((self.step_limit_share or 1.0) * task_limit))
+    def checked(self) -> Architecture:
+        """The architecture of the SE. Raises InvalidInput."""
         SEHyperparameters(
             structure="plain",
             hidden_layers=self.hidden_layers,
             hidden_size=self.hidden_size,
             activation=self.activation,
-            step_limit=limit,
+            step_limit=self.step_limit,
             spread=1.0,
         )
         return Architecture(
@@ -183,7 +175,7 @@ class _Sizes:
             self.hidden_layers,
             self.hidden_size,
             self.activation,
-            limit,
+            self.step_limit,
         )
 
 
@@ -192,7 +184,7 @@ class _Header:
     """The header of an SE file."""
 
     format: Literal["bilevel-synthetic-environment"]
-    version: Literal[1, 2]
+    version: Literal[2]
     task: str
     step_limit: _StepLimit
     solved_reward: FiniteFloat

@@ -8,7 +8,6 @@ the real task.
 
 import math
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,10 +15,11 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, first_line
 from bilevel.kernels import dynamics
 
-Policy = Callable[[NDArray[np.float32]], int]
+#: A real task in gymnasium.
+RealEnv = gymnasium.Env[NDArray[np.float32], np.int64]
 
 #: Maximum number of initial states drawn from an environment that gymnasium runs (training episodes
 #: cycle through them); compiled tasks draw one per episode.
@@ -32,6 +32,9 @@ MAX_STEP_LIMIT = 1_000_000
 
 #: Random steps on the real task that measure the scale of its observations.
 SCALE_STEPS = 1000
+
+#: Range of an observation, relative to its mean, up to which it counts as constant.
+_CONSTANT = 1e-6
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,8 @@ class ObservationScale:
 class Task:
     """Fixed values of a real task.
 
-    `worst_score` is the score of a diverged agent: the lowest possible return.
+    `worst_score` is the score of a diverged agent: the lowest possible return, or what `get_task`
+    takes for it (see also `bilevel.evaluation.scores_of`).
     """
 
     id: str
@@ -63,26 +67,29 @@ class Task:
         """Whether the task's dynamics are compiled."""
         return self.dynamics != dynamics.OBSERVED
 
-    def make(self, render_mode: str | None = None) -> gymnasium.Env[NDArray[np.float32], np.int64]:
+    def make(self, render_mode: str | None = None) -> RealEnv:
         """The gymnasium environment, truncated at this task's step limit."""
         return _make(self.id, self.step_limit, render_mode)
 
-    def initial_physics(self, rng: np.random.Generator, n: int) -> NDArray[np.float64]:
+    def initial_physics(
+        self, rng: np.random.Generator, n: int, env: RealEnv | None = None
+    ) -> NDArray[np.float64]:
         """`n` draws (n, p) from the task's reset distribution.
 
         For a compiled task they are states of the simulator; for others they are observations, at
-        most `GYMNASIUM_INITIAL_STATES` of them.
+        most `GYMNASIUM_INITIAL_STATES` of them, of resets of `env` or else of a new environment.
         """
         if self.dynamics == dynamics.CARTPOLE:
             return rng.uniform(-0.05, 0.05, (n, 4))
         if self.dynamics == dynamics.ACROBOT:
             return rng.uniform(-0.1, 0.1, (n, 4)).astype(np.float32).astype(np.float64)
-        env = self.make()
+        resetting = env or self.make()
         rows = min(n, GYMNASIUM_INITIAL_STATES)
         seed = int(rng.integers(2**31))
-        first = [env.reset(seed=seed)[0]]
-        states = np.array(first + [env.reset()[0] for _ in range(rows - 1)], np.float64)
-        env.close()
+        first = [resetting.reset(seed=seed)[0]]
+        states = np.array(first + [resetting.reset()[0] for _ in range(rows - 1)], np.float64)
+        if env is None:
+            resetting.close()
         return states
 
     def observe(self, physics: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -119,28 +126,11 @@ class Task:
             if terminated or truncated:
                 state, _ = env.reset()
         env.close()
-        deviation = np.std(seen, axis=0)
-        deviation = np.where(deviation > 0, deviation, 1.0)
-        mean = np.mean(seen, axis=0)
+        mean, deviation = np.mean(seen, axis=0), np.std(seen, axis=0)
+        # The computed deviation of a constant need not be 0.
+        constant = np.ptp(seen, axis=0) <= _CONSTANT * np.maximum(np.abs(mean), 1.0)
+        deviation = np.where(constant, 1.0, deviation)
         return ObservationScale(mean.astype(np.float32), deviation.astype(np.float32), SCALE_STEPS)
-
-    def test_returns(
-        self, policy: Policy, episodes: int, seed: int
-    ) -> tuple[NDArray[np.float64], int]:
-        """Returns (episodes,) of `policy` in gymnasium's environment, and their number of steps."""
-        env = self.make()
-        returns, steps = np.zeros(episodes), 0
-        for episode in range(episodes):
-            state, _ = env.reset(seed=seed if episode == 0 else None)
-            over = False
-            while not over:
-                action = env.action_space.start + policy(np.asarray(state, np.float32))  # type: ignore[attr-defined]
-                state, reward, terminated, truncated, _ = env.step(action)
-                returns[episode] += float(reward)
-                steps += 1
-                over = terminated or truncated
-        env.close()
-        return returns, steps
 
 
 BUILT_IN_TASKS = {
@@ -198,22 +188,22 @@ def get_task(
 
 def _inspect(
     task_id: str,
-) -> tuple[gymnasium.Env[NDArray[np.float32], np.int64], gymnasium.envs.registration.EnvSpec]:
+) -> tuple[RealEnv, gymnasium.envs.registration.EnvSpec]:
     try:
         env = _make(task_id, None)
-    except (gymnasium.error.Error, ImportError, ValueError) as error:
-        reason = str(error).splitlines()[0]
+    except (gymnasium.error.Error, ImportError) as error:
         raise InvalidInput(
             f"unknown task {task_id!r}: allowed are {', '.join(BUILT_IN_TASKS)} "
-            f"and gymnasium ids with a flat Box and Discrete actions ({reason})"
+            f"and gymnasium ids with a flat Box and Discrete actions ({first_line(error)})"
         ) from None
+    except Exception as error:  # of the environment's own code
+        reason = f"{type(error).__name__}: {first_line(error)}"
+        raise InvalidInput(f"the task {task_id!r} cannot be made: {reason}") from error
     assert env.spec is not None
     return env, env.spec
 
 
-def _make(
-    task_id: str, step_limit: int | None, render_mode: str | None = None
-) -> gymnasium.Env[NDArray[np.float32], np.int64]:
+def _make(task_id: str, step_limit: int | None, render_mode: str | None = None) -> RealEnv:
     # A task without pictures need not know the argument.
     mode: dict[str, Any] = {} if render_mode is None else {"render_mode": render_mode}
     with warnings.catch_warnings():
@@ -221,7 +211,5 @@ def _make(
         warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)
         warnings.filterwarnings("ignore", ".*out of date", UserWarning)
         warnings.filterwarnings("ignore", ".*latest versioned environment", UserWarning)
-        env: gymnasium.Env[NDArray[np.float32], np.int64] = gymnasium.make(
-            task_id, max_episode_steps=step_limit, **mode
-        )
+        env: RealEnv = gymnasium.make(task_id, max_episode_steps=step_limit, **mode)
         return env

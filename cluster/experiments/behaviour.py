@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bilevel.agents import Transition
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
-from bilevel.evaluation import record
+from bilevel.recording import record
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task

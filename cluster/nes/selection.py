@@ -10,7 +10,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.evaluation import EvaluationRequest
+from bilevel.evaluation import EvaluationRequest, scores_of
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes.requests import Trial, as_turn, fresh_agent
 from bilevel.seeds import Purpose
@@ -186,7 +186,7 @@ def _tested(
     results = pool.run(task, se.se, requests, lambda result: on_test())
     results = sorted(results, key=lambda result: result.index)
     return FinalScore(
-        np.array([result.score for result in results]),
+        scores_of(results),
         np.array([result.train_steps for result in results]),
         task.solved_reward,
         sum(result.real_env_steps for result in results),

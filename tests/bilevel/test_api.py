@@ -92,6 +92,62 @@ def test_a_script_needs_no_main_guard(tmp_path: Path) -> None:
     assert (result.stdout, result.returncode) == ("CartPole-v0\n", 0), result.stderr
 
 
+def test_workers_know_what_the_script_has_registered(tmp_path: Path) -> None:
+    """An agent and a task that are defined in the script itself, which no worker imports."""
+    script = tmp_path / "script.py"
+    script.write_text(
+        """
+from dataclasses import replace
+
+import gymnasium
+import numpy as np
+
+import bilevel
+from bilevel.agents import AgentHyperparameters, hyperparameters, register_agent
+
+
+class Here(gymnasium.Env):
+    observation_space = gymnasium.spaces.Box(-9.0, 9.0, (2,), np.float32)
+    action_space = gymnasium.spaces.Discrete(2)
+
+    def reset(self, *, seed=None, options=None):
+        super().reset(seed=seed)
+        return self.np_random.normal(size=2).astype(np.float32), {}
+
+    def step(self, action):
+        return self.np_random.normal(size=2).astype(np.float32), 1.0, False, False, {}
+
+
+@hyperparameters
+class MyHyperparameters(AgentHyperparameters, agent="mine"):
+    max_episodes: int = 11
+
+
+class Mine:
+    def __init__(self, hp, state_size, n_actions, seed):
+        pass
+
+    def act(self, state, exploring):
+        return 1
+
+    greedy = lambda self, state: 0
+    observe = lambda self, transition: None
+    learn = lambda self: 0.0
+    end_episode = lambda self: None
+
+
+gymnasium.register("Here-v0", entry_point=Here, max_episode_steps=5, reward_threshold=4.0)
+register_agent(MyHyperparameters, Mine)
+hp = bilevel.load_recipe("default", "Here-v0", ["mine"])
+few = replace(hp.nes, start_candidates=1, population_size=1, centre_agents=1, generations=1)
+se = bilevel.learn("Here-v0", replace(hp, nes=few, vary_agent="no"), workers=2)
+print(se.task_id, se.info["score_mean"])
+"""
+    )
+    result = subprocess.run([sys.executable, script], capture_output=True, text=True, check=False)
+    assert (result.stdout, result.returncode) == ("Here-v0 5.0\n", 0), result.stderr
+
+
 def test_importing_loads_neither_compiler_nor_torch() -> None:
     script = "import sys, bilevel; print(sorted({'numba', 'torch', 'ray'} & set(sys.modules)))"
     result = subprocess.run(

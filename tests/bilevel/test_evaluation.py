@@ -1,8 +1,11 @@
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
+from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import (
@@ -10,11 +13,13 @@ from bilevel.evaluation import (
     EvaluationRequest,
     Given,
     Initialized,
+    Outcome,
     Perturbed,
     RealTask,
     TrainedOn,
     evaluate,
     requested_se,
+    scores_of,
     train_and_test,
 )
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_recipe
@@ -181,3 +186,55 @@ def test_learning_on_the_real_task_is_possible(cartpole: Task) -> None:
     """DDQN with the paper's default hyperparameters learns CartPole on the real task."""
     agent = replace(load_recipe("paper", "").agents[0], max_episodes=300)
     assert any(train_and_test(cartpole, None, agent, seed).score > 150 for seed in range(5))
+
+
+def outcome(score: float, finite: bool = True) -> Outcome:
+    return Outcome((score,), 100, 10, 7, finite, 0.5)
+
+
+def test_a_diverged_agent_does_not_outrank_others() -> None:
+    """The worst score of a task with penalties may lie above all that agents get."""
+    assert scores_of([outcome(-110.0), outcome(0.0, finite=False), outcome(-50.0)]).tolist() == [
+        -110.0,
+        -110.0,
+        -50.0,
+    ]
+    assert scores_of([outcome(20.0), outcome(0.0, finite=False)]).tolist() == [20.0, 0.0]
+    assert scores_of([outcome(-3.0, finite=False)] * 2).tolist() == [-3.0, -3.0]
+
+
+def test_a_given_se_is_one_of_those_there_are(cartpole: Task) -> None:
+    ses = make_se(cartpole), make_se(cartpole, seed=1).se
+    assert requested_se(ses, Given(0)) is ses[0].se
+    assert requested_se(ses, Given(1)) is ses[1]
+    for number in (-1, 2):
+        with pytest.raises(InvalidInput, match="allowed are the SEs 0 to 1"):
+            requested_se(ses, Given(number))
+
+
+class Impatient(gymnasium.Env[Any, Any]):
+    """A task that truncates its episodes itself, after five steps, and must not go on then."""
+
+    observation_space = gymnasium.spaces.Box(-9.0, 9.0, (1,), np.float32)
+    action_space = gymnasium.spaces.Discrete(2)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        self.steps = 0
+        return np.zeros(1, np.float32), {}
+
+    def step(self, action: Any) -> Any:
+        assert self.steps < 5
+        self.steps += 1
+        return np.full(1, self.steps, np.float32), 1.0, False, self.steps == 5, {}
+
+
+def test_training_heeds_a_tasks_own_truncation(
+    small_agent: DDQNHyperparameters, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    spec = EnvSpec("test/Impatient-v0", entry_point=Impatient, reward_threshold=99.0)
+    monkeypatch.setitem(gymnasium.registry, spec.id, spec)
+    task = get_task(spec.id, step_limit=50)
+    trained = train_and_test(task, None, small_agent, seed=0)
+    assert trained.test_returns == (5.0, 5.0)
+    assert trained.train_steps == 5 * trained.train_episodes == 5 * small_agent.max_episodes

@@ -51,7 +51,7 @@ class _Recipe:
 
 
 def load_recipe(
-    name: str, task: _Task | str, agents: Sequence[str] | None = None
+    name: str | Path, task: _Task | str, agents: Sequence[str] | None = None
 ) -> Hyperparameters:
     """A recipe for a task (or its id), by name or as the path of a file (`*.toml`).
 
@@ -59,6 +59,7 @@ def load_recipe(
     fields that the recipe does not give. Raises InvalidInput for an unknown name, for a file that
     is not a recipe, and for one that lacks a built-in agent or one of its fields.
     """
+    name = str(name)
     values, what = _read(name, task if isinstance(task, str) else task.id), f"recipe {name!r}"
     own = {spec.name: values[spec.name] for spec in fields(_Recipe) if spec.name in values}
     recipe = decode(_Recipe, own, what)

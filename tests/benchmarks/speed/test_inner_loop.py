@@ -2,7 +2,7 @@ import pytest
 
 from benchmarks.speed import inner_loop
 from benchmarks.speed.bound import Core
-from bilevel.kernels.blas import one_blas_thread
+from bilevel.threads import one_blas_thread
 
 
 def test_the_labels_are_those_of_their_cases() -> None:

@@ -106,3 +106,26 @@ def test_only_four_are_varied_and_only_by_the_seed(small_agent: DDQNHyperparamet
     for spec in fields(small_agent):
         if spec.name not in varied:
             assert getattr(one, spec.name) == getattr(small_agent, spec.name)
+
+
+@hyperparameters
+class Narrow(AgentHyperparameters, agent="test-narrow"):
+    """An agent with ranges of its own, inside of and beside the paper's."""
+
+    learning_rate: Annotated[float, Field(ge=0.0, le=2e-3)] = 1e-3
+    batch_size: Annotated[int, Field(ge=100, le=5000)] = 128
+    hidden_size: Annotated[int, Field(ge=64, le=128)] = 64
+
+    @property
+    def step_cost(self) -> float:
+        return 10.0 * self.batch_size * self.hidden_size
+
+
+@pytest.mark.parametrize("vary", ["all", "small", "narrowed"])
+def test_an_agents_own_ranges_are_kept(vary: str) -> None:
+    drawn = [draw_agent((Narrow(),), vary, seed) for seed in range(100)]
+    sizes = {vars(hp)["hidden_size"] for hp in drawn}
+    assert min(sizes) == 64
+    assert vary == "narrowed" or max(sizes) == 128
+    assert min(vars(hp)["batch_size"] for hp in drawn) == 100
+    assert max(vars(hp)["learning_rate"] for hp in drawn) == 2e-3

@@ -109,3 +109,38 @@ def test_its_episodes_may_be_shorter_than_the_tasks(cartpole: Task, tmp_path: Pa
     env.reset(seed=1)
     ends = [env.step(np.int64(0))[2:4] for _ in range(4)]
     assert ends == [(False, False)] * 3 + [(False, True)]
+
+
+def test_a_task_in_gymnasium_is_made_once_and_keeps_its_actions(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+
+    class Shifted(gymnasium.Wrapper[Any, Any, Any, Any]):
+        def __init__(self) -> None:
+            super().__init__(gymnasium.make("CartPole-v1"))
+            self.action_space = gymnasium.spaces.Discrete(2, start=5)
+            made.append(self)
+
+    spec = gymnasium.envs.registration.EnvSpec(
+        "test/Shifted-v0", entry_point=Shifted, reward_threshold=99.0, max_episode_steps=50
+    )
+    monkeypatch.setitem(gymnasium.registry, spec.id, spec)
+    save_se(make_se(get_task(spec.id)), tmp_path / "se")
+    env = gymnasium.make("bilevel/SyntheticEnv-v0", path=tmp_path / "se")
+    many: Any = gymnasium.make_vec("bilevel/SyntheticEnv-v0", num_envs=2, path=tmp_path / "se")
+    assert env.action_space == gymnasium.spaces.Discrete(2, start=5)
+    assert many.single_action_space == env.action_space
+    before = len(made)
+    env.reset(seed=0)
+    first = [env.reset()[0] for _ in range(3)]
+    assert len(made) == before
+    assert len({state.tobytes() for state in first}) == 3
+    env.step(6)
+    many.reset(seed=0)
+    many.step(np.array([5, 6]))
+    for wrong in (0, 4, 7):
+        with pytest.raises(InvalidInput, match="allowed are the integers 5 to 6"):
+            env.unwrapped.step(wrong)
+        with pytest.raises(InvalidInput, match="allowed are the integers 5 to 6"):
+            many.step([5, wrong])

@@ -1,8 +1,11 @@
 from dataclasses import replace
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from bilevel.agents.training import returns_converged
 from bilevel.agents.variation import SIZES
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import (
@@ -14,7 +17,9 @@ from bilevel.evaluation import (
 )
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES, NESState
+from bilevel.nes.requests import as_turn
 from bilevel.nes.start import EPISODES
+from bilevel.synthetic_env import load_se, save_se
 from bilevel.tasks import Task
 
 
@@ -82,10 +87,10 @@ class TestAsk:
         nes = NES(cartpole, with_nes(small, patient_episodes=5), 0)
         for generation, patient in ((0, False), (1, True)):
             requests = nes.ask(replace(nes.init(), generation=generation))
-            trained = [(r.agent.max_episodes, r.agent.early_out_difference) for r in requests]
-            usual = (13, 0.01)
-            assert trained[:2] == [usual, (5, 0.0)]
-            assert set(trained[2:]) == {(5, 0.0) if patient else usual}
+            trained = [(r.agent.max_episodes, r.agent.early_out_episodes) for r in requests]
+            usual = (13, small.agents[0].early_out_episodes)
+            assert trained[:2] == [usual, (5, 5)]
+            assert set(trained[2:]) == {(5, 5) if patient else usual}
 
     def test_a_rule_that_needs_pairs_says_so(self, cartpole: Task, small: Hyperparameters) -> None:
         for update in ("snes", "antithetic"):
@@ -208,7 +213,7 @@ class TestTell:
         state = nes.init()
         requests = nes.ask(state)
         scores = [10.0, 30.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
-        results = [answer(r, s, finite=s != 6.0) for r, s in zip(requests, scores, strict=True)]
+        results = [answer(r, s, finite=s != 1.0) for r, s in zip(requests, scores, strict=True)]
         state = nes.tell(state, results).timed(2.0, 2, 99.0)
         record = state.records[-1]
         assert (record.score_mean, record.score_std, record.score_best) == (20.0, 10.0, 30.0)
@@ -323,3 +328,50 @@ def test_a_run_that_is_extended_begins_again_where_an_undisturbed_one_does(
     assert [end.attempt for end in ends] == [1, 1]
     assert [end.finished for end in ends] == [True, False]
     np.testing.assert_array_equal(ends[0].se.mean, ends[1].se.mean)
+
+
+class TestResultsThatDoNotBelong:
+    @pytest.mark.parametrize("candidates", [1, 9])
+    def test_a_result_missing_or_told_twice_is_refused(
+        self, candidates: int, cartpole: Task, small: Hyperparameters
+    ) -> None:
+        """In a generation, and in the choice of a start."""
+        nes = NES(cartpole, with_nes(small, start_candidates=candidates), 0)
+        state = nes.init()
+        results = answers(nes, state, 20.0)
+        for wrong in ([], results[1:], [*results, results[0]], [results[1], *results[1:]]):
+            with pytest.raises(InvalidInput, match=f"NES asked for {len(results)} evaluations"):
+                nes.tell(state, wrong)
+        nes.tell(state, results[::-1])
+
+    def test_also_in_a_confirmation(self, cartpole: Task, small: Hyperparameters) -> None:
+        nes = NES(cartpole, with_nes(small, solved_for=1, confirming_agents=16), 0)
+        state = nes.tell(nes.init(), answers(nes, nes.init(), 200.0))
+        assert state.confirmation is not None
+        results = answers(nes, state, 200.0)
+        with pytest.raises(InvalidInput, match="NES asked for 2 evaluations"):
+            nes.tell(state, results[:1])
+
+
+@pytest.mark.parametrize("seed", [-1, 0.5, "one", None])
+def test_a_seed_is_a_whole_number(seed: Any, cartpole: Task, small: Hyperparameters) -> None:
+    with pytest.raises(InvalidInput, match="a seed is an integer of at least 0; got"):
+        NES(cartpole, small, seed)
+
+
+def test_a_seed_of_numpys_is_as_good(
+    cartpole: Task, small: Hyperparameters, tmp_path: Path
+) -> None:
+    nes = NES(cartpole, small, np.arange(5)[4])
+    assert nes == NES(cartpole, small, 4)
+    save_se(nes.init().best, tmp_path / "se")
+    assert load_se(tmp_path / "se").info["seed"] == 4
+
+
+def test_patient_agents_do_not_stop_early(cartpole: Task, small: Hyperparameters) -> None:
+    """Not even where all returns are equal, as on an SE whose rewards are all the same."""
+    agent = as_turn(small.agents[0], replace(small.nes, patient_episodes=30), turn=1)
+    stop = returns_converged(agent)
+    assert agent.max_episodes == 30
+    assert not any(stop([1.0] * episodes) for episodes in range(1, 31))
+    assert as_turn(small.agents[0], small.nes, turn=1) == small.agents[0]

@@ -120,6 +120,20 @@ def test_a_checkpoint_of_another_format_is_refused(
         load(tmp_path / "state", default)
 
 
+def test_a_checkpoint_of_another_seed_is_refused(nes: NES, tmp_path: Path) -> None:
+    """Its SE files would tell the wrong seed."""
+    save_state(nes.init(), tmp_path / "state")
+    other = replace(nes, seed=nes.seed + 1)
+    with pytest.raises(InvalidInput, match=f"is of a run with seed {nes.seed}, not {other.seed}"):
+        other.load(tmp_path / "state")
+    assert nes.load(tmp_path / "state").generation == 0
+
+
+def test_no_checkpoint(nes: NES, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="no checkpoint at"):
+        nes.load(tmp_path / "none")
+
+
 def test_a_checkpoint_of_other_ses_is_refused(saved: bytes, default: NES, tmp_path: Path) -> None:
     (tmp_path / "state").write_bytes(saved)
     other: SEHyperparameters = replace(default.hp.se, hidden_size=9)

@@ -64,19 +64,6 @@ class TestFile:
         with pytest.raises(InvalidInput, match="its checksum is wrong"):
             load_se(se_file)
 
-    def test_files_of_the_first_format_are_read(self, se_file: Path, cartpole: Task) -> None:
-        """They store the step limit as a share of the task's, and a scale of rewards."""
-        with safetensors.safe_open(se_file, framework="numpy") as file:
-            tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-            header = json.loads(file.metadata()["se"])
-        del header["sha256"], header["architecture"]["step_limit"]
-        header["version"] = 1
-        header["architecture"] |= {"reward_scale": 0.5, "step_limit_share": 0.3}
-        safetensors.numpy.save_file(tensors, se_file, {"se": json.dumps(header)})
-        se = load_se(se_file)
-        assert se.architecture.step_limit == 60
-        np.testing.assert_array_equal(se.psi, make_se(cartpole).psi)
-
     def test_a_file_of_another_tool_without_checksum_is_read(self, se_file: Path) -> None:
         with safetensors.safe_open(se_file, framework="numpy") as file:
             header = file.metadata()["se"]
@@ -208,3 +195,17 @@ def test_the_documented_reader(
     clear = np.abs(expected[2].numpy() - 0.5) > 1e-3
     ends = np.array([f[2] for f in found])
     np.testing.assert_array_equal(ends[clear], expected[2].numpy()[clear] > 0.5)
+
+
+def test_psi_is_float32_without_gaps_and_of_the_right_length(
+    se_file: Path, tmp_path: Path, rng: np.random.Generator
+) -> None:
+    se = load_se(se_file)
+    noisy = se.psi + rng.normal(size=se.psi.size)  # float64
+    column = np.stack([noisy, noisy], axis=1)[:, 0]  # strided
+    for psi in (noisy, column):
+        save_se(replace(se, se=replace(se.se, psi=psi)), tmp_path / "noisy")
+        np.testing.assert_array_equal(load_se(tmp_path / "noisy").psi, noisy.astype(np.float32))
+    for psi in (noisy[:-1], np.append(noisy, 0.0), noisy[None]):
+        with pytest.raises(InvalidInput, match=r"psi has shape .* networks have \d+ parameters"):
+            replace(se.se, psi=psi)

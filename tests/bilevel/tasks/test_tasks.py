@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from bilevel import InvalidInput
+from bilevel.evaluation import greedy_episodes
 from bilevel.tasks import Task, get_task
 
 
@@ -39,10 +40,9 @@ def test_any_suitable_gymnasium_id() -> None:
 def test_given_values_come_first() -> None:
     task = get_task("CartPole-v1", solved_reward=150.0, step_limit=70)
     assert (task.solved_reward, task.step_limit) == (150.0, 70)
-    returns, steps = task.test_returns(lambda state: 0, 3, seed=1)
-    assert returns.shape == (3,)
-    assert steps == returns.sum()  # CartPole rewards every step
-    assert (returns <= 70).all()
+    lengths = [len(episode) for episode in greedy_episodes(task, lambda state: 0, 3, seed=1)]
+    assert len(lengths) == 3
+    assert max(lengths) <= 70
 
 
 @pytest.mark.parametrize(
@@ -77,6 +77,60 @@ def test_actions_that_do_not_start_at_zero() -> None:
     gymnasium.register("test/Shifted-v0", make)
     try:
         task = get_task("test/Shifted-v0", solved_reward=100.0, step_limit=20)
-        assert task.test_returns(lambda state: 1, 1, seed=0)[1] > 1
+        (episode,) = greedy_episodes(task, lambda state: 1, 1, seed=0)
+        assert len(episode) > 1
     finally:
         del gymnasium.registry["test/Shifted-v0"]
+
+
+class Constant(gymnasium.Env[Any, Any]):
+    """The observation is a random number, and one that never changes."""
+
+    action_space = gymnasium.spaces.Discrete(2)
+
+    def __init__(self, dtype: Any, value: float) -> None:
+        self.observation_space = gymnasium.spaces.Box(-20.0, 20.0, (2,), dtype)
+        self.value = value
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        return self._observation(), {}
+
+    def step(self, action: Any) -> Any:
+        return self._observation(), 1.0, False, False, {}
+
+    def _observation(self) -> Any:
+        values = [self.np_random.normal(), self.value]
+        return np.array(values, self.observation_space.dtype)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+@pytest.mark.parametrize("value", [0.0, 0.1, 9.8, -0.3])
+def test_a_constant_observation_has_the_deviation_one(
+    dtype: Any, value: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its computed deviation is not 0: 1e-14 in float64, up to 1e-3 in float32."""
+    spec = gymnasium.envs.registration.EnvSpec(
+        "test/Constant-v0",
+        entry_point=lambda: Constant(dtype, value),
+        reward_threshold=1.0,
+        max_episode_steps=10,
+    )
+    monkeypatch.setitem(gymnasium.registry, spec.id, spec)
+    scale = get_task(spec.id).observation_scale(seed=0)
+    assert scale.deviation[1] == 1.0
+    assert 0.8 < scale.deviation[0] < 1.2
+    assert scale.mean[1] == pytest.approx(value, abs=1e-2)
+
+
+@pytest.mark.parametrize("error", [ValueError(), KeyError("weights"), RuntimeError("no\nlicence")])
+def test_a_task_whose_constructor_fails_is_told_in_a_line(
+    error: Exception, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail() -> Any:
+        raise error
+
+    spec = gymnasium.envs.registration.EnvSpec("test/Broken-v0", entry_point=fail)
+    monkeypatch.setitem(gymnasium.registry, spec.id, spec)
+    with pytest.raises(InvalidInput, match=r"^the task 'test/Broken-v0' cannot be made: .*$"):
+        get_task(spec.id)

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from bilevel.errors import InvalidInput
-from bilevel.evaluation import record, train_and_test
+from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import DDQNHyperparameters
+from bilevel.recording import record
 from bilevel.tasks import get_task
 from cluster.experiments.behaviour import ORIGINS, _loaded, _npz, columns, histograms
 from cluster.experiments.style import styled

@@ -1,0 +1,48 @@
+from threading import Barrier, Thread
+
+import pytest
+import torch
+from threadpoolctl import ThreadpoolController
+
+from bilevel.threads import one_blas_thread, one_torch_thread
+
+
+def of_blas() -> set[int]:
+    libraries = ThreadpoolController().select(user_api="blas").info()
+    return {library["num_threads"] for library in libraries}
+
+
+def test_limits_that_overlap_are_lifted_by_the_last() -> None:
+    """Evaluations on threads begin and end in any order."""
+    before, inside = of_blas(), Barrier(2)
+    first_left = Barrier(2)
+    seen: list[set[int]] = []
+
+    def first() -> None:
+        with one_blas_thread():
+            inside.wait()
+        first_left.wait()
+
+    def second() -> None:
+        with one_blas_thread():
+            inside.wait()
+            first_left.wait()
+            seen.append(of_blas())
+
+    threads = [Thread(target=first), Thread(target=second)]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join(60)
+    assert seen == [{1}]
+    assert of_blas() == before
+
+
+def test_torch_gets_its_threads_back(monkeypatch: pytest.MonkeyPatch) -> None:
+    torch.set_num_threads(2)
+    try:
+        with one_torch_thread(), one_torch_thread():
+            assert torch.get_num_threads() == 1
+        assert torch.get_num_threads() == 2
+    finally:
+        torch.set_num_threads(1)
