@@ -30,6 +30,7 @@ class Purpose(IntEnum):
     EVALUATION = 13  # fresh agents of `bilevel evaluate`
     EXPERIMENT = 14  # fresh agents of `bilevel experiment`
     VALIDATION = 15  # the NES run of a study's finalist
+    IMPUTATION = 16  # values that a study's model takes for inactive hyperparameters
 
 
 def checked_seed(seed: object) -> int:

@@ -5,23 +5,31 @@ from pathlib import Path
 
 from bilevel.errors import InvalidInput, first_line
 
-#: Addresses that MLflow resolves, with the tracking server that it is set to.
+#: Addresses that MLflow resolves.
 _MLFLOW = re.compile(r"(models|runs|mlflow-artifacts):/")
 
 
-def se_file(address: str | Path) -> Path:
+def is_of_mlflow(address: str | Path) -> bool:
+    """Whether an address is one that MLflow resolves."""
+    return _MLFLOW.match(str(address)) is not None
+
+
+def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
     """The SE file at a path, or at MLflow's address of a registered model (`models:/NAME@ALIAS`)
-    or of an artifact of a run (`runs:/ID/best_se.safetensors`), which is downloaded.
+    or of an artifact of a run (`runs:/ID/best_se.safetensors`), which is downloaded from the MLflow
+    at `tracking_uri`, or else from the one that MLflow is set to.
 
     Raises InvalidInput if MLflow has none there.
     """
-    if not _MLFLOW.match(str(address)):
+    if not is_of_mlflow(address):
         return Path(address)
     from mlflow.artifacts import download_artifacts
     from mlflow.exceptions import MlflowException
 
     try:
-        found = Path(download_artifacts(str(address)))
+        found = Path(
+            download_artifacts(str(address), tracking_uri=tracking_uri, registry_uri=tracking_uri)
+        )
     except (MlflowException, OSError) as error:
         raise InvalidInput(f"MLflow has no SE at {str(address)!r}: {first_line(error)}") from None
     files = [found] if found.is_file() else sorted(found.rglob("*.safetensors"))

@@ -12,7 +12,7 @@ from safetensors import SafetensorError
 
 from bilevel.decode import decode, decode_json
 from bilevel.durable import checksum, write_aside
-from bilevel.errors import InvalidInput, OtherVersion
+from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.nes.archive import Finalist
 from bilevel.nes.confirmation import Confirmation
@@ -72,9 +72,17 @@ def load_state(
     """Read a checkpoint of a run on `task` with such SEs (see also `NES.load`).
 
     Raises InvalidInput for a file that is missing or damaged or of a run with another seed than
-    that of `provenance`, and OtherVersion for one of another format.
+    that of `provenance`, OtherVersion for one of another format, and StorageFailure for one that
+    cannot be read.
     """
     provenance = provenance or {}
+    try:
+        Path(path).read_bytes()
+    except FileNotFoundError:
+        raise InvalidInput(f"no checkpoint at {str(path)!r}") from None
+    except OSError as error:  # of the disk, not of what is on it
+        reason = error.strerror or str(error)
+        raise StorageFailure(f"cannot read checkpoint {str(path)!r}: {reason}") from None
     try:
         with safetensors.safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
@@ -105,8 +113,6 @@ def load_state(
         state = NESState(task=task, se=se, scale=scale, provenance=provenance, **same)
     except OtherVersion:
         raise
-    except FileNotFoundError:
-        raise InvalidInput(f"no checkpoint at {str(path)!r}") from None
     except (SafetensorError, OSError, ValueError, TypeError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InvalidInput(f"damaged checkpoint {str(path)!r}: {reason}") from None

@@ -10,13 +10,14 @@ S, A     state size, number of actions
 P        length of psi
 """
 
-import hashlib
-from dataclasses import dataclass
+import json
+from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.activations import LRELU_SLOPE, PRELU_INITIAL_SLOPE
+from bilevel.durable import checksum
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.kernels.synthetic_env import SEKernel, prepare
@@ -133,5 +134,6 @@ class SE:
 
     @property
     def digest(self) -> str:
-        """A short hash that identifies the parameters."""
-        return hashlib.sha256(self.psi.tobytes()).hexdigest()[:16]
+        """A short hash that identifies the SE."""
+        facts = json.dumps(asdict(self.architecture)).encode()
+        return checksum(facts, self.psi.tobytes())[:16]

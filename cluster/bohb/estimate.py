@@ -15,6 +15,7 @@ from cluster.bohb.brackets import Schedule, configurations_to_begin, core_second
 from cluster.bohb.command import StudyCommand
 from cluster.bohb.validation import SHARE
 from cluster.session.terminal import Terminal, count, duration
+from cluster.storage.run_folder import check_settings
 from search_spaces import to_hyperparameters
 
 #: Random configurations, and the evaluations of each, that are timed.
@@ -74,6 +75,9 @@ def dry_run(command: StudyCommand) -> None:
     with as many cores busy as the study would use. Raises InvalidInput where the study itself
     would.
     """
+    command.context.home.require_writable()
+    check_settings(command.study.folder, command.study.settings())
+    command.study.check_prior()
     capacity = command.context.capacity()
     command = command.placed(capacity)
     trials = command.trials_on(capacity)

@@ -78,7 +78,10 @@ class BracketSearch:
         if earlier is not None:
             values = {line.id: line.configuration for line in earlier.configs}
             for result in earlier.results:
-                self._learn(_hpbandsters(result, values[result.id]))
+                # The model of the largest budget proposes: one of a budget that this search never
+                # reaches would ignore its results.
+                if result.budget in schedule.budgets:
+                    self._learn(_hpbandsters(result, values[result.id]))
         self._recorded: dict[int, deque[ConfigLine]] = {}
         for line in journal.configs:
             self._recorded.setdefault(line.id[0], deque()).append(line)
@@ -177,23 +180,15 @@ class BracketSearch:
         return sample
 
     def _propose(self, budget: float) -> tuple[Configuration, dict[str, Any]]:
-        """Ask the config generator, with its randomness fixed by seed and number.
-
-        hpbandster draws from numpy's global generator, which is put back after.
-        """
+        """Ask the config generator, with its randomness fixed by seed and number."""
         number = len(self._journal.configs)
         if self._prior is not None and number == 0:
             return dict(self._prior), {"model_based_pick": False, "prior": "itself"}
         seed = derive(self._seed, Purpose.PROPOSAL, number)
         of_model, of_space, of_prior = (word % 2**32 for word in split(seed, 3))
-        before = np.random.get_state()
-        np.random.seed(of_model)
         self._space.seed(of_space)
-        try:
-            with _hpbandsters_warnings_ignored():
-                configuration, info = self._generator.get_config(budget)
-        finally:
-            np.random.set_state(before)
+        with _seeded(of_model), _hpbandsters_warnings_ignored():
+            configuration, info = self._generator.get_config(budget)
         rng = np.random.default_rng(of_prior)
         if self._prior is not None and not info["model_based_pick"] and rng.random() < AROUND:
             with suppress(InvalidInput):  # a draw that the space forbids
@@ -228,7 +223,9 @@ class BracketSearch:
         self._learn(job)
 
     def _learn(self, job: HpbandsterJob) -> None:
-        with _hpbandsters_warnings_ignored():
+        """Give the model a result; it draws values for hyperparameters that are not active."""
+        seed = derive(self._seed, Purpose.IMPUTATION, *job.id, int(job.kwargs["budget"]))
+        with _seeded(seed % 2**32), _hpbandsters_warnings_ignored():
             self._generator.new_result(job)
 
     def _damaged(self, reason: str) -> InvalidInput:
@@ -260,6 +257,17 @@ def _hpbandsters(line: ResultLine, configuration: Configuration) -> HpbandsterJo
     job.timestamps = line.timestamps
     job.exception = line.exception
     return job
+
+
+@contextmanager
+def _seeded(seed: int) -> Iterator[None]:
+    """Seed numpy's global generator, from which hpbandster draws, and put it back after."""
+    before = np.random.get_state()
+    np.random.seed(seed)
+    try:
+        yield
+    finally:
+        np.random.set_state(before)
 
 
 @contextmanager

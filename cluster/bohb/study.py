@@ -140,9 +140,14 @@ class Study:
         return None if self.prior in PRIORS else Journal(self.folder / _EARLIER)
 
     def check_prior(self) -> None:
-        """Raise InvalidInput if the prior is a study that has no results for this one."""
+        """Raise InvalidInput if the prior is a study that has no results for this one's model."""
         if self.prior in PRIORS or (self.folder / _EARLIER).exists():
             return
+        if self.method != "bohb":
+            raise InvalidInput(
+                f"the study {self.prior!r} cannot be the prior of the method {self.method!r}: only "
+                "bohb has a model that begins with results"
+            )
         folder = self.folder.parent / self.prior
         if not (folder / "settings.json").exists():
             allowed = (*PRIORS, "and studies on the same task")
@@ -152,8 +157,12 @@ class Study:
             raise InvalidInput(
                 f"the study {self.prior!r} cannot be the prior: it searched another space"
             )
-        if not Journal(folder).results:
-            raise InvalidInput(f"the study {self.prior!r} cannot be the prior: it has no results")
+        budgets = self.schedule.budgets
+        if not any(line.budget in budgets for line in Journal(folder).results):
+            raise InvalidInput(
+                f"the study {self.prior!r} cannot be the prior: it has no results at the budgets "
+                f"{', '.join(map(str, budgets))}"
+            )
 
     def take_over_prior(self) -> None:
         """Copy the results of the study that is the prior, once. So this study stays the same

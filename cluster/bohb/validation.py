@@ -20,7 +20,9 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Self
+
+from pydantic import Field
 
 from bilevel.decode import decode_file
 from bilevel.durable import write_aside
@@ -48,7 +50,8 @@ class Validation:
     """What the finalists' new runs came to."""
 
     results: int  # of the search, by which the finalists were chosen
-    finalists: tuple[ResultLine, ...]  # best first; budgets are of the new runs alone
+    #: Best first; budgets are of the new runs alone.
+    finalists: Annotated[tuple[ResultLine, ...], Field(min_length=1)]
 
     @classmethod
     def load(cls, folder: Path) -> Self | None:

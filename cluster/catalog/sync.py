@@ -6,10 +6,12 @@ from bilevel.errors import InvalidInput, first_line
 from cluster.catalog.kinds import views_of
 from cluster.session.session import shown_at
 from cluster.session.terminal import Terminal
+from cluster.storage.author import without_password
 from cluster.storage.home import Home
 from cluster.storage.run_folder import held
 from cluster.tracking import Tracker
 from cluster.tracking.tracker import check_tracking_uri
+from cluster.tracking.view import DocumentFailed
 
 
 def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> None:
@@ -29,10 +31,13 @@ def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> Non
                 terminal.bar(f"sync {view.name}", done, len(keys), "runs")
                 try:
                     tracker.show(view)
+                except DocumentFailed as error:
+                    terminal.line(f"{view.name}: MLflow lacks {error}")
                 except Exception as error:  # MLflow raises errors of many kinds
                     raise InvalidInput(
-                        f"MLflow at {tracking_uri!r} failed after {done} of {len(keys)} runs: "
-                        f"{first_line(error)}; run the same command again to resume"
+                        f"MLflow at {without_password(tracking_uri)} failed after {done} of "
+                        f"{len(keys)} runs: {without_password(first_line(error))}; run the same "
+                        "command again to resume"
                     ) from None
         terminal.line(f"{folder.name}: {len(keys)} run(s) in MLflow now match the disk")
         terminal.line(f"MLflow {shown_at(home, tracker, keys[0])}")

@@ -8,7 +8,7 @@ import click
 
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
-from cluster.cli.options import SEAddress
+from cluster.cli.options import SEAddress, mlflow_options
 
 if TYPE_CHECKING:
     from bilevel.synthetic_env import StoredSE
@@ -19,6 +19,7 @@ _FORMATS = {".onnx": "ONNX", ".pt2": "torch.export"}
 @click.command("export")
 @click.argument("path", metavar="SE", type=SEAddress())
 @click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
+@mlflow_options
 def export_se(path: Path, out: Path) -> None:
     """Write an SE as ONNX (OUT ends in .onnx) or as a program of torch.export (.pt2).
 

@@ -1,5 +1,6 @@
 """Options that several commands share, and the objects built from them."""
 
+import functools
 import json
 import os
 import re
@@ -74,11 +75,18 @@ class SEAddress(click.ParamType[Path]):
     def convert(
         self, value: Any, param: click.Parameter | None, context: click.Context | None
     ) -> Path:
-        """The file. Raises InvalidInput if MLflow has none at an address."""
-        from bilevel.gym.source import se_file
+        """The file. Raises InvalidInput if MLflow, which `--home` and `--tracking-uri` of the same
+        command tell, has none at an address."""
+        from bilevel.gym.source import is_of_mlflow, se_file
         from bilevel.zoo import ENTRIES, zoo_file
 
-        return zoo_file(value) if value in ENTRIES else se_file(value)
+        if value in ENTRIES:
+            return zoo_file(value)
+        if not is_of_mlflow(value):
+            return Path(value)
+        given = {} if context is None else context.params
+        home = Home(given.get("home") or DEFAULT_HOME)
+        return se_file(value, the_tracking_uri(given.get("tracking_uri"), home))
 
 
 def load_se_of(path: Path, task: str | None) -> "StoredSE":
@@ -111,6 +119,7 @@ home_option = click.option(
     type=Folder(),
     default=DEFAULT_HOME,
     show_default=True,
+    is_eager=True,  # as --tracking-uri: the address of an SE is read by them
     help="Folder of checkpoints, journals and MLflow's database.",
 )
 
@@ -141,6 +150,7 @@ vary_option = click.option(
 
 tracking_option = click.option(
     "--tracking-uri",
+    is_eager=True,
     help="URI of an MLflow server or database (default: $MLFLOW_TRACKING_URI, else the server of "
     "`up`, else a SQLite database in --home).",
 )
@@ -151,6 +161,16 @@ address_option = click.option(
     help="Ray cluster to join: host:port, ray://host:port, auto, or local for a new one "
     "(default: $RAY_ADDRESS, else the head of `up`, else local).",
 )
+
+
+def mlflow_options(function: Callable[..., Any]) -> Callable[..., Any]:
+    """`--home` and `--tracking-uri` of a command that uses them for the address of an SE alone."""
+
+    @functools.wraps(function)
+    def without_them(*, home: Path, tracking_uri: str | None, **values: Any) -> Any:
+        return function(**values)
+
+    return home_option(tracking_option(without_them))
 
 
 def the_tracking_uri(given: str | None, home: Home) -> str:

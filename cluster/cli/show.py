@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from bilevel.errors import InvalidInput
-from cluster.cli.options import SEAddress, load_se_of, task_option
+from cluster.cli.options import SEAddress, load_se_of, mlflow_options, task_option
 
 #: Formats of pictures by the file's ending.
 FORMATS = (".png", ".svg", ".pdf")
@@ -19,6 +19,7 @@ FORMATS = (".png", ".svg", ".pdf")
     help="File of the picture, *.png, *.svg or *.pdf (default: the SE's name, in this folder).",
 )
 @task_option
+@mlflow_options
 def show(path: Path, out: Path | None, se_task: str | None) -> None:
     """Draw an SE above the real task: which action is rewarded, where each goes next, where
     episodes end, and episodes by the SE's rewards.

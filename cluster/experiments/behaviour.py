@@ -4,6 +4,7 @@ import io
 import zipfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import torch
@@ -77,19 +78,25 @@ def _record(plan: Plan, material: Material, progress: Callable[[int, int], None]
         if not path.exists():
             assert unit.source.se is not None
             training, tests = record(plan.task, unit.source.se.se, unit.hp, unit.seed)
-            write_aside(path, _npz({**columns("train", training), **columns("test", tests)}))
+            size = plan.task.state_size
+            arrays = {**columns("train", training, size), **columns("test", tests, size)}
+            write_aside(path, _npz(arrays))
     progress(len(units), len(units))
 
 
-def columns(name: str, transitions: Sequence[Transition]) -> Arrays:
+def columns(name: str, transitions: Sequence[Transition], state_size: int) -> Arrays:
     """Transitions as arrays: states (n, S), actions (n,), rewards (n,), next states (n, S)."""
-    states, actions, rewards, following, _ = zip(*transitions, strict=True)
     return {
-        f"{name}_states": np.array(states, np.float32),
-        f"{name}_actions": np.array(actions, np.float32),
-        f"{name}_rewards": np.array(rewards, np.float32),
-        f"{name}_next": np.array(following, np.float32),
+        f"{name}_states": _array([t.state for t in transitions], state_size),
+        f"{name}_actions": _array([t.action for t in transitions]),
+        f"{name}_rewards": _array([t.reward for t in transitions]),
+        f"{name}_next": _array([t.next_state for t in transitions], state_size),
     }
+
+
+def _array(values: Sequence[Any], *shape: int) -> NDArray[np.float32]:
+    """Values as (n, *shape), also if there are none."""
+    return np.array(values, np.float32).reshape(-1, *shape)
 
 
 def _npz(arrays: Arrays) -> bytes:
@@ -116,7 +123,13 @@ def _findings(plan: Plan, material: Material) -> Findings:
     rows: list[Row] = []
     summary: list[Row] = []
     figure = histograms(seen, _names(plan.task), rows)
-    episodes = len(units) * units[0].hp.test_episodes
+    tested = sum(one["test_rewards"].size > 0 for one in each)  # agents that have not diverged
+    if not tested:
+        raise InvalidInput(
+            f"all {len(units)} agents have diverged on the SE with seed {plan.seed}: there are no "
+            "tests to show; take another --seed"
+        )
+    episodes = tested * units[0].hp.test_episodes
     returns = float(arrays["test_rewards"].sum()) / episodes
     for origin, values in seen.items():
         row: dict[str, str | float | int | None] = {"seen": origin, "steps": len(values)}
@@ -133,7 +146,8 @@ def _findings(plan: Plan, material: Material) -> Findings:
         (
             f"{len(units)} {units[0].hp.agent} agents with the paper's default hyperparameters on "
             f"the SE with seed {plan.seed}, which was not chosen; their mean test return is "
-            f"{returns:.1f}. Values are next states and rewards.",
+            f"{returns:.1f}. Values are next states and rewards."
+            + ("" if tested == len(units) else f" {len(units) - tested} diverged, without tests."),
             f"The lowest and highest {_OUTSIDE:.1%} of the values are outside the histograms.",
         ),
     )

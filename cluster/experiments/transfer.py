@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from bilevel.tasks import Task
 from cluster.evaluate.report import Group
 from cluster.experiments.agents import Place, Source, Unit
+from cluster.experiments.authors import PICKED
 from cluster.experiments.conditions import REAL, title_of
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan
 from cluster.experiments.sizes import Size
@@ -17,9 +18,6 @@ from cluster.experiments.table import Row
 
 #: What agents are trained on, in the order of the paper's violins, then ours.
 SOURCES = (REAL, "varied", "fixed", "default")
-
-#: SEs that the authors picked for their best result of TD3.
-_PICKED = 5
 
 
 def _runs(size: Size) -> dict[str, int]:
@@ -80,7 +78,7 @@ def _findings(plan: Plan, material: Material) -> Findings:
             "The agents' learning rate, batch size and network are always drawn from the paper's "
             "ranges; agents at the same position are the same on every source.",
             "Test returns count each test episode, train steps and episodes each agent. The "
-            f"{_PICKED} best SEs are picked by the returns shown, as the authors did: such a "
+            f"{PICKED} best SEs are picked by the returns shown, as the authors did: such a "
             "number is too high for a new SE.",
             "The SE of every NES run counts, whether or not the run solved the task; the authors' "
             "SEs all come from runs that had (paper, section on CartPole).",
@@ -111,7 +109,7 @@ def _summary(group: Group, units: Sequence[Unit]) -> Row:
     by_se: dict[int, list[float]] = {}
     for unit, result in zip(units, group.results, strict=True):
         by_se.setdefault(unit.source.number, []).append(result.score)
-    picked = sorted((float(np.mean(scores)) for scores in by_se.values()), reverse=True)[:_PICKED]
+    picked = sorted((float(np.mean(scores)) for scores in by_se.values()), reverse=True)[:PICKED]
     return {
         "agent": group.agent,
         "source": group.source,
@@ -125,7 +123,7 @@ def _summary(group: Group, units: Sequence[Unit]) -> Row:
         "train_episodes": s["train_episodes_mean"],
         "train_episodes_std": s["train_episodes_std"],
         "share_of_agents_solving": s["solved_fraction"],
-        "five_best_ses": float(np.mean(picked)) if len(by_se) > _PICKED else None,
+        "five_best_ses": float(np.mean(picked)) if len(by_se) > PICKED else None,
     }
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from bilevel.decode import decode
-from bilevel.errors import InvalidInput, OtherVersion
+from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import Hyperparameters, NESHyperparameters, StoredHyperparameters
 from bilevel.nes import NES, NESState
@@ -107,12 +107,13 @@ class NESRun:
         """The state on disk, or a new one.
 
         A damaged checkpoint is set aside, with a message, and the run begins anew: it comes to
-        the same state again. Raises OtherVersion for a checkpoint of another version.
+        the same state again. Raises OtherVersion for a checkpoint of another version, and
+        StorageFailure for one that cannot be read.
         """
         state = None
         try:
             state = self.load()
-        except OtherVersion:
+        except (OtherVersion, StorageFailure):
             raise
         except InvalidInput as error:
             path = self.folder / STATE_FILE

@@ -26,7 +26,7 @@ def load_agent_file(file: Path) -> None:
     _FOLDERS.insert(0, folder)
     try:
         module = importlib.import_module(file.stem)
-    except Exception as error:
+    except (Exception, SystemExit) as error:
         raise InvalidInput(f"agent file {str(file)!r}: {type(error).__name__}: {error}") from None
     if Path(module.__file__ or "").resolve() != file.resolve():
         raise InvalidInput(

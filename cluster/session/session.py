@@ -69,9 +69,10 @@ class Session:
             mirror.mark(views.keys())
             missing = mirror.close()
             if missing:
+                name = f"{self.folder.parent.name}/{self.folder.name}"
                 self.terminal.line(
                     f"MLflow lacks the current state of {missing} run(s): write them with "
-                    f"{self.home.hint(f'sync {self.folder.name}')} once MLflow is reachable"
+                    f"{self.home.hint(f'sync {name}')} once MLflow is reachable"
                 )
             elif ended_as == "KILLED":
                 self.terminal.line(f"MLflow {self.shown_at(self.identity.uuid)}")

@@ -20,10 +20,17 @@ _NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{LONGEST_NAME - 1}}}")
 
 
 class Home:
-    """The folder given by `--home`; it is created when it is first written to."""
+    """The folder given by `--home`; it is created when it is first written to.
+
+    Raises InvalidInput for a path that the address of its database could not hold.
+    """
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
+        if set("?%") & set(str(self.folder)):
+            raise InvalidInput(
+                f"the folder {str(self.folder)!r} cannot be a home: its path must have no ? and %"
+            )
 
     def hint(self, command: str, target: str | None = None) -> str:
         """`bilevel COMMAND` on this home as its user types it: the Makefile's `target` in the

@@ -120,14 +120,24 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdent
             identity = {"identity": uuid.uuid4().hex, "begun": time.time(), "by": by}
             identified = {**identity, "format": RUN_FORMAT, **settings}
             write_aside(path, json.dumps(identified, indent=2).encode())
-        before = read_settings(folder)
-        now = json.loads(json.dumps(settings))
-        for name, then, value in _differences({name: before.get(name) for name in now}, now):
-            raise InvalidInput(
-                f"{folder.name!r} was begun with {name} = {then}, not {value}: use that value, or "
-                "another name"
-            )
-        yield RunIdentity.of(before, "damaged settings")
+        yield RunIdentity.of(_unchanged(folder, settings), "damaged settings")
+
+
+def check_settings(folder: Path, settings: dict[str, Any]) -> None:
+    """Raise InvalidInput if a run in the folder was begun with other settings."""
+    if (folder / "settings.json").exists():
+        _unchanged(folder, settings)
+
+
+def _unchanged(folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
+    before = read_settings(folder)
+    now = json.loads(json.dumps(settings))
+    for name, then, value in _differences({name: before.get(name) for name in now}, now):
+        raise InvalidInput(
+            f"{folder.name!r} was begun with {name} = {then}, not {value}: use that value, or "
+            "another name"
+        )
+    return before
 
 
 def _differences(then: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
@@ -165,15 +175,20 @@ def held(folder: Path) -> Iterator[None]:
 
 
 def is_held(folder: Path) -> bool:
-    """Whether a process works on the folder."""
+    """Whether a process works on the folder, as far as one can tell that may only read it."""
+    path = folder / ".lock"
     try:
-        lock = os.open(folder / ".lock", os.O_RDONLY)  # a folder that one may only read will do
+        lock = os.open(path, os.O_RDWR)  # NFS locks only what is open for writing
     except FileNotFoundError:
         return False
+    except OSError:
+        lock = os.open(path, os.O_RDONLY)
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)  # as FileLock does
     except BlockingIOError:
         return True
+    except OSError:
+        return False
     finally:
         os.close(lock)
     return False

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterable
 from bilevel.errors import first_line
 from cluster.storage.author import without_password
 from cluster.tracking.tracker import Tracker
-from cluster.tracking.view import RunView
+from cluster.tracking.view import DocumentFailed, RunView
 
 #: First and longest delay in seconds before MLflow is tried again; the delay doubles each time.
 _FIRST_RETRY, _LAST_RETRY = 1.0, 30.0
@@ -39,6 +39,10 @@ class Mirror:
         self._closing = False
         self._away = False
         self._given_up = False
+        self._shows = 0  # that MLflow has taken so far
+        self._failed: dict[str, int] = {}  # runs that it has not taken, and shows until then
+        self._refused: set[str] = set()  # those of them that are not tried again by themselves
+        self._told: set[str] = set()
         self._thread = threading.Thread(target=self._run, name="mirror", daemon=True)
         self._thread.start()
 
@@ -60,7 +64,7 @@ class Mirror:
                 self._given_up = True
                 break
             self._thread.join(0.1)
-        return len({*self._marked, *self._showing})
+        return len({*self._marked, *self._showing, *self._refused})
 
     def _run(self) -> None:
         retry = _FIRST_RETRY
@@ -96,16 +100,39 @@ class Mirror:
         try:
             view = self._view_of(key)
         except Exception as error:  # an error of the disk, not of MLflow: skip this run
-            self._tell(f"{first_line(error)}; MLflow does not show it")
+            self._tell_once(f"{first_line(error)}; MLflow does not show it")
             self._showing = set()
             return
         try:
             self.tracker.show(view)
-        except Exception:
+        except DocumentFailed as error:
+            self._tell_once(f"{view.name}: MLflow lacks {error}")
+        except Exception as error:
+            before = self._failed.get(key)
+            self._failed[key] = self._shows
+            if before is not None and before < self._shows:
+                # MLflow took others meanwhile: it is this one that it does not take.
+                told = without_password(first_line(error))
+                self._tell_once(f"{view.name}: MLflow does not take the run ({told})")
+                self._showing = set()
+                self._refused.add(key)
+                self.tracker.forget()
+                return
             with self._change:
-                self._marked = {key: None, **self._marked}  # before its children
+                if before is None:
+                    self._marked = {key: None, **self._marked}  # before its children
+                else:
+                    self._marked[key] = None  # after all others, to see whether MLflow takes them
             raise
+        self._shows += 1
+        self._failed.pop(key, None)
+        self._refused.discard(key)
         self._showing = set()
         if self._away and not self._given_up:
             self._away = False
             self._tell("MLflow is reachable again and catches up")
+
+    def _tell_once(self, line: str) -> None:
+        if line not in self._told:
+            self._told.add(line)
+            self._tell(line)

@@ -27,9 +27,14 @@ from urllib.parse import urlparse
 
 from bilevel.errors import InvalidInput, first_line
 from cluster.storage.author import Author, without_password
-from cluster.tracking.database import database_ready, require_whole, silence_mlflow
+from cluster.tracking.database import (
+    database_ready,
+    require_driver,
+    require_whole,
+    silence_mlflow,
+)
 from cluster.tracking.registry import register_se
-from cluster.tracking.view import Document, Point, RunView
+from cluster.tracking.view import Document, DocumentFailed, Point, RunView
 
 #: Tags with the run's key, the versions of its documents, as JSON, and its edition. The UI shows no
 #: tags that begin like this.
@@ -77,19 +82,35 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
 
 
 def check_tracking_uri(uri: str) -> None:
-    """Raise InvalidInput if `uri` is of no known kind, or its server does not answer."""
-    parts = urlparse(uri)
+    """Raise InvalidInput if `uri` is of no known kind, its server does not answer, or its database
+    needs a package that is not installed."""
+    shown = without_password(uri)
+    not_valid = InvalidInput(
+        f"tracking URI {shown!r} is not valid: allowed are http(s)://host:port, "
+        "sqlite:///path and other database URIs"
+    )
+    try:
+        parts = urlparse(uri)
+    except ValueError:
+        raise not_valid from None
     if parts.scheme in ("http", "https"):
         try:
             port = parts.port or (443 if parts.scheme == "https" else 80)
             socket.create_connection((parts.hostname or "", port), _CONNECT_TIMEOUT).close()
         except (OSError, ValueError) as error:
-            raise InvalidInput(f"no MLflow server at {uri!r}: {error}") from None
-    elif parts.scheme.partition("+")[0] not in ("sqlite", "postgresql", "mysql", "mssql"):
-        raise InvalidInput(
-            f"tracking URI {uri!r} is not valid: allowed are http(s)://host:port, "
-            "sqlite:///path and other database URIs"
-        )
+            raise InvalidInput(f"no MLflow server at {shown!r}: {error}") from None
+        return
+    if parts.scheme == "sqlite" and uri.startswith("sqlite://"):
+        return
+    if parts.scheme.partition("+")[0] not in ("sqlite", "postgresql", "mysql", "mssql"):
+        raise not_valid
+    try:
+        with _IMPORT:
+            require_driver(uri)
+    except InvalidInput:
+        raise
+    except ValueError:
+        raise not_valid from None
 
 
 @contextmanager
@@ -211,7 +232,8 @@ class Tracker:
         """Write to MLflow what it lacks of the view.
 
         Raises MLflow's exceptions; part of the view may then be written, and repeating the call
-        completes it.
+        completes it. Raises DocumentFailed, after all else is written, for a document that cannot
+        be made.
         """
         shown = self._shown.pop(view.key, None) or self._open(view)
         if view.edition is not None:
@@ -221,8 +243,12 @@ class Tracker:
             self._show_tags(shown, {_EDITION: view.edition})
         self._show_params(shown, view.params)
         self._show_points(shown, view.points)
+        failed: list[DocumentFailed] = []
         for document in view.documents:
-            self._show_document(shown, document)
+            try:
+                self._show_document(shown, document)
+            except DocumentFailed as error:
+                failed.append(error)
         if view.model is not None and shown.documents.get("model") != view.model.version:
             register_se(self._client, shown.run_id, view.model)
             self._note_document(shown, "model", view.model.version)
@@ -231,6 +257,8 @@ class Tracker:
         if view.parent is not None:
             self._show_columns(view.params)
         self._shown[view.key] = shown  # after a failed write, the run is read again
+        if failed:
+            raise failed[0]
 
     def forget(self) -> None:
         """Read all runs again: MLflow was unreachable and may have lost data."""
@@ -307,10 +335,14 @@ class Tracker:
     def _show_document(self, shown: _Shown, document: Document) -> None:
         if shown.documents.get(document.path) == document.version:
             return
+        try:
+            content = document.content()
+        except Exception as error:  # of what draws or reads it, not of MLflow
+            raise DocumentFailed(f"{document.path} ({first_line(error)})") from error
         parent, _, name = document.path.rpartition("/")
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / name
-            path.write_bytes(document.content())
+            path.write_bytes(content)
             self._client.log_artifact(shown.run_id, str(path), parent or None)
         self._note_document(shown, document.path, document.version)
 

@@ -83,6 +83,10 @@ class Document:
         return cls(path, hashlib.sha256(content).hexdigest(), lambda: content)
 
 
+class DocumentFailed(Exception):
+    """A document cannot be made; the message tells which and why."""
+
+
 @dataclass(frozen=True)
 class RegisteredSE:
     """An SE for the model registry: its file's content, task, time and tags."""

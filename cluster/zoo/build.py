@@ -1,7 +1,6 @@
 """`bilevel zoo build`: an NES run, then an evaluation of its SE, and the card of both."""
 
 import json
-import shutil
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -16,6 +15,7 @@ from cluster.nes.command import NESCommand, run_nes
 from cluster.nes.run import NESRun
 from cluster.nes.selection import BEST_FILE
 from cluster.session.context import RunContext
+from cluster.storage.home import Home
 
 #: Kinds of agents that are trained on an SE of the zoo, and the number of each.
 KINDS, AGENTS = ("ddqn", "dueling-ddqn", "td3"), 50
@@ -39,6 +39,7 @@ def build(command: BuildCommand) -> Card:
     """
     entry, context = command.entry, command.context
     task, hp = get_task(entry.task), load_recipe(entry.recipe, entry.task)
+    Home(command.folder).require_writable()
     run_folder = context.home.run_folder(task.id, f"zoo-{entry.name}")
     run_nes(NESCommand(NESRun(task, hp, entry.seed, run_folder), context, command.workers))
     se = load_se(run_folder / BEST_FILE)
@@ -58,7 +59,7 @@ def build(command: BuildCommand) -> Card:
     )
     command.folder.mkdir(parents=True, exist_ok=True)
     path = command.folder / f"{entry.name}.safetensors"
-    shutil.copyfile(run_folder / BEST_FILE, path)
+    write_aside(path, (run_folder / BEST_FILE).read_bytes())
     made = Card(
         entry.name,
         task.id,

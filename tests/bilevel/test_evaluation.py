@@ -232,7 +232,7 @@ class Impatient(gymnasium.Env[Any, Any]):
 def test_training_heeds_a_tasks_own_truncation(
     small_agent: DDQNHyperparameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    spec = EnvSpec("test/Impatient-v0", entry_point=Impatient, reward_threshold=99.0)
+    spec = EnvSpec("test/Impatient-v0", entry_point=lambda **_: Impatient(), reward_threshold=99.0)
     monkeypatch.setitem(gymnasium.registry, spec.id, spec)
     task = get_task(spec.id, step_limit=50)
     trained = train_and_test(task, None, small_agent, seed=0)

@@ -125,6 +125,10 @@ def test_an_agent_without_a_name_or_file_is_told(tmp_path: Path) -> None:
     broken.write_text("import nothing_of_that_name")
     with pytest.raises(InvalidInput, match=r"broken_agent.*nothing_of_that_name"):
         load_agent_file(broken)
+    leaving = tmp_path / "leaving_agent.py"
+    leaving.write_text("raise SystemExit('no licence')")
+    with pytest.raises(InvalidInput, match=r"leaving_agent.py': SystemExit: no licence"):
+        load_agent_file(leaving)
     twice = tmp_path / "json.py"
     twice.write_text("")
     with pytest.raises(InvalidInput, match="name of another module"):

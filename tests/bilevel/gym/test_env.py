@@ -123,7 +123,10 @@ def test_a_task_in_gymnasium_is_made_once_and_keeps_its_actions(
             made.append(self)
 
     spec = gymnasium.envs.registration.EnvSpec(
-        "test/Shifted-v0", entry_point=Shifted, reward_threshold=99.0, max_episode_steps=50
+        "test/Shifted-v0",
+        entry_point=lambda **_: Shifted(),
+        reward_threshold=99.0,
+        max_episode_steps=50,
     )
     monkeypatch.setitem(gymnasium.registry, spec.id, spec)
     save_se(make_se(get_task(spec.id)), tmp_path / "se")

@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bilevel import InvalidInput
-from bilevel.errors import OtherVersion
+from bilevel.errors import OtherVersion, StorageFailure
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import Hyperparameters, SEHyperparameters, load_recipe
 from bilevel.nes import NES, NESState
@@ -127,6 +127,13 @@ def test_a_checkpoint_of_another_seed_is_refused(nes: NES, tmp_path: Path) -> No
     with pytest.raises(InvalidInput, match=f"is of a run with seed {nes.seed}, not {other.seed}"):
         other.load(tmp_path / "state")
     assert nes.load(tmp_path / "state").generation == 0
+
+
+def test_a_checkpoint_that_cannot_be_read_is_not_damaged(nes: NES, tmp_path: Path) -> None:
+    """The disk may be back in a moment; what lies on it is whole."""
+    (tmp_path / "state").mkdir()
+    with pytest.raises(StorageFailure, match=r"cannot read checkpoint .*: Is a directory"):
+        nes.load(tmp_path / "state")
 
 
 def test_no_checkpoint(nes: NES, tmp_path: Path) -> None:

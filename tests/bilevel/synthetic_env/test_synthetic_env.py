@@ -201,7 +201,7 @@ def test_psi_is_float32_without_gaps_and_of_the_right_length(
     se_file: Path, tmp_path: Path, rng: np.random.Generator
 ) -> None:
     se = load_se(se_file)
-    noisy = se.psi + rng.normal(size=se.psi.size)  # float64
+    noisy: Any = se.psi + rng.normal(size=se.psi.size)  # float64
     column = np.stack([noisy, noisy], axis=1)[:, 0]  # strided
     for psi in (noisy, column):
         save_se(replace(se, se=replace(se.se, psi=psi)), tmp_path / "noisy")

@@ -112,7 +112,7 @@ def test_a_constant_observation_has_the_deviation_one(
     """Its computed deviation is not 0: 1e-14 in float64, up to 1e-3 in float32."""
     spec = gymnasium.envs.registration.EnvSpec(
         "test/Constant-v0",
-        entry_point=lambda: Constant(dtype, value),
+        entry_point=lambda **_: Constant(dtype, value),
         reward_threshold=1.0,
         max_episode_steps=10,
     )
@@ -127,7 +127,7 @@ def test_a_constant_observation_has_the_deviation_one(
 def test_a_task_whose_constructor_fails_is_told_in_a_line(
     error: Exception, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def fail() -> Any:
+    def fail(**_: Any) -> Any:
         raise error
 
     spec = gymnasium.envs.registration.EnvSpec("test/Broken-v0", entry_point=fail)

@@ -1,6 +1,7 @@
 """Brackets, journal and search, without Ray."""
 
 import json
+import math
 import random
 import shutil
 import subprocess
@@ -241,6 +242,35 @@ class TestSearch:
         assert any(job.model_based for job in more)
 
 
+def test_a_space_with_conditions_is_searched_the_same_again(tmp_path: Path) -> None:
+    """hpbandster draws values for inactive hyperparameters when it learns of a result."""
+    space = CS.ConfigurationSpace()
+    kind = CS.Categorical("nes.shared_agent", [True, False])
+    only_if = CS.Float("nes.std_dev", (0.01, 1.0), log=True)
+    always = CS.Float("nes.step_size", (0.01, 1.0), log=True)
+    space.add(kind, only_if, always)
+    space.add(CS.EqualsCondition(only_if, kind, True))
+
+    def loss(job: Job) -> float:
+        return abs(math.log(job.configuration["nes.step_size"] / 0.1))
+
+    def search(name: str, brackets: int) -> BracketSearch:
+        return BracketSearch(space, LADDER, brackets, 3, Journal(tmp_path / name))
+
+    for name, stops in (("one", [8]), ("again", [8]), ("resumed", [3, 5, 8])):
+        for brackets in stops:
+            np.random.seed(len(name) + brackets)  # a global generator must not matter
+            run = search(name, brackets)
+            while (job := run.next_job()) is not None:
+                run.register(job, loss(job))
+    found = [
+        [(line.id, line.configuration) for line in Journal(tmp_path / name).configs]
+        for name in ("one", "again", "resumed")
+    ]
+    assert found[0] == found[1] == found[2]
+    assert any(line.info.get("model_based_pick") for line in Journal(tmp_path / "one").configs)
+
+
 class TestPrior:
     def test_the_search_begins_with_it_and_stays_near_it_half_of_the_time(
         self, tmp_path: Path
@@ -301,6 +331,21 @@ class TestEarlierResults:
         losses = [np.mean([loss_of(job) for job in found]) for found in (jobs, alone)]
         assert losses[0] < losses[1]
 
+    def test_a_model_of_larger_budgets_does_not_drown_the_search(self, tmp_path: Path) -> None:
+        """hpbandster's model of the largest budget proposes, and takes no results of lower ones."""
+        run_to_end(new_search(tmp_path / "earlier", brackets=15))
+        earlier, space = Journal(tmp_path / "earlier"), search_space("core")
+        assert max(line.budget for line in earlier.results) == 9
+        found = []
+        for prior in (earlier, None):
+            journal = Journal(tmp_path / f"later-{prior is None}")
+            search = BracketSearch(space, Schedule((1,), 1), 60, 7, journal, earlier=prior)
+            run_to_end(search)
+            models = search._generator.kde_models
+            assert set(models) == {1}
+            found.append(search._generator.losses[1])
+        assert len(found[0]) > len(found[1]) == 60
+
     def test_they_are_copied(self, study: Study) -> None:
         """What becomes of the other study does not matter then."""
         study.check_prior()
@@ -321,6 +366,11 @@ class TestEarlierResults:
             unknown.check_prior()
         with pytest.raises(InvalidInput, match="'earlier-one' cannot be the prior: it searched an"):
             replace(study, space=Space("full")).check_prior()
+        with pytest.raises(InvalidInput, match="prior of the method 'random': only bohb has a"):
+            replace(study, method="random").check_prior()
+        large = replace(study, schedule=Schedule((10, 30), 1))
+        with pytest.raises(InvalidInput, match="it has no results at the budgets 10, 30"):
+            large.check_prior()
         for path in Journal(study.folder.parent / study.prior).paths:
             path.unlink()
         with pytest.raises(InvalidInput, match="'earlier-one' cannot be the prior: it has no res"):

@@ -113,7 +113,29 @@ def test_help(command: list[str], tmp_path: Path) -> None:
             ["nes", "CartPole-v0", "--tracking-uri", "ftp://x"],
             "tracking URI 'ftp://x' is not valid",
         ),
+        (
+            ["nes", "CartPole-v0", "--tracking-uri", "http://[::1"],
+            "tracking URI 'http://[::1' is not valid",
+        ),
+        (
+            ["nes", "CartPole-v0", "--tracking-uri", "sqlite:foo"],
+            "tracking URI 'sqlite:foo' is not valid",
+        ),
+        (
+            ["nes", "CartPole-v0", "--tracking-uri", "mysql://me:secret@h/db"],
+            "of the kind mysql:// needs a package that is not installed",
+        ),
+        (
+            ["nes", "CartPole-v0", "--tracking-uri", "http://me:secret@127.0.0.1:1"],
+            "no MLflow server at 'http://***@127.0.0.1:1'",
+        ),
+        (["nes", "CartPole-v0", "--home", "a?b"], "its path must have no ? and %"),
         (["nes", "CartPole-v0", "--home", "/proc/none"], "cannot write to '/proc/none'"),
+        (
+            ["bohb", "CartPole-v0", "--dry-run", "--home", "/proc/none"],
+            "cannot write to '/proc/none'",
+        ),
+        (["zoo", "build", "CartPole-v0", "--folder", "/proc/none"], "cannot write to '/proc/none'"),
         (["nes", "CartPole-v0", "--name", "../escape"], "name '../escape' is not allowed"),
         (["bohb", "CartPole-v0", "--study", "a/b"], "name 'a/b' is not allowed"),
         (["bohb", "CartPole-v0", "--profile", "huge"], "unknown profile 'huge': allowed are smoke"),

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -82,3 +83,14 @@ def test_a_damaged_line_is_told(tmp_path: Path) -> None:
     (tmp_path / RESULTS_FILE).write_text('["key", {"score": 1}]\n')
     with pytest.raises(InvalidInput, match=r"results.jsonl', line 1"):
         AgentResults(tmp_path)
+
+
+def test_an_se_with_another_architecture_is_another_one(cartpole: Task) -> None:
+    """Also if its parameters are the same."""
+    se = make_se(cartpole).se
+    changes: list[dict[str, Any]] = [{}, {"step_limit": 5}, {"activation": "tanh"}]
+    digests = {
+        replace(se, architecture=replace(se.architecture, **other)).digest for other in changes
+    }
+    assert len(digests) == 3
+    assert replace(se, psi=se.psi.copy()).digest in digests

@@ -48,7 +48,7 @@ def test_a_recording_that_was_cut_off_is_told(kept: int, tmp_path: Path) -> None
 def test_transitions_as_arrays(short_agent: DDQNHyperparameters) -> None:
     task = replace(get_task("CartPole-v0"), step_limit=20)
     training, _ = record(task, make_se(task).se, short_agent, 5)
-    arrays = columns("train", training)
+    arrays = columns("train", training, task.state_size)
     assert {name: array.shape[1:] for name, array in arrays.items()} == {
         "train_states": (4,),
         "train_actions": (),
@@ -58,6 +58,22 @@ def test_transitions_as_arrays(short_agent: DDQNHyperparameters) -> None:
     # States are kept as they were, not as the environment's memory is now.
     np.testing.assert_array_equal(arrays["train_states"][1], arrays["train_next"][0])
     assert len(np.unique(arrays["train_states"], axis=0)) > 10
+
+
+def test_an_agent_that_diverges_has_no_tests(short_agent: DDQNHyperparameters) -> None:
+    task = get_task("CartPole-v0")
+    se = make_se(task).se
+    broken = replace(se, psi=np.full_like(se.psi, np.nan))
+    training, tests = record(task, broken, short_agent, 5)
+    assert tests == []
+    for transitions in (training, tests):
+        arrays = columns("test", transitions, task.state_size)
+        assert [array.shape for array in arrays.values()] == [(0, 4), (0,), (0,), (0, 4)]
+
+
+def test_an_se_of_another_task_is_refused(short_agent: DDQNHyperparameters) -> None:
+    with pytest.raises(InvalidInput, match="Acrobot-v1 has 6 and 3"):
+        record(get_task("Acrobot-v1"), make_se(get_task("CartPole-v0")).se, short_agent, 5)
 
 
 def test_histograms_hold_nearly_all_values() -> None:

@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from bilevel.tasks import Task
+from bilevel.tasks import Task, get_task
 from cluster.experiments.cost import Cost
 from cluster.experiments.sensitivity import grouped
 from cluster.experiments.style import styled
@@ -63,3 +63,11 @@ def test_groups_of_agents() -> None:
     fifths = grouped(values)
     assert [len(group) for group in fifths] == [10] * 5
     assert all(values[low].max() < values[high].min() for low, high in itertools.pairwise(fifths))
+
+
+def test_the_picture_shows_scores_above_the_solved_reward() -> None:
+    """As on tasks that count as solved below their highest return."""
+    task = get_task("CartPole-v1", solved_reward=450.0, step_limit=500)
+    with styled():
+        figure = findings_of([course(10, 500)], task).figures["curves"]
+    assert max(axes.get_ylim()[1] for axes in figure.axes) > 500

@@ -58,3 +58,11 @@ def test_whether_it_can_be_written_is_found_out_without_a_trace(tmp_path: Path) 
             Home(folder).require_writable()
         with pytest.raises(InvalidInput, match=f"cannot write to '{folder}'"):
             Home(folder).prepare()
+
+
+@pytest.mark.parametrize("name", ["a?b", "a%20b"])
+def test_a_path_that_an_address_cannot_hold_is_refused(name: str, tmp_path: Path) -> None:
+    """MLflow's database would lie elsewhere."""
+    with pytest.raises(InvalidInput, match=r"cannot be a home: its path must have no \? and %"):
+        Home(tmp_path / name)
+    assert list(tmp_path.iterdir()) == []

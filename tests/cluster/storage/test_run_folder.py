@@ -1,5 +1,8 @@
+import errno
+import fcntl
 import json
 import multiprocessing
+import os
 import sys
 from pathlib import Path
 
@@ -145,3 +148,21 @@ def test_a_stored_task_asks_gymnasium_for_nothing(tmp_path: Path) -> None:
     for name, wrong in (*wrong_facts, ("extra", 1)):
         with pytest.raises((TypeError, ValueError)):
             stored_task({**facts, name: wrong})
+
+
+def test_a_lock_that_the_kernel_refuses_to_test_counts_as_free(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """NFS locks only what is open for writing, and answers with an error else."""
+
+    def of_nfs(file: int, operation: int) -> None:
+        if fcntl.fcntl(file, fcntl.F_GETFL) & os.O_ACCMODE == os.O_RDONLY:
+            raise OSError(errno.EBADF, "Bad file descriptor")
+        flock(file, operation)
+
+    flock = fcntl.flock
+    with held(tmp_path):
+        monkeypatch.setattr(fcntl, "flock", of_nfs)
+        assert is_held(tmp_path)
+        monkeypatch.setattr(os, "O_RDWR", os.O_RDONLY)  # a folder that one may only read
+        assert not is_held(tmp_path)
