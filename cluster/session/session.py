@@ -49,7 +49,7 @@ class Session:
         After Ctrl-C the message `goes_on` says how to resume the run. If MLflow still lacks some
         runs at the end, a message says how to write them.
         """
-        self._stand("RUNNING", target)
+        self._set_status("RUNNING", target)
         mirror = Mirror(self.tracker, views.view, self.terminal.line)
         mirror.mark(views.keys())  # an earlier process may not have shown all of them
         ended_as: Status = "FAILED"
@@ -65,7 +65,7 @@ class Session:
             raise
         finally:
             with contextlib.suppress(StorageFailure):
-                self._stand(ended_as, target)
+                self._set_status(ended_as, target)
             mirror.mark(views.keys())
             missing = mirror.close()
             if missing:
@@ -77,7 +77,7 @@ class Session:
             elif ended_as == "KILLED":
                 self.terminal.line(f"MLflow {self.shown_at(self.identity.uuid)}")
 
-    def _stand(self, status: Status, target: int) -> None:
+    def _set_status(self, status: Status, target: int) -> None:
         RunStatus(status, time.time(), target).save(self.folder)
 
 

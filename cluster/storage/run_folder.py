@@ -1,8 +1,8 @@
 """The folder of a run: its settings, its status, and the lock of the process that works on it.
 
 settings.json   settings that must stay the same, and the run's identity
-standing.json   its target, and how its last process ended
-finals.json     a line each time it ended: fresh agents' scores of its best SE
+status.json     its target, and how its last process ended
+finals.jsonl    a line each time it ended: fresh agents' scores of its best SE
 .lock           held by the process that works on it
 """
 
@@ -13,7 +13,7 @@ import os
 import time
 import uuid
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -46,12 +46,12 @@ class RunStatus:
     @classmethod
     def load(cls, folder: Path) -> "RunStatus | None":
         """Read the status; None if the run has none yet. Raises InvalidInput if damaged."""
-        path = folder / "standing.json"
+        path = folder / "status.json"
         return decode_file(cls, path) if path.exists() else None
 
     def save(self, folder: Path) -> None:
         """Write durably. Raises StorageFailure."""
-        write_aside(folder / "standing.json", json.dumps(asdict(self)).encode())
+        write_aside(folder / "status.json", json.dumps(asdict(self)).encode())
 
     @property
     def ended_as(self) -> Status:
@@ -65,7 +65,7 @@ class RunIdentity:
 
     uuid: Annotated[str, Field(pattern="^[0-9a-f]{32}$")]
     began: FiniteFloat  # unix time, seconds
-    author: Author | None = None  # unknown for runs of early versions
+    author: Author | None = None
 
     @classmethod
     def read(cls, folder: Path) -> "RunIdentity":
@@ -75,12 +75,8 @@ class RunIdentity:
     @classmethod
     def of(cls, settings: dict[str, Any], what: str) -> "RunIdentity":
         """Read it from settings. Raises InvalidInput, in a line that begins with `what`."""
-        told = {name: settings.get(key) for name, key in _IDENTITY.items()}
-        return decode(cls, told, what)
-
-
-#: Keys of `settings.json` by field.
-_IDENTITY = {"uuid": "identity", "began": "begun", "author": "by"}
+        names = [spec.name for spec in fields(cls)]
+        return decode(cls, {name: settings.get(name) for name in names}, what)
 
 
 @dataclass(frozen=True)
@@ -96,14 +92,14 @@ class Final:
 
 def finals(folder: Path) -> list[Final]:
     """Read the scores of all ends so far. Raises InvalidInput if damaged."""
-    return JsonlLog(folder / "finals.json").decoded(Final)
+    return JsonlLog(folder / "finals.jsonl").decoded(Final)
 
 
 def add_final(folder: Path, final: Final) -> None:
     """Append an end, unless an earlier process did so just before it was killed."""
     before = finals(folder)
     if not before or (before[-1].step, before[-1].metrics) != (final.step, final.metrics):
-        JsonlLog(folder / "finals.json").append(asdict(final))
+        JsonlLog(folder / "finals.jsonl").append(asdict(final))
 
 
 @contextlib.contextmanager
@@ -116,9 +112,8 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdent
     path = folder / "settings.json"
     with held(folder):
         if not path.exists():
-            by = asdict(Author.of_this_process())
-            identity = {"identity": uuid.uuid4().hex, "begun": time.time(), "by": by}
-            identified = {**identity, "format": RUN_FORMAT, **settings}
+            identity = RunIdentity(uuid.uuid4().hex, time.time(), Author.of_this_process())
+            identified = {**asdict(identity), "format": RUN_FORMAT, **settings}
             write_aside(path, json.dumps(identified, indent=2).encode())
         yield RunIdentity.of(_unchanged(folder, settings), "damaged settings")
 
@@ -201,9 +196,11 @@ def read_settings(folder: Path) -> dict[str, Any]:
     if not path.exists():
         raise InvalidInput(f"no run in {str(folder)!r}")
     settings = decode_file(dict[str, Any], path, damaged)
-    RunIdentity.of(settings, f"{damaged} {str(path)!r}")
-    if (written := settings.get("format", 1)) != RUN_FORMAT:
+    # The settings of a run name its task; the first versions wrote no format.
+    written = settings.get("format", 1 if "task" in settings else RUN_FORMAT)
+    if isinstance(written, int) and written != RUN_FORMAT:
         raise OtherVersion(f"{folder.name!r}", written, RUN_FORMAT)
+    RunIdentity.of(settings, f"{damaged} {str(path)!r}")
     return settings
 
 
@@ -222,9 +219,9 @@ def stored_task(facts: Any) -> Task:
 class Settings:
     """Settings that every kind of run has; each kind adds its own."""
 
-    identity: str
-    begun: float  # unix time, seconds
-    by: Author | None = None
+    uuid: str
+    began: float  # unix time, seconds
+    author: Author | None = None
     format: int
     kind: str
     task: Annotated[Task, PlainValidator(stored_task)]

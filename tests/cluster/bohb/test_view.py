@@ -14,7 +14,7 @@ from tests.studies import make_study
 def running(folder: Path, brackets: int) -> StudyViews:
     """Views of a study that has run so many brackets and goes on."""
     make_study(folder, brackets)
-    (folder / "finals.json").unlink()
+    (folder / "finals.jsonl").unlink()
     RunStatus("RUNNING", 0.0, brackets + 1).save(folder)
     return replace(StudyViews.of(folder), live=())
 

@@ -52,7 +52,7 @@ def test_other_settings_are_refused(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     "content",
-    ["", "[]", "{}", "nonsense", '{"identity": "\' OR 1=1", "begun": 0}', '{"identity": 7}'],
+    ["", "[]", "{}", "nonsense", '{"uuid": "\' OR 1=1", "began": 0}', '{"uuid": 7}'],
 )
 def test_damaged_settings_are_told(content: str, tmp_path: Path) -> None:
     (tmp_path / "settings.json").write_text(content)
@@ -89,7 +89,7 @@ def test_the_lock_of_a_killed_process_is_free(tmp_path: Path) -> None:
         pass
 
 
-def test_standing_round_trip(tmp_path: Path) -> None:
+def test_status_round_trip(tmp_path: Path) -> None:
     assert RunStatus.load(tmp_path) is None
     run_status = RunStatus("RUNNING", 12.5, 3)
     run_status.save(tmp_path)
@@ -109,8 +109,8 @@ def test_standing_round_trip(tmp_path: Path) -> None:
         '{"status": "RUNNING", "since": 1, "target": "all"}',
     ],
 )
-def test_damaged_standing_is_told(content: str, tmp_path: Path) -> None:
-    (tmp_path / "standing.json").write_text(content)
+def test_damaged_status_is_told(content: str, tmp_path: Path) -> None:
+    (tmp_path / "status.json").write_text(content)
     with pytest.raises(InvalidInput, match=r"damaged|unknown status"):
         RunStatus.load(tmp_path)
 

@@ -96,8 +96,8 @@ def test_of_an_evaluation(cartpole: Task, small_hp: Hyperparameters, tmp_path: P
 
 @pytest.mark.parametrize("line", ["7", "{}", '{"step": 1, "time": 1, "metrics": {"a": null}}'])
 def test_damaged_ends_are_told(line: str, tmp_path: Path) -> None:
-    (tmp_path / "finals.json").write_text(line + "\n")
-    with pytest.raises(InvalidInput, match=r"finals.json', line 1: "):
+    (tmp_path / "finals.jsonl").write_text(line + "\n")
+    with pytest.raises(InvalidInput, match=r"finals.jsonl', line 1: "):
         finals(tmp_path)
 
 
