@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+from benchmarks import paper
 from benchmarks.agents import tables as agents
 from benchmarks.agents.sb3 import sb3
 from benchmarks.faults import tables as faults
@@ -60,6 +61,7 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
         "nes-seeds": nes.seeds,
     },
     ROOT / "docs" / "agents.md": agents.TABLES,
+    ROOT / "docs" / "experiments.md": paper.TABLES,
     ROOT / "docs" / "nes.md": nes.TABLES,
     ROOT / "docs" / "other-tasks.md": {"nes-others": nes.others},
     ROOT / "docs" / "tuning.md": search.TABLES,

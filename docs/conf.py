@@ -31,11 +31,15 @@ def _links_to_pages(app: object, page: str, content: list[str]) -> None:
     for file, target in _INCLUDED.items():
         content[0] = content[0].replace(f"](../{file}", f"]({target}")
     content[0] = re.sub(r"\]\(\.\./(cluster/deploy/\S+?)\)", r"](path:../\1)", content[0])
+    content[0] = re.sub(
+        r"(?<!\!)\[([^]]*)\]\(\.\./(benchmarks/\S+?)\)", r"[\1](path:../\2)", content[0]
+    )
 
 
 def _includes(app: object, path: object, page: str, content: list[str]) -> None:
     """The same for links within an included file."""
     content[0] = content[0].replace("](docs/", "](")
+    content[0] = re.sub(r"(!\[[^]]*\]\()benchmarks/", r"\1../benchmarks/", content[0])  # pictures
     content[0] = content[0].replace("](benchmarks/", "](path:../benchmarks/")
     for file, target in _INCLUDED.items():
         content[0] = content[0].replace(f"]({file}", f"]({target}")

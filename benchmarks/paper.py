@@ -1,0 +1,89 @@
+"""The tables of docs/experiments.md, from the committed home `benchmarks/experiments`."""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from benchmarks.machine import NotMeasured
+from benchmarks.markdown import table
+from bilevel.tasks import BUILT_IN_TASKS
+from cluster.experiments.authors import authors_figures
+from cluster.experiments.conditions import title_of
+
+HOME = Path(__file__).parent / "experiments"
+
+
+def _findings(experiment: str) -> dict[str, dict[str, Any]]:
+    """What an experiment of the size local has found, by task. Raises NotMeasured without any."""
+    found = {}
+    for task in BUILT_IN_TASKS:
+        path = HOME / task / f"experiment-{experiment}-seed0" / "findings.json"
+        if path.exists():
+            found[task] = json.loads(path.read_text())
+    if not found:
+        raise NotMeasured(f"the experiment `{experiment}`")
+    return found
+
+
+def _commands(found: dict[str, dict[str, Any]]) -> str:
+    return "(" + ", ".join(f"`{findings['command']}`" for findings in found.values()) + ")"
+
+
+def transfer() -> str:
+    """Agents by what they were trained on, ours and the authors'."""
+    authors = {
+        (figure.task, figure.row.get("agent"), figure.row.get("source"), figure.what): figure
+        for figure in authors_figures().figures
+        if figure.experiment == "transfer"
+    }
+    rows, found = [], _findings("transfer")
+    for task, findings in found.items():
+        for row in findings["summary"]:
+            theirs = [
+                authors.get((task, row["agent"], row["source"], what))
+                for what in ("test_return", "train_steps")
+            ]
+            rows.append(
+                [
+                    task,
+                    row["agent"],
+                    title_of(row["source"]),
+                    row["agents"],
+                    f"{row['test_return']:.1f} ± {row['test_return_std']:.1f}",
+                    f"{row['train_steps']:.0f} ± {row['train_steps_std']:.0f}",
+                    f"{row['share_of_agents_solving']:.0%}",
+                    *("-" if figure is None else f"{figure.value:g}" for figure in theirs),
+                ]
+            )
+    head = ["task", "agent", "trained on", "agents", "test return", "train steps"]
+    head += ["agents that solve it", "authors' return", "authors' train steps"]
+    return f"{table(head, rows)}\n\n{_commands(found)}"
+
+
+def sample_efficiency() -> str:
+    """Train steps until the mean return of the agents solves the task."""
+    found = _findings("sample-efficiency")
+    rows = [
+        [
+            task,
+            title_of(row["source"]),
+            row["agents"],
+            "never"
+            if row["train_steps_until_mean_return_solves"] is None
+            else f"{row['train_steps_until_mean_return_solves']:.0f}",
+            f"{row['train_steps_at_stop']:.0f} ± {row['train_steps_at_stop_std']:.0f}",
+            f"{row['return_at_stop']:.1f} ± {row['return_at_stop_std']:.1f}",
+        ]
+        for task, findings in found.items()
+        for row in findings["summary"]
+    ]
+    head = ["task", "trained on", "agents", "train steps until the mean return solves the task"]
+    head += ["train steps at the stop", "return at the stop"]
+    return f"{table(head, rows)}\n\n{_commands(found)}"
+
+
+TABLES: dict[str, Callable[[], str]] = {
+    "transfer": transfer,
+    "sample-efficiency": sample_efficiency,
+}
