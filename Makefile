@@ -8,7 +8,7 @@ INSTALLED := $(VENV)/.installed
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot experiments-cartpole experiments-acrobot up status down studies ui test check docs bench format clean
+.PHONY: help setup lock bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot experiments-cartpole experiments-acrobot up status down runs ui test check docs bench format clean
 
 help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /|/' | column -t -s '|'
@@ -64,14 +64,14 @@ experiments-acrobot: $(INSTALLED) ## The same on Acrobot-v1
 up: $(INSTALLED) ## Start Ray and MLflow in the background: the studies then join them
 	@$(BIN)/bilevel up $(ARGS)
 
-status: $(INSTALLED) ## How they are
+status: $(INSTALLED) ## Show whether Ray and MLflow are running
 	@$(BIN)/bilevel status $(ARGS)
 
-down: $(INSTALLED) ## Stop them
+down: $(INSTALLED) ## Stop Ray and MLflow
 	@$(BIN)/bilevel down $(ARGS)
 
-studies: $(INSTALLED) ## The studies so far: state, progress, best score
-	@$(BIN)/bilevel studies $(ARGS)
+runs: $(INSTALLED) ## All runs so far: state, progress, best score
+	@$(BIN)/bilevel runs $(ARGS)
 
 ui: $(INSTALLED) ## The MLflow UI on these runs
 	@$(BIN)/bilevel ui $(ARGS)

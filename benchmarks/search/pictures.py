@@ -14,7 +14,7 @@ from benchmarks.search.studies import TASKS, committed, summary
 from benchmarks.search.tables import by_method, expected_core_seconds
 from cluster.bohb.pictures import objective_against_cost
 from cluster.bohb.profiles import METHODS
-from cluster.tracking.pictures import BLUE, GREY, ORANGE
+from cluster.pictures import BLUE, GREY, ORANGE
 
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 

@@ -34,7 +34,7 @@ class CheckedAgent:
         self._name = name
         self._n_actions = n_actions
         self._agent: Any = None
-        with self._told("is built"):
+        with self._as_mistake("is built"):
             self._agent = build()
         for method in ("act", "greedy", "observe", "learn", "end_episode"):
             if not callable(getattr(self._agent, method, None)):
@@ -42,24 +42,24 @@ class CheckedAgent:
 
     def act(self, state: NDArray[np.float32], exploring: bool) -> int:
         """See `Agent`."""
-        with self._told("acts"):
+        with self._as_mistake("acts"):
             action = self._agent.act(state, exploring)
         return self._action(action, "act")
 
     def greedy(self, state: NDArray[np.float32]) -> int:
         """See `Agent`."""
-        with self._told("acts"):
+        with self._as_mistake("acts"):
             action = self._agent.greedy(state)
         return self._action(action, "greedy")
 
     def observe(self, transition: Transition) -> None:
         """See `Agent`."""
-        with self._told("observes"):
+        with self._as_mistake("observes"):
             self._agent.observe(transition)
 
     def learn(self) -> float:
         """See `Agent`; a loss that is not finite is a number all the same: the agent diverges."""
-        with self._told("learns"):
+        with self._as_mistake("learns"):
             loss = self._agent.learn()
             number = float(loss) if hasattr(loss, "__float__") else None
         if number is None:
@@ -70,7 +70,7 @@ class CheckedAgent:
 
     def end_episode(self) -> None:
         """See `Agent`."""
-        with self._told("ends an episode"):
+        with self._as_mistake("ends an episode"):
             self._agent.end_episode()
 
     def _action(self, action: Any, method: str) -> int:
@@ -81,7 +81,7 @@ class CheckedAgent:
             raise self._mistake(function, f"{method}: {error}") from None
 
     @contextmanager
-    def _told(self, doing: str) -> Iterator[None]:
+    def _as_mistake(self, doing: str) -> Iterator[None]:
         """Within the block, errors and exits of the agent become an AgentMistake."""
         try:
             yield

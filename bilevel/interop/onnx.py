@@ -53,8 +53,8 @@ def onnx_model(se: StoredSE) -> onnx.ModelProto:
     model = helper.make_model(
         graph, opset_imports=[helper.make_opsetid("", _OPERATORS)], ir_version=_FORMAT
     )
-    told = {"task": se.task_id, "step_limit": architecture.step_limit, "info": dict(se.info)}
-    helper.set_model_props(model, {"se": json.dumps(told)})
+    facts = {"task": se.task_id, "step_limit": architecture.step_limit, "info": dict(se.info)}
+    helper.set_model_props(model, {"se": json.dumps(facts)})
     onnx.checker.check_model(model, full_check=True)
     return model
 

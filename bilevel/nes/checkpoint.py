@@ -87,12 +87,12 @@ def load_state(
         with safetensors.safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        told = decode_json(dict[str, Any], metadata.get("nes", ""), "header")
-        if told.pop("sha256", None) != _checksum(json.dumps(told), tensors):
+        found = decode_json(dict[str, Any], metadata.get("nes", ""), "header")
+        if found.pop("sha256", None) != _checksum(json.dumps(found), tensors):
             raise InvalidInput("its checksum is wrong")
-        if (written := told.pop("format", 1)) != RUN_FORMAT:
+        if (written := found.pop("format", 1)) != RUN_FORMAT:
             raise OtherVersion(f"checkpoint {str(path)!r}", written, RUN_FORMAT)
-        header = decode(_Header, told, "header")
+        header = decode(_Header, found, "header")
         finalists = [f"finalist_{i}" for i in range(len(header.finalists))]
         if tensors.keys() != {*_TENSORS, *finalists}:
             raise InvalidInput("its parts do not fit together")

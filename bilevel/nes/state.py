@@ -74,8 +74,8 @@ class NESState:
         ]
 
     def _stored(self, se: SE, **info: object) -> StoredSE:
-        task, told = self.task, {**self.provenance, "real_env_steps": self.real_env_steps, **info}
-        return StoredSE(se, task.id, task.step_limit, task.solved_reward, told)
+        task, facts = self.task, {**self.provenance, "real_env_steps": self.real_env_steps, **info}
+        return StoredSE(se, task.id, task.step_limit, task.solved_reward, facts)
 
     @property
     def best_score(self) -> float:

@@ -129,12 +129,12 @@ def load_se(path: Path | str) -> StoredSE:
     if "se" not in metadata:
         raise InvalidInput(f"{str(path)!r} holds tensors of something else than an SE")
     try:
-        told = decode_json(dict[str, Any], metadata["se"], "header")
-        given = told.pop("sha256", None)  # files of other tools have none
-        header = decode(_Header, told, "header")
+        found = decode_json(dict[str, Any], metadata["se"], "header")
+        given = found.pop("sha256", None)  # files of other tools have none
+        header = decode(_Header, found, "header")
         architecture = header.architecture.checked()
         psi = _flat(architecture, tensors)
-        expected = checksum(json.dumps(told).encode(), psi.tobytes())
+        expected = checksum(json.dumps(found).encode(), psi.tobytes())
         if given not in (None, expected):
             raise InvalidInput("its checksum is wrong")
     except InvalidInput as error:

@@ -128,8 +128,8 @@ class _Runner:
         study = self.command.study
         self._introduce()
         views = StudyViews(study, self.session.identity, self.live)
-        goes_on = "run the same command again to resume"
-        with self.session.live(views, self.brackets, goes_on) as mirror:
+        resume_hint = "run the same command again to resume"
+        with self.session.live(views, self.brackets, resume_hint) as mirror:
             try:
                 code = self._to_the_end(views, mirror)
             except KeyboardInterrupt:
@@ -142,7 +142,7 @@ class _Runner:
             return code
 
     def _introduce(self) -> None:
-        command, line = self.command, self.terminal.line
+        command, log = self.command, self.terminal.log
         study = command.study
         self.session.introduce(
             f"{study.method_name} on {study.task.id}: study {study.name!r}, "
@@ -154,17 +154,17 @@ class _Runner:
         )
         if study.moved:
             told = ", ".join(f"{name} {was} to {now}" for name, (was, now) in study.moved.items())
-            line(f"the recipe lies outside of the space; the search begins nearest to it: {told}")
+            log(f"the recipe lies outside of the space; the search begins nearest to it: {told}")
         if command.time_budget is not None:
-            line(f"time budget {duration(command.time_budget)}, its last quarter for validation")
+            log(f"time budget {duration(command.time_budget)}, its last quarter for validation")
         if self.journal.results:
             found = count(len(self.journal.results), "result")
-            line(f"resuming with the {found} of this study so far")
+            log(f"resuming with the {found} of this study so far")
         elif self.journal.configs:
             begun = count(len(self.journal.configs), "configuration")
-            line(f"resuming {begun} of this study from checkpoints; none has a result yet")
+            log(f"resuming {begun} of this study from checkpoints; none has a result yet")
         if self._unfinished and self.brackets > command.brackets and command.time_budget is None:
-            line(f"it was begun with {count(self.brackets, 'bracket')}, which it completes")
+            log(f"it was begun with {count(self.brackets, 'bracket')}, which it completes")
 
     def _until(self, share: float) -> float:
         """When so much of the time budget is over, but for the time that scoring the best SE takes;
@@ -177,7 +177,7 @@ class _Runner:
         return EvaluationPool(self.command.workers_per_trial * self.command.trials)
 
     def _to_the_end(self, views: StudyViews, mirror: Mirror) -> int:
-        command, line = self.command, self.terminal.line
+        command, log = self.command, self.terminal.log
 
         def trials() -> int:
             require_server_for_nodes(command.context.tracking_uri)  # a node may have joined
@@ -208,9 +208,9 @@ class _Runner:
         if searcher.stopped_by is not None:
             raise searcher.stopped_by
         if searcher.time_is_up and not self.search.finished:
-            line("the time for the search is over; run the same command again to resume it")
+            log("the time for the search is over; run the same command again to resume it")
         if searcher.core_utilisation > 0:
-            line(
+            log(
                 f"evaluations took {searcher.core_utilisation:.0%} of the cores' time while trials "
                 "ran"
             )

@@ -88,24 +88,24 @@ def dry_run(command: StudyCommand) -> None:
 
 def _print_estimate(command: StudyCommand, trials: int, terminal: Terminal) -> None:
     study, schedule = command.study, command.study.schedule
-    terminal.line(
+    terminal.log(
         f"{study.method_name} on {study.task.id}: study {study.name!r}, prior {study.prior}, "
         "budgets in core seconds"
     )
-    terminal.line("bracket   configurations x budget")
+    terminal.log("bracket   configurations x budget")
     for bracket in range(min(command.brackets, schedule.cycle)):
         rungs = schedule.bracket(bracket)
         row = " -> ".join(f"{rung.configurations} x {rung.budget}" for rung in rungs)
-        terminal.line(f"{bracket:7d}   {row}")
+        terminal.log(f"{bracket:7d}   {row}")
     if command.brackets > schedule.cycle:
-        terminal.line("    ...   and so on")
+        terminal.log("    ...   and so on")
 
     estimate = _estimate(command, trials)
     if command.time_budget is not None and estimate.seconds > command.time_budget:
         estimate = estimate.within(command.time_budget)
-        terminal.line(f"the time budget of {duration(command.time_budget)} is enough for about")
-    terminal.line(str(estimate))
-    terminal.line(
+        terminal.log(f"the time budget of {duration(command.time_budget)} is enough for about")
+    terminal.log(str(estimate))
+    terminal.log(
         f"the cluster can place it: {trials} trial(s) at a time, "
         f"{command.workers_per_trial} worker(s) each"
     )

@@ -44,19 +44,19 @@ class Handover:
         """Validate the best configurations, choose the best SE of all, and score it with fresh
         agents; return whether there is one. `is_over` tells whether the time is. Raises
         StorageFailure."""
-        study, line = self.study, self.terminal.line
+        study, log = self.study, self.terminal.log
         self._validate(pool, is_over)
-        incumbent = self._tell_incumbent()
+        incumbent = self._report_incumbent()
         contenders = self._contenders(pool)
         if not contenders:
-            line(
+            log(
                 "no configuration finished a generation: see the errors above"
                 if self.journal.results
                 else "no configuration finished a generation in this time"
             )
             return False
         if len(contenders) > 1:
-            line(f"retesting the {len(contenders)} best SEs with fresh agents")
+            log(f"retesting the {len(contenders)} best SEs with fresh agents")
         rounds = race(final_agents)
         self.terminal.bar("retesting", 0, agents_needed(len(contenders), rounds), "tests")
         step, seed = self.terminal.step, (study.seed,)
@@ -64,19 +64,19 @@ class Handover:
         score = evaluate_holdout(study.task, best, final_agents, seed, pool)
         path = export_best(best.se, score, study.folder, len(self.journal.results))
         (study.folder / INCUMBENT_FILE).unlink(missing_ok=True)  # of an interruption before
-        line(str(score))
+        log(str(score))
         if incumbent is not None:
-            self._tell_recipe()
+            self._report_recipe()
         model = model_address(study.task.id, "newest")
-        line(f"best SE: {path}  ({model} in MLflow's model registry)")
-        line(f"results: {self.session.shown_at(self.session.identity.uuid)}")
-        line("run the same command again to add brackets")
+        log(f"best SE: {path}  ({model} in MLflow's model registry)")
+        log(f"results: {self.session.shown_at(self.session.identity.uuid)}")
+        log("run the same command again to add brackets")
         return True
 
     def interrupted(self) -> None:
         """Say what the interrupted search has found, and save its best SE. Raises
         StorageFailure."""
-        incumbent = self._tell_incumbent()
+        incumbent = self._report_incumbent()
         if incumbent is None:
             return
         configuration = self._summary.configuration(incumbent.id)
@@ -84,17 +84,17 @@ class Handover:
         if best is not None:
             path = self.study.folder / INCUMBENT_FILE
             save_se(best, path)
-            self.terminal.line(f"its best SE, not retested: {path}")
+            self.terminal.log(f"its best SE, not retested: {path}")
 
     # -- the recipe --------------------------------------------------------------
 
     def _validate(self, pool: EvaluationPool, is_over: Callable[[], bool]) -> None:
         """Run the finalists with new seeds, and say what came of it."""
-        line = self.terminal.line
+        log = self.terminal.log
         plan = Plan.of(self.journal, self._summary.validation)
         if plan is None:
             return
-        line(f"validating {len(plan.finalists)} configurations with new seeds")
+        log(f"validating {len(plan.finalists)} configurations with new seeds")
         started = time.monotonic()
 
         def progress(spent: float, total: float) -> None:
@@ -102,21 +102,22 @@ class Handover:
             note = f"ETA {duration(seconds)}" if spent else ""
             self.terminal.bar("validating", spent, total, "core s", note)
 
-        found = validate(self.study, self.journal, plan, pool, line, progress, is_over)
+        found = validate(self.study, self.journal, plan, pool, log, progress, is_over)
         if found is None:
-            line("the time was not enough for it; run the same command again to go on")
+            log("the time was not enough for it; run the same command again to go on")
             return
         for finalist in found.finalists:
             before = self._summary.result_of(finalist.id)
-            line(
-                f"{configuration_name(finalist.id)} {Tally.told(finalist.info)} with new seeds; "
-                f"objective {finalist.loss:.0f} (in the search {before.loss:.0f})"
+            name, found_now = configuration_name(finalist.id), Tally.describe(finalist.info)
+            log(
+                f"{name} {found_now} with new seeds; objective {finalist.loss:.0f} (in the search "
+                f"{before.loss:.0f})"
             )
 
-    def _tell_incumbent(self) -> ResultLine | None:
+    def _report_incumbent(self) -> ResultLine | None:
         """Write the incumbent's recipe and print it."""
-        line, summary = self.terminal.line, self._summary
-        line(
+        log, summary = self.terminal.log, self._summary
+        log(
             f"{count(len(self.journal.results), 'result')} of "
             f"{count(len(self.journal.configs), 'configuration')} "
             f"({summary.model_based} proposed by the model)"
@@ -128,26 +129,26 @@ class Handover:
         if self._is_base(incumbent):
             what = "the nearest to the recipe" if self.study.moved else "the recipe"
             origin = f", {what}, which the search began with"
-        line(
+        log(
             f"incumbent {configuration_name(incumbent.id)}{origin}: "
-            f"{Tally.told(incumbent.info)}, objective {incumbent.loss:.0f}"
+            f"{Tally.describe(incumbent.info)}, objective {incumbent.loss:.0f}"
         )
         found = summary.configuration(incumbent.id)
         text = self.study.recipe_text(incumbent.id, found)
         write_aside(self.study.folder / RECIPE_FILE, text.encode())
         for name, value in found.items():
-            line(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")
+            log(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")
         return incumbent
 
     def _is_base(self, result: ResultLine) -> bool:
         return any(line.id == result.id and line.of_prior for line in self.journal.configs)
 
-    def _tell_recipe(self) -> None:
-        line, study = self.terminal.line, self.study
+    def _report_recipe(self) -> None:
+        log, study = self.terminal.log, self.study
         call = self.session.home.hint(f"nes {study.task.id} --recipe {study.name}")
-        line(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE by it with {call}")
+        log(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE by it with {call}")
         if len(self.journal.configs) > 1 and self._summary.validation is None:
-            line(
+            log(
                 "the best of several configurations was also lucky: with other seeds, expect "
                 "its recipe to take longer than its objective tells (docs/tuning.md)"
             )
@@ -175,17 +176,17 @@ class Handover:
 
     def _all_runs(self, pool: EvaluationPool) -> Iterator[ConfigurationRuns]:
         """The runs of every configuration, and those of its validation."""
-        reached, tell = self.journal.reached, self.terminal.line
+        reached, log = self.journal.reached, self.terminal.log
         failed = {line.id for line in self.journal.results if line.loss is None}
         for line in self.journal.configs:
             try:
-                runs = ConfigurationRuns.open(self.study, line.id, line.configuration, tell)
+                runs = ConfigurationRuns.open(self.study, line.id, line.configuration, log)
                 runs.spend(reached.get(line.id, 0), pool)
                 validated = ConfigurationRuns.read(self.study, line.id, line.configuration, True)
             except (StorageFailure, OtherVersion):
                 raise
             except InvalidInput as error:
                 if line.id not in failed:
-                    tell(f"{configuration_name(line.id)} is left out: {error}")
+                    log(f"{configuration_name(line.id)} is left out: {error}")
                 continue
             yield from (runs, validated)

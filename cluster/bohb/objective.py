@@ -65,7 +65,7 @@ class Tally:
         }
 
     @staticmethod
-    def told(info: Mapping[str, Any]) -> str:
+    def describe(info: Mapping[str, Any]) -> str:
         """`info` in words: what an SE costs, or how near the first one is."""
         cost, confirmed = info["core_seconds"], info["confirmed"]
         if not confirmed:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bilevel.tasks import Task
 from cluster.bohb.importance import Importance
 from cluster.bohb.summary import ResultPoint, ValidatedPoint
-from cluster.tracking.pictures import BLUE, GREY, ORANGE
+from cluster.pictures import BLUE, GREY, ORANGE
 
 #: Seconds up to which a search is told in seconds.
 _SHORT = 180.0

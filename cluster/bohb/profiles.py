@@ -14,39 +14,61 @@ METHODS = {"bohb": "BOHB", "hyperband": "Hyperband", "random": "random search"}
 ENDLESS = 1000
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Profile:
     """Size of a search.
 
     `time_budget`, in seconds, ends the search after the generations in flight; None runs all
-    brackets. Budgets are core seconds of a configuration, estimated (`bilevel.cost`).
+    brackets. Budgets are core seconds of a configuration (`bilevel.cost`).
     """
 
-    recipe: str
-    space: str
-    prior: str  # of the random configurations (`BracketSearch`)
-    population: int | None  # None: the recipe's
+    recipe: str = "default"
+    space: str = "core"
+    prior: str = "none"  # of the random configurations (`BracketSearch`)
     smallest_budget: int  # of the lowest rung
     largest_budget: int  # of the highest rung
-    cycle: int | None  # see `Schedule`; None: Hyperband's
-    start_candidates: int | None  # random SEs; None: the recipe's
-    centre_agents: int | None  # trained on the unperturbed SE; None: the recipe's
-    max_episodes: int | None  # of an agent's training on an SE; None: the recipe's
+    cycle: int | None = None  # see `Schedule`; None: Hyperband's
     brackets: int
-    time_budget: float | None
-    final_agents: int  # trained on the best SE at the end, with fresh seeds
+    time_budget: float | None = None
+    final_agents: int = 10  # trained on the best SE at the end, with fresh seeds
+    # None: the recipe's.
+    population: int | None = None
+    start_candidates: int | None = None  # random SEs
+    centre_agents: int | None = None  # trained on the unperturbed SE
+    max_episodes: int | None = None  # of an agent's training on an SE
 
 
 PROFILES = {
     # A quick check of all three layers.
-    "smoke": Profile("default", "core", "none", 2, 1, 3, None, 2, 2, 15, 2, None, 4),
+    "smoke": Profile(
+        smallest_budget=1,
+        largest_budget=3,
+        brackets=2,
+        final_agents=4,
+        population=2,
+        start_candidates=2,
+        centre_agents=2,
+        max_episodes=15,
+    ),
     # For a laptop, in half an hour. It begins with the recipe, so that what it hands over has been
     # compared with that, also where the time is enough for a dozen configurations alone.
     "local": Profile(
-        "default", "core", "recipe", None, 30, 270, 1, None, None, None, ENDLESS, 30 * 60.0, 10
+        prior="recipe",
+        smallest_budget=30,
+        largest_budget=270,
+        cycle=1,
+        brackets=ENDLESS,
+        time_budget=30 * 60.0,
     ),
     # The paper's scale (Table "Fixed hyperparameters"): about 200 generations.
-    "paper": Profile("paper", "full", "none", 16, 100, 2700, None, None, None, None, 12, None, 10),
+    "paper": Profile(
+        recipe="paper",
+        space="full",
+        smallest_budget=100,
+        largest_budget=2700,
+        brackets=12,
+        population=16,
+    ),
 }
 
 

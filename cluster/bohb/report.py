@@ -20,12 +20,12 @@ from cluster.bohb.summary import StudySummary
 from cluster.bohb.trial import (
     BUDGET_REACHED,
     FAILURE,
+    MESSAGES,
     MISTAKE,
     NO_STORAGE,
     OBJECTIVE,
     SPENT,
     TALLY,
-    TOLD,
 )
 from cluster.bohb.view import StudyViews
 from cluster.session.terminal import Terminal, count, duration, last_line
@@ -82,8 +82,8 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         if TALLY not in result:
             return
         job = self._jobs[trial.trial_id]
-        for line in result[TOLD]:
-            self._terminal.line(line)
+        for line in result[MESSAGES]:
+            self._terminal.log(line)
         self._mark(job)
         self._spent[trial.trial_id] = result[SPENT]
         if result["record"] is not None:
@@ -114,7 +114,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         if last is not None and (last.id, last.budget) == (job.id, job.budget):
             self._failed(job, last.exception or "")
         else:
-            self._terminal.line(
+            self._terminal.log(
                 f"{configuration_name(job.id)}: the trial's process died; it is started again"
             )
 
@@ -131,7 +131,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._mirror.mark([self._views.key(configuration_name(job.id))])
 
     def _failed(self, job: Job, reason: str) -> None:
-        self._terminal.line(f"{configuration_name(job.id)} failed: {last_line(reason)}")
+        self._terminal.log(f"{configuration_name(job.id)} failed: {last_line(reason)}")
 
     def _show(self, job: Job, now: str) -> None:
         # Kept short, so that the bar fits into 80 columns.
@@ -150,15 +150,15 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         """Two lines, the first one of 80 columns: what came out, and what was tried."""
         leader = self._summary.leader
         best = "" if leader is None else f" (best so far {leader.loss:.0f})"
-        self._terminal.line(
-            f"{configuration_name(job.id)} {Tally.told(result[TALLY].info)}; "
+        self._terminal.log(
+            f"{configuration_name(job.id)} {Tally.describe(result[TALLY].info)}; "
             f"objective {result[OBJECTIVE]:.0f}{best}{self._time_to_go()}"
         )
         tried = (
             f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
             for name, value in job.configuration.items()
         )
-        self._terminal.line(f"    {job.origin}: {', '.join(tried)}")
+        self._terminal.log(f"    {job.origin}: {', '.join(tried)}")
 
     def _time_to_go(self) -> str:
         seconds = self._seconds_left()

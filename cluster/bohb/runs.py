@@ -45,14 +45,14 @@ class ConfigurationRuns:
         study: Study,
         config_id: ConfigId,
         configuration: Configuration,
-        tell: Callable[[str], None] = lambda line: None,
+        log: Callable[[str], None] = lambda line: None,
         validation: bool = False,
     ) -> Self:
         """What is on disk; a damaged run begins anew (`NESRun.open`). Raises InvalidInput, and
         OtherVersion for a run of another version."""
         runs = cls(study, config_id, configuration, validation)
         while runs._next.begun:
-            runs.states.append(runs._next.open(tell))
+            runs.states.append(runs._next.open(log))
         return runs
 
     @property

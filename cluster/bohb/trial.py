@@ -24,7 +24,7 @@ from cluster.ray.pool import EvaluationPool
 OBJECTIVE, BUDGET_REACHED, FAILURE = "objective", "budget_reached", "failure"
 #: Keys of what the objective rests on (a `Tally`; Tune would flatten a dictionary), of lines for
 #: the terminal, and of the core seconds (estimated) that this job has spent so far.
-TALLY, TOLD, SPENT = "tally", "told", "spent"
+TALLY, MESSAGES, SPENT = "tally", "messages", "spent"
 #: Keys of reports that end the study, a mistake unless other configurations have succeeded.
 NO_STORAGE, MISTAKE = "no_storage", "mistake"
 #: Key of the seconds that the job has spent in evaluations so far.
@@ -69,9 +69,9 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         if not (study.folder / "settings.json").exists():
             node = socket.gethostname()
             raise StorageFailure(f"node {node} does not see the folder {str(study.folder)!r}")
-        told: list[str] = []
+        messages: list[str] = []
         runs = self._runs or ConfigurationRuns.open(
-            study, tuple(job["id"]), job["configuration"], told.append
+            study, tuple(job["id"]), job["configuration"], messages.append
         )
         if self._spent_before is None:
             self._spent_before = runs.tally.cost
@@ -85,7 +85,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         tally, reached = runs.tally, runs.spent(job["budget"])
         return {
             "record": record,
-            TOLD: told,
+            MESSAGES: messages,
             OBJECTIVE: tally.objective,
             TALLY: tally,
             SPENT: tally.cost - self._spent_before,

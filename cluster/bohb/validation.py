@@ -103,7 +103,7 @@ def validate(
     journal: Journal,
     plan: Plan,
     pool: EvaluationPool,
-    tell: Callable[[str], None],
+    log: Callable[[str], None],
     progress: Callable[[float, float], None],
     is_over: Callable[[], bool],
 ) -> Validation | None:
@@ -116,7 +116,7 @@ def validate(
     each = plan.core_seconds
     configurations = {line.id: line.configuration for line in journal.configs}
     runs = [
-        ConfigurationRuns.open(study, one, configurations[one], tell, validation=True)
+        ConfigurationRuns.open(study, one, configurations[one], log, validation=True)
         for one in plan.finalists
     ]
     started = time.time()
@@ -130,7 +130,7 @@ def validate(
         except Exception as error:  # as in the search: others may go on
             runs.remove(behind)
             name = configuration_name(behind.id)
-            tell(f"{name} failed with new seeds, and is left out: {last_line(str(error))}")
+            log(f"{name} failed with new seeds, and is left out: {last_line(str(error))}")
     if not runs or min(one.tally.cost for one in runs) < _ENOUGH * each:
         return None
     now = time.time()

@@ -26,10 +26,10 @@ from cluster.nes.view import (
     registered,
     run_documents,
 )
+from cluster.pictures import png
 from cluster.session.terminal import last_line
-from cluster.storage.run_folder import RunIdentity, RunStatus, finals
+from cluster.storage.run_folder import Lifetime, RunIdentity, Status, finals
 from cluster.tracking import Document, Point, Progress, RunView
-from cluster.tracking.pictures import png
 from search_spaces import of_hyperparameters
 
 
@@ -81,9 +81,8 @@ class StudyViews:
 
     def _study(self, journal: Journal) -> RunView:
         study, ends = self.study, finals(self.study.folder)
-        run_status = RunStatus.load(study.folder) or RunStatus("KILLED", self.identity.began, 0)
-        over = self.live is None or run_status.status != "RUNNING"
-        summary = StudySummary.of(journal, study.schedule.brackets(run_status.target))
+        lifetime = Lifetime.of(study.folder, self.identity.began, self.live is not None)
+        summary = StudySummary.of(journal, study.schedule.brackets(lifetime.target))
         tags = {"bilevel.kind": KIND}
         incumbent = summary.incumbent
         if incumbent is not None:
@@ -108,9 +107,7 @@ class StudyViews:
         return RunView(
             self.parent,
             study.name,
-            run_status.ended_as if over else "RUNNING",
-            self.identity.began,
-            run_status.since if over else None,
+            lifetime,
             {
                 "task": study.task.id,
                 "seed": study.seed,
@@ -123,7 +120,7 @@ class StudyViews:
             },
             tags,
             (*points, *(Point.of_final(end) for end in ends)),
-            tuple(self._documents(journal, summary, bool(ends), over)),
+            tuple(self._documents(journal, summary, bool(ends), lifetime.over)),
             model=registered(study.folder, study.task.id, ends[-1]) if ends else None,
             author=self.identity.author,
             description=self._description(),
@@ -247,12 +244,15 @@ class StudyViews:
         if runs.generations:
             first = next(state.records[0] for state in runs.states if state.records)
             started = first.finished - first.generation_seconds
+        lifetime = (
+            Lifetime("RUNNING", started, None)
+            if live
+            else Lifetime(_status(results, runs.tally.cost), started, max(times, default=started))
+        )
         return RunView(
             self.key(name),
             name,
-            "RUNNING" if live else _status(results, runs.tally.cost),
-            started,
-            None if live else max(times, default=started),
+            lifetime,
             line.configuration,  # and all the rest in configuration.json
             tags,
             tuple(points),
@@ -286,13 +286,13 @@ def _tallied(result: ResultLine) -> dict[str, float]:
     return {name: float(result.info[name]) for name in TALLIED if name in result.info}
 
 
-def _status(results: list[ResultLine], cost: float) -> str:
+def _status(results: list[ResultLine], cost: float) -> Status:
     """MLflow status of a configuration's run that no process works on, whose runs have cost so many
     core seconds."""
     if any(result.loss is None for result in results):
         return "FAILED"
-    told = max((result.info.get("core_seconds", 0.0) for result in results), default=-1.0)
-    return "FINISHED" if told >= round(cost, 2) else "KILLED"
+    spent = max((result.info.get("core_seconds", 0.0) for result in results), default=-1.0)
+    return "FINISHED" if spent >= round(cost, 2) else "KILLED"
 
 
 def study_progress(folder: Path, brackets: int) -> Progress:

@@ -1,4 +1,4 @@
-"""`bilevel studies`: all runs in a home with their state, progress and best score."""
+"""`bilevel runs`: all runs in a home with their state, progress and best score."""
 
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`bilevel sync`: write a study from disk to MLflow, also to an empty one."""
+"""`bilevel sync`: write a run from disk to MLflow, also to an empty one."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ from cluster.tracking.view import DocumentFailed
 
 
 def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> None:
-    """Write what MLflow lacks of the study or NES run in `folder`, from its files alone.
+    """Write what MLflow lacks of the run in `folder`, from its files alone.
 
     The call may be repeated. Raises InvalidInput if the folder is damaged or in use by another
     process, or if MLflow fails.
@@ -32,12 +32,12 @@ def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> Non
                 try:
                     tracker.show(view)
                 except DocumentFailed as error:
-                    terminal.line(f"{view.name}: MLflow lacks {error}")
+                    terminal.log(f"{view.name}: MLflow lacks {error}")
                 except Exception as error:  # MLflow raises errors of many kinds
                     raise InvalidInput(
                         f"MLflow at {without_password(tracking_uri)} failed after {done} of "
                         f"{len(keys)} runs: {without_password(first_line(error))}; run the same "
                         "command again to resume"
                     ) from None
-        terminal.line(f"{folder.name}: {len(keys)} run(s) in MLflow now match the disk")
-        terminal.line(f"MLflow {shown_at(home, tracker, keys[0])}")
+        terminal.log(f"{folder.name}: {len(keys)} run(s) in MLflow now match the disk")
+        terminal.log(f"MLflow {shown_at(home, tracker, keys[0])}")

@@ -9,10 +9,10 @@ from bilevel.errors import InvalidInput
 from cluster.cli.evaluate import evaluate
 from cluster.cli.experiment import experiment
 from cluster.cli.files import export_se, import_se
-from cluster.cli.runs import bohb, nes
+from cluster.cli.learn import bohb, nes
+from cluster.cli.runs import runs, sync
 from cluster.cli.services import down, status, ui, up
 from cluster.cli.show import show
-from cluster.cli.studies import studies, sync
 from cluster.cli.zoo import build, zoo
 
 
@@ -38,7 +38,7 @@ COMMANDS = (
     zoo,
     export_se,
     import_se,
-    studies,
+    runs,
     sync,
     up,
     status,

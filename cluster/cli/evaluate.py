@@ -16,6 +16,7 @@ from cluster.cli.options import (
     load_se_of,
     task_option,
     vary_option,
+    workers_option,
 )
 from cluster.storage.home import LONGEST_NAME
 
@@ -45,9 +46,7 @@ from cluster.storage.home import LONGEST_NAME
     type=WholeNumber(min=1),
     help="Maximum number of training episodes (default: the recipe's).",
 )
-@click.option(
-    "--workers", type=WholeNumber(min=1), help="Actors (default: one per core of the run's share)."
-)
+@workers_option
 @click.option(
     "--name",
     help="Name of the evaluation and its folder; an existing name resumes (default: made of "

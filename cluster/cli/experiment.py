@@ -4,7 +4,7 @@ from typing import Any
 
 import click
 
-from cluster.cli.options import RunOptions, WholeNumber, common_options
+from cluster.cli.options import RunOptions, WholeNumber, common_options, workers_option
 
 
 @click.command()
@@ -31,9 +31,7 @@ from cluster.cli.options import RunOptions, WholeNumber, common_options
     type=WholeNumber(min=1, max=100_000),
     help="Agents of each kind trained on the real task (default: the size's).",
 )
-@click.option(
-    "--workers", type=WholeNumber(min=1), help="Actors (default: one per core of the run's share)."
-)
+@workers_option
 @common_options
 def experiment(
     name: str,

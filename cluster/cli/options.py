@@ -148,6 +148,10 @@ vary_option = click.option(
     "at the same pace replace the large ones) (default: the recipe's; in evaluate: no).",
 )
 
+workers_option = click.option(
+    "--workers", type=WholeNumber(min=1), help="Actors (default: one per core of the run's share)."
+)
+
 tracking_option = click.option(
     "--tracking-uri",
     is_eager=True,

@@ -1,198 +1,53 @@
-"""The commands `nes` and `bohb`."""
+"""Commands on the runs of a home: `runs` and `sync`."""
 
-import sys
-from dataclasses import replace
-from typing import Any
+from pathlib import Path
 
 import click
 
 from cluster.cli.options import (
-    Duration,
-    RunOptions,
-    WholeNumber,
-    run_options,
+    agent_file_option,
+    home_option,
+    the_tracking_uri,
+    tracking_option,
 )
 
 
 @click.command()
-@run_options
-@click.option(
-    "--generations",
-    type=WholeNumber(min=1),
-    help="Maximum number of generations (default: the recipe's).",
-)
-@click.option(
-    "--workers", type=WholeNumber(min=1), help="Actors (default: one per core of the run's share)."
-)
-@click.option(
-    "--solved-for",
-    type=WholeNumber(min=1),
-    help="Stop once this many generations have solved the task on average and fresh agents confirm "
-    "it (default: the recipe's; paper and authors never stop early).",
-)
-@click.option(
-    "--name",
-    help="Name of the run and its folder; an existing name resumes (default: made of recipe, "
-    "agents and seed, as nes-default-seed0).",
-)
-def nes(
-    generations: int | None,
-    workers: int | None,
-    solved_for: int | None,
-    name: str | None,
-    **options: Any,
-) -> None:
-    """Learn an SE for TASK (CartPole-v0, Acrobot-v1 or another gymnasium id) by one NES run."""
-    from bilevel.hyperparameters import CONFIRMING_AGENTS
+@home_option
+def runs(home: Path) -> None:
+    """List all studies and other runs: state, progress, best score."""
+    from cluster.catalog.overview import overview, print_overview
+    from cluster.session.terminal import Terminal
+    from cluster.storage.home import Home
 
-    common = RunOptions(**options)
-    task = common.the_task()
-    hp = common.the_hyperparameters(task)
-    wanted = {"generations": generations, "solved_for": solved_for}
-    changes: dict[str, Any] = {key: value for key, value in wanted.items() if value is not None}
-    # A recipe whose runs never stop early has no agents that confirm.
-    if solved_for and "nes.confirming_agents" not in dict(common.settings):
-        changes["confirming_agents"] = hp.nes.confirming_agents or CONFIRMING_AGENTS
-    hp = replace(hp, nes=replace(hp.nes, **changes))
-    name = name or f"nes{common.suffix(hp.recipe)}-seed{common.seed}"
-
-    context = common.the_context()
-    folder = context.home.run_folder(task.id, name)
-
-    from cluster.nes.command import NESCommand, run_nes
-    from cluster.nes.run import NESRun
-
-    run = NESRun(task, hp, common.seed, folder)
-    run_nes(NESCommand(run, context, workers))
-
-
-@click.command()
-@run_options
-@click.option(
-    "--study",
-    help="Name of the study and its folder; an existing name resumes (default: made of method, "
-    "profile, space, recipe, agents and seed, as bohb-local-core-default-seed0).",
-)
-@click.option(
-    "--profile",
-    default="local",
-    show_default=True,
-    help="Size of the search: smoke (a quick check), local (30 minutes) or paper (the paper's).",
-)
-@click.option(
-    "--space",
-    help="Search space: full (the paper's 18 hyperparameters), core (eight of NES and the SE), or "
-    "the path of a file that ConfigSpace has written, *.json or *.yaml (default: the profile's).",
-)
-@click.option(
-    "--brackets",
-    type=WholeNumber(min=1, max=1000),
-    help="Number of brackets, at most 1000 (default: the profile's).",
-)
-@click.option(
-    "--time-budget",
-    type=Duration(),
-    help="Time limit of this call: 90s, 45m, 2h or seconds (default: the profile's).",
-)
-@click.option(
-    "--workers-per-trial",
-    type=WholeNumber(min=1),
-    help="Actors, of one core each, per trial (default: 1, or more where there are more cores than "
-    "configurations).",
-)
-@click.option(
-    "--concurrent-trials",
-    type=WholeNumber(min=1),
-    help="Trials at a time (default: as many as this study's share of the cores holds).",
-)
-@click.option(
-    "--method",
-    default="bohb",
-    show_default=True,
-    help="bohb, hyperband (the same brackets without BOHB's model) or random (random search at the "
-    "largest budget).",
-)
-@click.option(
-    "--prior",
-    help="none; recipe: the first configuration is the recipe's, and about half of the random ones "
-    "are drawn around it; or the name of a study on the task, with whose results the model begins "
-    "(default: recipe in the profile local, else none).",
-)
-@click.option(
-    "--dry-run", is_flag=True, help="Print brackets, cost and estimated time without running."
-)
-def bohb(
-    study: str | None,
-    profile: str,
-    space: str | None,
-    brackets: int | None,
-    time_budget: float | None,
-    workers_per_trial: int | None,
-    concurrent_trials: int | None,
-    method: str,
-    prior: str | None,
-    dry_run: bool,
-    **options: Any,
-) -> None:
-    """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
-    from bilevel.errors import InvalidInput
-    from bilevel.nes import NES
-    from bilevel.synthetic_env import least_units
-    from cluster.bohb.profiles import SET_BY_SEARCH, get_method, get_profile, sized
-    from search_spaces import Space
-
-    common = RunOptions(**options)
-    task = common.the_task()
-    get_method(method)
-    size = get_profile(profile)
-    changes: dict[str, Any] = {
-        "space": space,
-        "brackets": brackets,
-        "time_budget": time_budget,
-        "prior": prior,
-    }
-    size = replace(size, **{key: value for key, value in changes.items() if value is not None})
-    for name, value in common.settings:
-        if name in SET_BY_SEARCH:
-            raise InvalidInput(
-                f"{name} cannot be set to {value} in a search: all of its runs end once an SE is "
-                "confirmed, in the same way"
-            )
-    hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
-    searched = Space.of(size.space)
-    if hp.se.structure == "exogenous":
-        searched = searched.fitting("se.hidden_size", least_units(task))
-    searched.check(hp, SET_BY_SEARCH, lambda tried: NES(task, tried))
-    if searched == Space("full") and hp.se.structure != "plain":
-        raise InvalidInput(
-            "the space 'full' needs plain SEs (--recipe paper, authors or distilled); "
-            f"the recipe {hp.recipe!r} has {hp.se.structure} SEs"
-        )
-    context = common.the_context()
-    name = (
-        study or f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"
-    )
-    folder = context.home.run_folder(task.id, name)
-
-    from cluster.bohb.brackets import Schedule
-    from cluster.bohb.command import StudyCommand, run_study
-    from cluster.bohb.estimate import dry_run as estimate
-    from cluster.bohb.study import Study
-
-    schedule = Schedule.of(method, size.smallest_budget, size.largest_budget, size.cycle)
-    defined = Study(folder, task, common.seed, searched, schedule, hp, method, size.prior)
-    context.home.run_folder(task.id, size.prior)  # raises for a name that is not allowed
-    defined.check_prior()
-    command = StudyCommand(
-        defined,
-        context,
-        size.brackets,
-        size.time_budget,
-        size.final_agents,
-        workers_per_trial or 0,
-        concurrent_trials,
-    )
-    if dry_run:
-        estimate(command)
+    where = Home(home)
+    lines = overview(where)
+    if lines:
+        print_overview(lines, Terminal().console)
     else:
-        sys.exit(run_study(command))
+        start = where.hint("nes CartPole-v0", "nes-cartpole")
+        click.echo(f"no runs in {str(home)!r} yet: start with {start}")
+
+
+@click.command()
+@click.argument("run")
+@home_option
+@tracking_option
+@agent_file_option
+def sync(run: str, home: Path, tracking_uri: str | None, agent_files: tuple[Path, ...]) -> None:
+    """Write to MLflow what it lacks of RUN, from the files on disk.
+
+    RUN is the name of a study or of another run, or TASK/NAME if several tasks have that name.
+    """
+    from bilevel.agents import load_plugins
+    from cluster.catalog.sync import sync as write
+    from cluster.ray.agent_files import load_agent_file
+    from cluster.session.terminal import Terminal
+    from cluster.storage.home import Home
+
+    load_plugins()
+    for file in agent_files:
+        load_agent_file(file)
+    where = Home(home)
+    folder = where.find(run)
+    write(folder, where, the_tracking_uri(tracking_uri, where), Terminal())

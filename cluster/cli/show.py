@@ -40,6 +40,6 @@ def show(path: Path, out: Path | None, se_task: str | None) -> None:
         drawn.savefig(out, dpi=150)
     except OSError as error:
         raise InvalidInput(f"cannot write {str(out)!r}: {error.strerror or error}") from None
-    for line in portrait.told:
+    for line in portrait.sentences:
         click.echo(line)
     click.echo(f"picture: {out}")

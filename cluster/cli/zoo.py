@@ -12,6 +12,7 @@ from cluster.cli.options import (
     home_option,
     the_context,
     tracking_option,
+    workers_option,
 )
 
 
@@ -44,9 +45,7 @@ def zoo(context: click.Context) -> None:
     show_default=True,
     help="Fresh agents of each kind that are trained on it for the card.",
 )
-@click.option(
-    "--workers", type=WholeNumber(min=1), help="Actors (default: one per core of the run's share)."
-)
+@workers_option
 @address_option
 @tracking_option
 @home_option

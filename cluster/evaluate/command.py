@@ -33,12 +33,12 @@ from cluster.evaluate import pictures
 from cluster.evaluate.report import Group, as_json, as_table
 from cluster.evaluate.run import KIND, PICTURE_FILE, REPORT_FILE, RESULTS_FILE
 from cluster.evaluate.view import EvaluationViews
+from cluster.pictures import png
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext
 from cluster.session.session import Session
 from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import Final, add_final
-from cluster.tracking.pictures import png
 
 
 @dataclass(frozen=True)
@@ -79,7 +79,7 @@ class EvaluateCommand:
 def run_evaluate(command: EvaluateCommand) -> list[Group]:
     """Evaluate, report, and track; returns the groups in the order of the table.
 
-    Results are on disk as they come: the same command again goes on. Raises
+    Results are on disk as they come: the same command again resumes. Raises
     InvalidInput before anything is written.
     """
     folder = command.context.home.run_folder(command.task.id, command.name)
@@ -110,8 +110,8 @@ class _Runner:
             f"seed {command.seed}"
         )
         views = EvaluationViews(self.folder, self.session.identity, live=True)
-        goes_on = "run the same command again to add the missing agents"
-        with self.session.live(views, command.agents, goes_on):
+        resume_hint = "run the same command again to add the missing agents"
+        with self.session.live(views, command.agents, resume_hint):
             groups = self._groups()
             self._report(groups)
             return groups
@@ -163,9 +163,9 @@ class _Runner:
                 yield (label, agent, i), result
 
     def _report(self, groups: list[Group]) -> None:
-        line = self.terminal.line
+        log = self.terminal.log
         for row in as_table(groups):
-            line(row)
+            log(row)
         report = as_json(groups)
         write_aside(self.folder / REPORT_FILE, json.dumps(report, indent=2).encode())
         write_aside(
@@ -178,8 +178,8 @@ class _Runner:
             for group in groups
         }
         add_final(self.folder, Final(self.command.agents, time.time(), metrics))
-        line(f"report: {self.folder / REPORT_FILE}; picture: {self.folder / PICTURE_FILE}")
-        line(f"MLflow {self.session.shown_at(self.session.identity.uuid)}")
+        log(f"report: {self.folder / REPORT_FILE}; picture: {self.folder / PICTURE_FILE}")
+        log(f"MLflow {self.session.shown_at(self.session.identity.uuid)}")
 
 
 def _list(names: Any) -> str:

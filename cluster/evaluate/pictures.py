@@ -12,7 +12,7 @@ from scipy.stats import t as student_t
 
 from bilevel.tasks import Task
 from cluster.evaluate.report import Group
-from cluster.tracking.pictures import BLUE, GREY, ORANGE
+from cluster.pictures import BLUE, GREY, ORANGE
 
 _COLOURS = (BLUE, ORANGE, "#3d9970", GREY, "#b04a8b")
 

@@ -11,7 +11,7 @@ from cluster.evaluate.run import (
     EvaluationSettings,
 )
 from cluster.storage.jsonl_log import JsonlLog
-from cluster.storage.run_folder import RunIdentity, RunStatus, finals
+from cluster.storage.run_folder import Lifetime, RunIdentity, finals
 from cluster.tracking import Document, Point, Progress, RunView
 
 
@@ -41,21 +41,18 @@ class EvaluationViews:
     def view(self, key: str) -> RunView:
         """The run as it is on disk. Raises InvalidInput."""
         settings, ends = EvaluationSettings.read(self.folder), finals(self.folder)
-        run_status = RunStatus.load(self.folder) or RunStatus("KILLED", self.identity.began, 0)
-        over = not (self.live and run_status.status == "RUNNING")
+        lifetime = Lifetime.of(self.folder, self.identity.began, self.live)
         sources, task = ", ".join(settings.sources), settings.task.id
-        note = f"{run_status.target} fresh agents of each kind on {sources}, tested on {task}."
+        note = f"{lifetime.target} fresh agents of each kind on {sources}, tested on {task}."
         files = [self.folder / name for name in (REPORT_FILE, PICTURE_FILE, RESULTS_FILE)]
         return RunView(
             key,
             self.folder.name,
-            run_status.ended_as if over else "RUNNING",
-            self.identity.began,
-            run_status.since if over else None,
+            lifetime,
             {"agents": settings.kinds, "vary": settings.vary, "seed": settings.seed, "task": task},
             {"bilevel.kind": KIND},
             tuple(Point.of_final(end) for end in ends),
-            tuple(Document.of_file(path) for path in files if over and path.exists()),
+            tuple(Document.of_file(path) for path in files if lifetime.over and path.exists()),
             author=self.identity.author,
             description=note,
         )

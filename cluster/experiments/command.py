@@ -130,15 +130,15 @@ class _Runner:
             f"agents {kinds}, size {plan.size.name}, {self.pool.size} worker(s), seed {plan.seed}"
         )
         views = ExperimentViews(self.folder, self.session.identity, live=True)
-        goes_on = "run the same command again to resume after the last NES run or agent"
-        with self.session.live(views, len(self.ses), goes_on):
+        resume_hint = "run the same command again to resume after the last NES run or agent"
+        with self.session.live(views, len(self.ses), resume_hint):
             self._make_ses()
             results = AgentResults(self.folder)
             sources = [made.source for made in self.ses]
             material = Material(self.ses, sources, results.found, self.folder)
             self._train(material, results)
             if experiment.record is not None:
-                self.terminal.line("recording agents in their readable form, on one core")
+                self.terminal.log("recording agents in their readable form, on one core")
                 experiment.record(plan, material, self._recorded)
             with styled():
                 findings = experiment.findings(plan, material)
@@ -155,7 +155,7 @@ class _Runner:
                 with locked_settings(run.folder, run.settings()):
                     pass  # raises InvalidInput if it was begun with other settings
             else:
-                self.terminal.line(
+                self.terminal.log(
                     f"NES run {number} of {len(self.ses)}: {title_of(made.condition)}, "
                     f"seed {run.seed}"
                 )
@@ -211,7 +211,7 @@ class _Runner:
     def _report(self, findings: Findings, agents: int) -> None:
         """Write data, pictures and findings, and tell them."""
         for row in text_lines(findings.summary):
-            self.terminal.line(row)
+            self.terminal.log(row)
         pictures = {f"{name}.svg": figure for name, figure in findings.figures.items()}
         for name, figure in pictures.items():
             write_aside(self.folder / name, svg(figure))
@@ -230,6 +230,6 @@ class _Runner:
         )
         write_aside(self.folder / FINDINGS_FILE, json.dumps(asdict(stored), indent=2).encode())
         add_final(self.folder, Final(len(self.ses) + agents, time.time(), dict(findings.metrics)))
-        line = self.terminal.line
-        line(f"data: {self.folder / DATA_FILE}; pictures: {', '.join(pictures)} in the same folder")
-        line(f"MLflow {self.session.shown_at(self.session.identity.uuid)}")
+        log = self.terminal.log
+        log(f"data: {self.folder / DATA_FILE}; pictures: {', '.join(pictures)} in the same folder")
+        log(f"MLflow {self.session.shown_at(self.session.identity.uuid)}")

@@ -130,6 +130,6 @@ def write_report(command: ExperimentCommand) -> Path:
         with session.live(views, 0, "run the same command again"):
             write_aside(path, text.encode())
             add_final(folder, Final(0, time.time(), {"characters": float(len(text))}))
-        session.terminal.line(f"report: {path}")
-        session.terminal.line(f"MLflow {session.shown_at(session.identity.uuid)}")
+        session.terminal.log(f"report: {path}")
+        session.terminal.log(f"MLflow {session.shown_at(session.identity.uuid)}")
     return path

@@ -9,7 +9,7 @@ from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 AGENTS = 10
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class Size:
     """How much work an experiment does; a larger size adds to what a smaller one has done."""
 
@@ -76,9 +76,43 @@ QUICK_EPISODES = 5
 SIZES = {
     size.name: size
     for size in (
-        Size("smoke", 1, 2, 2, 1, 1, 1, 2, 4, 2, quick=True),
-        Size("local", 10, AGENTS, 30, 10, 8, 5, 4, 60, 10),
-        Size("paper", 40, AGENTS, 400, 40, 40, 10, AGENTS, 400, 10),
+        Size(
+            name="smoke",
+            ses=1,
+            agents=2,
+            real_agents=2,
+            runs=1,
+            authors_runs=1,
+            curve_ses=1,
+            curve_agents=2,
+            varied_agents=4,
+            behaviour_agents=2,
+            quick=True,
+        ),
+        Size(
+            name="local",
+            ses=10,
+            agents=AGENTS,
+            real_agents=30,
+            runs=10,
+            authors_runs=8,
+            curve_ses=5,
+            curve_agents=4,
+            varied_agents=60,
+            behaviour_agents=10,
+        ),
+        Size(
+            name="paper",
+            ses=40,
+            agents=AGENTS,
+            real_agents=400,
+            runs=40,
+            authors_runs=40,
+            curve_ses=10,
+            curve_agents=AGENTS,
+            varied_agents=400,
+            behaviour_agents=10,
+        ),
     )
 }
 

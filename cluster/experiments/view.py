@@ -14,7 +14,7 @@ from cluster.experiments.run import (
     documents,
 )
 from cluster.storage.jsonl_log import JsonlLog
-from cluster.storage.run_folder import RunIdentity, RunStatus, finals
+from cluster.storage.run_folder import Lifetime, RunIdentity, finals
 from cluster.tracking import Document, Point, Progress, RunView
 
 
@@ -44,15 +44,12 @@ class ExperimentViews:
     def view(self, key: str) -> RunView:
         """The run as it is on disk. Raises InvalidInput."""
         settings, ends = ExperimentSettings.read(self.folder), finals(self.folder)
-        run_status = RunStatus.load(self.folder) or RunStatus("KILLED", self.identity.began, 0)
-        over = not (self.live and run_status.status == "RUNNING")
+        lifetime = Lifetime.of(self.folder, self.identity.began, self.live)
         found = StoredFindings.read(self.folder)
         return RunView(
             key,
             self.folder.name,
-            run_status.ended_as if over else "RUNNING",
-            self.identity.began,
-            run_status.since if over else None,
+            lifetime,
             {
                 "experiment": settings.experiment,
                 "task": settings.task.id,
@@ -62,7 +59,7 @@ class ExperimentViews:
             # A tag, because it may change: parameters cannot.
             {"bilevel.kind": KIND, **({"bilevel.size": found.size.name} if found else {})},
             tuple(Point.of_final(end) for end in ends),
-            tuple(Document.of_file(path) for path in documents(self.folder) if over),
+            tuple(Document.of_file(path) for path in documents(self.folder) if lifetime.over),
             author=self.identity.author,
             description=explanation_of(settings.experiment),
         )

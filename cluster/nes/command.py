@@ -20,11 +20,11 @@ from cluster.nes.selection import (
     export_best,
 )
 from cluster.nes.view import NESViews
+from cluster.pictures import png
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import Driver, RunContext
 from cluster.session.session import Session
 from cluster.session.terminal import count, duration, generation_line
-from cluster.tracking.pictures import png
 from cluster.tracking.registry import model_address
 
 
@@ -75,76 +75,76 @@ class _Runner:
             f"{nes.generations} generations, {self.pool.size} worker(s), seed {run.seed}"
         )
         views = NESViews(run, self.session.identity, live=True)
-        goes_on = "run the same command again to resume after the last finished generation"
-        with self.session.live(views, nes.generations, goes_on) as mirror:
-            state = self._evolved(self._open(), lambda: mirror.mark(views.keys()))
+        resume_hint = "run the same command again to resume after the last finished generation"
+        with self.session.live(views, nes.generations, resume_hint) as mirror:
+            state = self._run_generations(self._open(), lambda: mirror.mark(views.keys()))
             self._finish(state)
             return state
 
     def _open(self) -> NESState:
         if self.run.hp.nes.start == "distilled":
-            self.terminal.line("distilling the start from action values of the real task")
-        state = self.run.open(self.terminal.line)
+            self.terminal.log("distilling the start from action values of the real task")
+        state = self.run.open(self.terminal.log)
         if state.generation > 0:
-            self.terminal.line(f"resuming after generation {state.generation - 1}")
+            self.terminal.log(f"resuming after generation {state.generation - 1}")
         return state
 
-    def _evolved(self, state: NESState, changed: Callable[[], None]) -> NESState:
+    def _run_generations(self, state: NESState, changed: Callable[[], None]) -> NESState:
         """Run start, generations and confirmations until the state is finished."""
         nes = self.run.hp.nes
         started, first = time.monotonic(), state.generation
         while not state.finished:
             self.session.guard.check()
             if state.race is not None:
-                state = self._chosen(state, state.race)
+                state = self._choose_start(state, state.race)
             elif state.confirmation is not None:
-                state = self._confirmed(state, state.confirmation)
+                state = self._confirm(state, state.confirmation)
             else:
                 done, left = state.generation - first, nes.generations - state.generation
                 seconds = (time.monotonic() - started) / max(done, 1) * left
                 note = f"ETA at most {duration(seconds)}" if done else ""
                 title = f"generation {state.generation}"
                 self.terminal.bar(title, 0, nes.evaluations, "evaluations", note)
-                state = self._advanced(state)
+                state = self._advance(state)
                 changed()
-                self.terminal.line(generation_line(state.records[-1], state.best_score))
+                self.terminal.log(generation_line(state.records[-1], state.best_score))
         return state
 
-    def _advanced(
+    def _advance(
         self, state: NESState, on_result: Callable[[EvaluationResult], None] | None = None
     ) -> NESState:
-        def told(result: EvaluationResult) -> None:
+        def count_one(result: EvaluationResult) -> None:
             self.terminal.step()
             if on_result is not None:
                 on_result(result)
 
-        return self.run.advance(state, self.pool, told)
+        return self.run.advance(state, self.pool, count_one)
 
-    def _chosen(self, state: NESState, race: StartRace) -> NESState:
+    def _choose_start(self, state: NESState, race: StartRace) -> NESState:
         """Choose the start of this attempt."""
         if state.attempt:
-            self.terminal.line(
+            self.terminal.log(
                 f"no new best SE for {self.run.hp.nes.restart_after} generations: attempt "
                 f"{state.attempt + 1} starts from other random SEs"
             )
-        self.terminal.line(f"choosing a start among {race.candidates} random SEs")
+        self.terminal.log(f"choosing a start among {race.candidates} random SEs")
         self.terminal.bar("choosing the start", 0, race.evaluations, "evaluations")
         while not state.started:
             self.session.guard.check()
-            state = self._advanced(state)
+            state = self._advance(state)
         return state
 
-    def _confirmed(self, state: NESState, confirmation: Confirmation) -> NESState:
-        """Train the agents of one round of a confirmation, and tell its result."""
+    def _confirm(self, state: NESState, confirmation: Confirmation) -> NESState:
+        """Train the agents of one round of a confirmation, and log its result."""
         begun = confirmation.coming.start
         self.terminal.bar("confirming", begun, confirmation.agents, "agents")
         scores: list[float] = []
-        state = self._advanced(state, lambda result: scores.append(result.score))
+        state = self._advance(state, lambda result: scores.append(result.score))
         if state.confirmation is None:
             found = confirmation.after(scores).all_scores
             share = solving_share(found, self.run.task.solved_reward)
             verdict = "confirmed" if state.confirmed else "not confirmed, going on"
-            self.terminal.line(
+            self.terminal.log(
                 f"{found.size} fresh agents score {found.mean():.1f} ± {found.std():.1f} on the "
                 f"current SE; the mean of any {FINAL_AGENTS} of them solves the task with a "
                 f"chance of {share:.0%} ({confirmation.required:.0%} needed): {verdict}"
@@ -154,38 +154,36 @@ class _Runner:
     def _best(self, state: NESState) -> Contender:
         ses = [state.current, *state.candidates]
         contenders = [Contender(se, self.run.hp) for se in ses]
-        self.terminal.line(f"retesting the {len(contenders)} best SEs with fresh agents")
+        self.terminal.log(f"retesting the {len(contenders)} best SEs with fresh agents")
         self.terminal.bar("retesting", 0, 1, "")
         seed = (self.run.seed, state.generation)
         return choose_best(self.run.task, contenders, seed, self.pool)
 
     def _finish(self, state: NESState) -> None:
-        run, line = self.run, self.terminal.line
+        run, log = self.run, self.terminal.log
         # A run without a confirmation ends as one that was confirmed.
         confirmed = state.confirmed and run.hp.nes.confirming_agents > 0
         reason = "all generations done"
         if state.confirmed:
             reason = "solved and confirmed" if confirmed else "solved"
         elapsed = duration(time.monotonic() - self.terminal.started)
-        line(
-            f"{reason}: {count(state.generation, 'generation')}, {elapsed} after the command began"
-        )
+        log(f"{reason}: {count(state.generation, 'generation')}, {elapsed} after the command began")
         before = self.pool.real_env_steps
         best = Contender(state.best, run.hp) if confirmed else self._best(state)
         score = evaluate_holdout(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
         real_steps = state.real_env_steps + self.pool.real_env_steps - before
-        line(f"{real_steps} steps on the real task, nearly all of them in tests")
+        log(f"{real_steps} steps on the real task, nearly all of them in tests")
         se = replace(best.se, info={**best.se.info, "real_env_steps": real_steps})
         save_se(state.current, run.folder / LAST_FILE)
         title = f"{run.folder.name} on {run.task.id}"
         figure = pictures.learning_curve(state.records, run.task, title)
         write_aside(run.folder / "learning_curve.png", png(figure))
         path = export_best(se, score, run.folder, state.generation)
-        line(str(score))
+        log(str(score))
         model = model_address(run.task.id, "newest")
-        line(f"best SE: {path}  ({model} in MLflow's model registry)")
-        line(f"learning curve: {self.session.shown_at(self.session.identity.uuid)}")
-        line("load the SE with")
-        line(
+        log(f"best SE: {path}  ({model} in MLflow's model registry)")
+        log(f"learning curve: {self.session.shown_at(self.session.identity.uuid)}")
+        log("load the SE with")
+        log(
             f'  import bilevel, gymnasium; gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")'
         )

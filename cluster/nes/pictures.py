@@ -8,7 +8,7 @@ from matplotlib.ticker import MaxNLocator
 
 from bilevel.nes import GenerationRecord
 from bilevel.tasks import Task
-from cluster.tracking.pictures import BLUE, GREY, ORANGE
+from cluster.pictures import BLUE, GREY, ORANGE
 
 
 def learning_curve(records: Sequence[GenerationRecord], task: Task, title: str) -> Figure:

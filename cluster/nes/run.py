@@ -103,7 +103,7 @@ class NESRun:
         except InvalidInput:
             return None
 
-    def open(self, tell: Callable[[str], None] = lambda line: None) -> NESState:
+    def open(self, log: Callable[[str], None] = lambda line: None) -> NESState:
         """The state on disk, or a new one.
 
         A damaged checkpoint is set aside, with a message, and the run begins anew: it comes to
@@ -119,7 +119,7 @@ class NESRun:
             path = self.folder / STATE_FILE
             aside = path.with_suffix(".damaged")
             path.replace(aside)
-            tell(f"{error}; it is now {aside.name!r}, and its generations are run again")
+            log(f"{error}; it is now {aside.name!r}, and its generations are run again")
         if state is None:
             state = self.nes.init()
             save_state(state, self.folder / STATE_FILE)

@@ -13,9 +13,9 @@ from bilevel.synthetic_env import se_bytes
 from cluster.nes import pictures
 from cluster.nes.run import STATE_FILE, NESRun, NESSettings, start_of
 from cluster.nes.selection import BEST_FILE, LAST_FILE
-from cluster.storage.run_folder import Final, RunIdentity, RunStatus, finals
+from cluster.pictures import png
+from cluster.storage.run_folder import Final, Lifetime, RunIdentity, finals
 from cluster.tracking import Document, Point, Progress, RegisteredSE, RunView
-from cluster.tracking.pictures import png
 
 
 def edition(states: Sequence[NESState]) -> str | None:
@@ -78,12 +78,11 @@ class NESViews:
         """The run as it is on disk. Raises InvalidInput."""
         run, ends = self.run, finals(self.run.folder)
         state = run.load_if_sound()
-        run_status = RunStatus.load(run.folder) or RunStatus("KILLED", self.identity.began, 0)
-        over = not (self.live and run_status.status == "RUNNING")
+        lifetime = Lifetime.of(run.folder, self.identity.began, self.live)
         points = [] if state is None else [Point.of(record) for record in state.records]
         points += [Point.of_final(end) for end in ends]
         documents: list[Document] = []
-        if over and state is not None and state.finalists:
+        if lifetime.over and state is not None and state.finalists:
             best = (
                 Document.of_file(run.folder / BEST_FILE)
                 if ends
@@ -97,9 +96,7 @@ class NESViews:
         return RunView(
             key,
             self.name,
-            run_status.ended_as if over else "RUNNING",
-            self.identity.began,
-            run_status.since if over else None,
+            lifetime,
             self._params(),
             {"bilevel.kind": "nes", "bilevel.generations": str(run.hp.nes.generations)},
             tuple(points),

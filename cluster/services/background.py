@@ -105,7 +105,7 @@ def up(
     ray_port: int,
     dashboard_port: int,
     mlflow_port: int,
-    tell: Callable[[str], None],
+    log: Callable[[str], None],
 ) -> None:
     """Start what is not up yet, and wait until it is well.
 
@@ -120,7 +120,7 @@ def up(
     }
     known = [service for service in services(home) if service.process is not None]
     for service in known:
-        tell(f"{service.name} is up already: {service.page}")
+        log(f"{service.name} is up already: {service.page}")
         starts.pop(service.name, None)
     database = home.folder / "mlflow.db"
     if "mlflow" in starts and database.exists():
@@ -131,16 +131,16 @@ def up(
     started: list[Service] = []
     try:
         for name, start in starts.items():
-            tell(f"starting {name}")
+            log(f"starting {name}")
             started.append(start())
             _save(home, [*known, *started])
             _wait_until_well(started[-1])
-            tell(f"{name} is up: {started[-1].page}")
+            log(f"{name} is up: {started[-1].page}")
             if name == "mlflow":
                 for page in pages(home, started[-1].address):
-                    tell(f"     {page}")
+                    log(f"     {page}")
             if name == "ray":
-                tell(
+                log(
                     "     dashboard and jobs answer on that address alone; Ray's own ports are "
                     "open on all addresses of this machine, to whoever has this home's token"
                 )
@@ -151,15 +151,15 @@ def up(
         raise
 
 
-def down(home: Home, tell: Callable[[str], None]) -> None:
+def down(home: Home, log: Callable[[str], None]) -> None:
     """End what `up` started, children included."""
     found = services(home)
     if not found:
-        tell(f"nothing is up in {str(home.folder)!r}")
+        log(f"nothing is up in {str(home.folder)!r}")
     for service in reversed(found):
         gone = service.process is None
         _end(service)
-        tell(f"{service.name} {'was gone' if gone else 'is down'}")
+        log(f"{service.name} {'was gone' if gone else 'is down'}")
     _record(home).unlink(missing_ok=True)
 
 

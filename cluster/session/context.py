@@ -54,13 +54,13 @@ class RunContext:
             if capacity.cores:
                 capacity.require(workers_per_trial)
             if workers_per_trial * trials > capacity.cores:
-                terminal.line(
+                terminal.log(
                     f"{workers_per_trial * trials} cores are asked for, the cluster has "
                     f"{capacity.cores}: trials wait until others are free or join"
                 )
             require_server_for_nodes(self.tracking_uri)
             if ray.available_resources().get("CPU", 0) < 1:
-                terminal.line("all cores of the cluster are taken: waiting until one is free")
+                terminal.log("all cores of the cluster are taken: waiting until one is free")
             with sharing():
                 yield Driver(self, terminal, guard)
 

@@ -50,4 +50,4 @@ class InterruptGuard:
         again, self.interrupted = self.interrupted, True
         if again or not self._orderly:
             raise KeyboardInterrupt
-        self._terminal.line("stopping cleanly; press Ctrl-C again to stop at once")
+        self._terminal.log("stopping cleanly; press Ctrl-C again to stop at once")

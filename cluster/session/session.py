@@ -33,24 +33,24 @@ class Session:
 
     def introduce(self, what: str) -> None:
         """Print a description of the run, its folder, and its MLflow address."""
-        self.terminal.line(what)
-        self.terminal.line(f"folder {self.folder}")
-        self.terminal.line(f"MLflow {self.shown_at()}")
+        self.terminal.log(what)
+        self.terminal.log(f"folder {self.folder}")
+        self.terminal.log(f"MLflow {self.shown_at()}")
 
     def shown_at(self, key: str | None = None) -> str:
         """Address at which MLflow shows the run with that key, or all runs of the task."""
         return shown_at(self.home, self.tracker, key)
 
     @contextlib.contextmanager
-    def live(self, views: Views, target: int, goes_on: str) -> Iterator[Mirror]:
+    def live(self, views: Views, target: int, resume_hint: str) -> Iterator[Mirror]:
         """Within the block the run's status is RUNNING with `target`, and MLflow shows the views
         that are marked as changed; at the end both record how the block ended.
 
-        After Ctrl-C the message `goes_on` says how to resume the run. If MLflow still lacks some
-        runs at the end, a message says how to write them.
+        After Ctrl-C the message `resume_hint` says how to resume the run. If MLflow still lacks
+        some runs at the end, a message says how to write them.
         """
         self._set_status("RUNNING", target)
-        mirror = Mirror(self.tracker, views.view, self.terminal.line)
+        mirror = Mirror(self.tracker, views.view, self.terminal.log)
         mirror.mark(views.keys())  # an earlier process may not have shown all of them
         ended_as: Status = "FAILED"
         try:
@@ -61,7 +61,7 @@ class Session:
             raise
         except KeyboardInterrupt:
             ended_as = "KILLED"
-            self.terminal.line(f"interrupted; {goes_on}")
+            self.terminal.log(f"interrupted; {resume_hint}")
             raise
         finally:
             with contextlib.suppress(StorageFailure):
@@ -70,12 +70,12 @@ class Session:
             missing = mirror.close()
             if missing:
                 name = f"{self.folder.parent.name}/{self.folder.name}"
-                self.terminal.line(
+                self.terminal.log(
                     f"MLflow lacks the current state of {missing} run(s): write them with "
                     f"{self.home.hint(f'sync {name}')} once MLflow is reachable"
                 )
             elif ended_as == "KILLED":
-                self.terminal.line(f"MLflow {self.shown_at(self.identity.uuid)}")
+                self.terminal.log(f"MLflow {self.shown_at(self.identity.uuid)}")
 
     def _set_status(self, status: Status, target: int) -> None:
         RunStatus(status, time.time(), target).save(self.folder)

@@ -81,7 +81,7 @@ class Terminal:
         with contextlib.suppress(OSError):
             self._bar.stop()
 
-    def line(self, text: str) -> None:
+    def log(self, text: str) -> None:
         """Print one line; if it is wrapped, all parts are indented like the first."""
         self._spoke = time.monotonic()
         with contextlib.suppress(OSError):
@@ -111,7 +111,7 @@ class Terminal:
                 )
                 elapsed = duration(time.monotonic() - self.started)
                 note = f", {task.fields['note']}" if task.fields["note"] else ""
-                self.line(f"... {task.description}: {progress}{note}, {elapsed} so far")
+                self.log(f"... {task.description}: {progress}{note}, {elapsed} so far")
 
     def bar(self, what: str, done: float, total: float, unit: str, note: str = "") -> None:
         """Set the bar's title, progress and note."""

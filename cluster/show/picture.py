@@ -7,8 +7,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
+from cluster.pictures import BLUE, GREY, ORANGE
 from cluster.show.portrait import GRID, Episode, Portrait, TransitionField
-from cluster.tracking.pictures import BLUE, GREY, ORANGE
 
 #: Colours of actions, told apart also in grey.
 _COLOURS = (BLUE, ORANGE, "#1d3b2a", "#b04a8b", "#f0d060")

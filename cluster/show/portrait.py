@@ -207,7 +207,7 @@ class Portrait:
         return found
 
     @property
-    def told(self) -> list[str]:
+    def sentences(self) -> list[str]:
         """The picture's content in sentences."""
         lengths = [len(episode.actions) for episode in self.synthetic]
         taken = np.concatenate([episode.actions for episode in self.synthetic])

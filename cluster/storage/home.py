@@ -52,7 +52,7 @@ class Home:
         return self.folder / "artifacts"
 
     def run_folder(self, task_id: str, name: str) -> Path:
-        """Folder of a named study or NES run.
+        """Folder of a named run.
 
         Raises InvalidInput for a name that is not allowed: it could lead out of the home.
         """
@@ -64,11 +64,11 @@ class Home:
         return self.folder / task_id.replace("/", "_") / name
 
     def runs(self) -> list[Path]:
-        """Folders of all studies and NES runs, by task and name."""
+        """Folders of all runs, by task and name."""
         return sorted(path.parent for path in self.folder.glob("*/*/settings.json"))
 
     def find(self, name: str) -> Path:
-        """Folder of the study or NES run `name`, or `task/name` if several tasks have that name.
+        """Folder of the run `name`, or `task/name` if several tasks have that name.
 
         Raises InvalidInput unless exactly one run matches.
         """
@@ -80,7 +80,7 @@ class Home:
         if len(found) == 1:
             return found[0]
         known = ", ".join(f"{f.parent.name}/{f.name}" for f in (found or self.runs())) or "none yet"
-        what = "several studies are called" if found else "no study is called"
+        what = "several runs are called" if found else "no run is called"
         raise InvalidInput(f"{what} {name!r} in {str(self.folder)!r}: there are {known}")
 
     def require_writable(self) -> None:

@@ -80,6 +80,30 @@ class RunIdentity:
 
 
 @dataclass(frozen=True)
+class Lifetime:
+    """When a run began and ended, and what has become of it."""
+
+    status: Status
+    began: float  # unix time, seconds
+    ended: float | None  # None while it runs
+    target: int = 0  # see `RunStatus`
+
+    @classmethod
+    def of(cls, folder: Path, began: float, live: bool) -> "Lifetime":
+        """The lifetime of the run in a folder; `live` is whether this process works on it. Raises
+        InvalidInput if its status is damaged."""
+        stored = RunStatus.load(folder) or RunStatus("KILLED", began, 0)
+        if live and stored.status == "RUNNING":
+            return cls("RUNNING", began, None, stored.target)
+        return cls(stored.ended_as, began, stored.since, stored.target)
+
+    @property
+    def over(self) -> bool:
+        """Whether no process works on the run."""
+        return self.ended is not None
+
+
+@dataclass(frozen=True)
 class Final:
     """Scores of fresh agents on a run's best SE, each time that the run ended."""
 

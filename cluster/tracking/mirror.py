@@ -23,16 +23,16 @@ _PATIENCE, _PATIENCE_AWAY = 120.0, 10.0
 class Mirror:
     """Writes the runs whose keys are marked to MLflow.
 
-    `view_of` builds a key's view from disk, in the mirror's thread. `tell` gets a line when MLflow
+    `view_of` builds a key's view from disk, in the mirror's thread. `log` gets a line when MLflow
     becomes unreachable or reachable again.
     """
 
     def __init__(
-        self, tracker: Tracker, view_of: Callable[[str], RunView], tell: Callable[[str], None]
+        self, tracker: Tracker, view_of: Callable[[str], RunView], log: Callable[[str], None]
     ) -> None:
         self.tracker = tracker
         self._view_of = view_of
-        self._tell = tell
+        self._log = log
         self._marked: dict[str, None] = {}  # ordered: parents are marked before children
         self._change = threading.Condition()
         self._showing: set[str] = set()
@@ -81,7 +81,7 @@ class Mirror:
                 self.tracker.forget()
                 if not self._away:
                     self._away = True
-                    self._tell(
+                    self._log(
                         f"MLflow at {without_password(self.tracker.uri)} is unreachable "
                         f"({without_password(first_line(error))}): the "
                         "run continues, and missing data is written once MLflow is back"
@@ -100,20 +100,20 @@ class Mirror:
         try:
             view = self._view_of(key)
         except Exception as error:  # an error of the disk, not of MLflow: skip this run
-            self._tell_once(f"{first_line(error)}; MLflow does not show it")
+            self._log_once(f"{first_line(error)}; MLflow does not show it")
             self._showing = set()
             return
         try:
             self.tracker.show(view)
         except DocumentFailed as error:
-            self._tell_once(f"{view.name}: MLflow lacks {error}")
+            self._log_once(f"{view.name}: MLflow lacks {error}")
         except Exception as error:
             before = self._failed.get(key)
             self._failed[key] = self._shows
             if before is not None and before < self._shows:
                 # MLflow took others meanwhile: it is this one that it does not take.
                 told = without_password(first_line(error))
-                self._tell_once(f"{view.name}: MLflow does not take the run ({told})")
+                self._log_once(f"{view.name}: MLflow does not take the run ({told})")
                 self._showing = set()
                 self._refused.add(key)
                 self.tracker.forget()
@@ -130,9 +130,9 @@ class Mirror:
         self._showing = set()
         if self._away and not self._given_up:
             self._away = False
-            self._tell("MLflow is reachable again and catches up")
+            self._log("MLflow is reachable again and catches up")
 
-    def _tell_once(self, line: str) -> None:
+    def _log_once(self, line: str) -> None:
         if line not in self._told:
             self._told.add(line)
-            self._tell(line)
+            self._log(line)

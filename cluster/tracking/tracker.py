@@ -279,7 +279,7 @@ class Tracker:
                 tags[_PARENT] = self._run_id(view.parent)
             runs = [
                 self._client.create_run(
-                    self.experiment_id, _milliseconds(view.started), tags, run_name=view.name
+                    self.experiment_id, _milliseconds(view.lifetime.began), tags, run_name=view.name
                 )
             ]
         run = runs[0]
@@ -351,13 +351,14 @@ class Tracker:
         self._client.set_tag(shown.run_id, _DOCUMENTS, json.dumps(shown.documents))
 
     def _show_status(self, shown: _Shown, view: RunView) -> None:
-        if view.status == shown.status:
+        status, ended = view.lifetime.status, view.lifetime.ended
+        if status == shown.status:
             return
-        if view.ended is None:
-            self._client.update_run(shown.run_id, status=view.status)
+        if ended is None:
+            self._client.update_run(shown.run_id, status=status)
         else:
-            self._client.set_terminated(shown.run_id, view.status, _milliseconds(view.ended))
-        shown.status = view.status
+            self._client.set_terminated(shown.run_id, status, _milliseconds(ended))
+        shown.status = status
 
 
 def runs_page(experiment_id: str, run_id: str | None = None) -> str:

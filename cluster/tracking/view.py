@@ -13,7 +13,7 @@ from typing import Any, Protocol
 from bilevel.errors import InvalidInput
 from bilevel.nes import GenerationRecord
 from cluster.storage.author import Author
-from cluster.storage.run_folder import Final
+from cluster.storage.run_folder import Final, Lifetime
 
 
 @dataclass(frozen=True)
@@ -108,9 +108,7 @@ class RunView:
 
     key: str
     name: str
-    status: str  # RUNNING, FINISHED, KILLED, FAILED
-    started: float  # unix time, seconds
-    ended: float | None  # None while it runs
+    lifetime: Lifetime
     params: Mapping[str, Any]
     tags: Mapping[str, str]
     points: tuple[Point, ...] = ()
@@ -127,7 +125,7 @@ class RunView:
         """The description and the command; that of a stopped run says first that it can go on."""
         stopped = "**Stopped, and nothing is lost:** the same command resumes it.\n\n"
         begun = f"\n\nBegun by `{self.author.command}`" if self.author else ""
-        return (stopped if self.status == "KILLED" else "") + self.description + begun
+        return (stopped if self.lifetime.status == "KILLED" else "") + self.description + begun
 
 
 class Views(Protocol):

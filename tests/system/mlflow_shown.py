@@ -45,8 +45,8 @@ def disagreements(folder: Path, tracking_uri: str) -> list[str]:
 
 def _of_run(client: mlflow.MlflowClient, run: mlflow.entities.Run, view: RunView) -> list[str]:
     found = []
-    if run.info.status != view.status or view.status == "RUNNING":
-        found.append(f"{view.name}: {run.info.status} instead of {view.status}")
+    if run.info.status != view.lifetime.status or view.lifetime.status == "RUNNING":
+        found.append(f"{view.name}: {run.info.status} instead of {view.lifetime.status}")
     expected: dict[str, list[tuple[int, float]]] = {}
     for point in view.points:
         for name, value in point.values.items():

@@ -77,7 +77,7 @@ def test_an_experiment_that_is_killed_and_carried_elsewhere(tmp_home: Path, addr
     page = runs["experiment-smoke-report-ddqn-seed0"]
     assert REPORT_FILE in {item.path for item in mlflow_client.list_artifacts(page.info.run_id)}
 
-    listed = run_bilevel("studies", "--home", elsewhere)
+    listed = run_bilevel("runs", "--home", elsewhere)
     assert f"3/3 SEs, {len(after)} agents" in listed.stdout
     synced = run_bilevel("sync", shown.info.run_name, "--home", elsewhere)
     assert synced.returncode == 0, synced.stderr

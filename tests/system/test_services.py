@@ -103,7 +103,7 @@ def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> No
     ]
     outputs = [process.communicate(timeout=240)[0] for process in running]
     assert [process.returncode for process in running] == [0, 0], outputs
-    listed = run_bilevel("studies", "--home", up.home).stdout
+    listed = run_bilevel("runs", "--home", up.home).stdout
     assert listed.count("finished") == 2
     page = f"CartPole-v0: http://127.0.0.1:{up.mlflow}/#/experiments/"
     assert page in run_bilevel("status", "--home", up.home).stdout

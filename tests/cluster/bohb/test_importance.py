@@ -11,7 +11,7 @@ from cluster.bohb.brackets import Schedule
 from cluster.bohb.importance import importance, unit_values
 from cluster.bohb.journal import Journal
 from cluster.bohb.search import BracketSearch
-from cluster.tracking.pictures import png
+from cluster.pictures import png
 
 SPACE = CS.ConfigurationSpace(
     space=[

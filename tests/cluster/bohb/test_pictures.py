@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from bilevel.tasks import Task
 from cluster.bohb.pictures import objective_against_cost
 from cluster.bohb.summary import ResultPoint, ValidatedPoint
-from cluster.tracking.pictures import png
+from cluster.pictures import png
 
 
 def points(*objectives: float) -> list[ResultPoint]:

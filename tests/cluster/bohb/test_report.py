@@ -15,7 +15,7 @@ from cluster.bohb.journal import Journal
 from cluster.bohb.objective import Tally
 from cluster.bohb.report import StudyReport
 from cluster.bohb.search import Job
-from cluster.bohb.trial import BUDGET_REACHED, OBJECTIVE, SPENT, TALLY, TOLD
+from cluster.bohb.trial import BUDGET_REACHED, MESSAGES, OBJECTIVE, SPENT, TALLY
 from cluster.session.terminal import Terminal
 from tests.studies import make_study
 
@@ -55,7 +55,7 @@ def test_a_result_of_an_earlier_processs_generations(
     report.on_trial_start(0, [], trial)
     result = {
         TALLY: Tally(cost=3.0, runs=1, confirmed=1, progress=0.0),
-        TOLD: [],
+        MESSAGES: [],
         SPENT: 0.0,
         "record": None,
         OBJECTIVE: 3.0,

@@ -22,7 +22,7 @@ def test_the_console_script() -> None:
 
 @pytest.mark.parametrize(
     "command",
-    [[], ["nes"], ["bohb"], ["experiment"], ["studies"], ["sync"], ["up"], ["down"], ["ui"]],
+    [[], ["nes"], ["bohb"], ["experiment"], ["runs"], ["sync"], ["up"], ["down"], ["ui"]],
 )
 def test_help(command: list[str], tmp_path: Path) -> None:
     result = run_bilevel(*command, "--help", cwd=tmp_path)
@@ -162,7 +162,7 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         ),
         (["bohb"], "Missing argument 'TASK'"),
         (["ui"], "no runs in"),
-        (["sync", "none"], "no study is called 'none'"),
+        (["sync", "none"], "no run is called 'none'"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_code_2(args: list[str], told: str, tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from bilevel.evaluation import EvaluationResult
 from bilevel.tasks import Task
 from cluster.evaluate.pictures import VIOLIN_FROM, returns
 from cluster.evaluate.report import Group, as_table
-from cluster.tracking.pictures import png
+from cluster.pictures import png
 
 
 def group(agents: int, source: str = "my_se", spread: float = 10.0) -> Group:

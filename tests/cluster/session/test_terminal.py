@@ -32,7 +32,7 @@ TEXT = "  evaluations took 93% of the time, and /a/path/that/is-not-to-be-broken
 
 def test_a_terminal_wraps_between_words() -> None:
     shown, out = terminal(30, True)
-    shown.line(TEXT)
+    shown.log(TEXT)
     lines = out.getvalue().splitlines()
     assert len(lines) > 2
     assert all(line.startswith("  ") for line in lines)
@@ -43,7 +43,7 @@ def test_a_terminal_wraps_between_words() -> None:
 
 def test_a_pipe_gets_one_line() -> None:
     shown, out = terminal(30, False)
-    shown.line(TEXT)
+    shown.log(TEXT)
     assert out.getvalue() == TEXT + "\n"
 
 
@@ -63,7 +63,7 @@ def test_nothing_is_added_to_the_lines_of_a_terminal() -> None:
     shown, out = terminal(80, True, silence=0.01)
     with shown:
         time.sleep(0.2)
-        shown.line("all is told")
+        shown.log("all is told")
     assert "..." not in out.getvalue()
 
 
@@ -102,6 +102,6 @@ def test_a_terminal_that_is_gone_stops_nothing(is_terminal: bool) -> None:
     with pytest.raises(OSError, match="Input/output error"):
         console.print("a line")
     with Terminal(console) as shown:
-        shown.line("a line")
+        shown.log("a line")
         shown.bar("searching", 1, 2, "results")
         shown.step()

@@ -27,9 +27,9 @@ def test_a_run_is_found_by_its_name(tmp_path: Path) -> None:
         (folder / "settings.json").touch()
     assert home.find("one") == tmp_path / "A-v0" / "one"
     assert home.find("B-v0/two") == tmp_path / "B-v0" / "two"
-    with pytest.raises(InvalidInput, match=r"several studies are called 'two'.*A-v0/two, B-v0/two"):
+    with pytest.raises(InvalidInput, match=r"several runs are called 'two'.*A-v0/two, B-v0/two"):
         home.find("two")
-    with pytest.raises(InvalidInput, match=r"no study is called '\.\./x'.*there are A-v0/one"):
+    with pytest.raises(InvalidInput, match=r"no run is called '\.\./x'.*there are A-v0/one"):
         home.find("../x")
 
 

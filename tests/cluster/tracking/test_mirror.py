@@ -6,6 +6,7 @@ from pathlib import Path
 import mlflow
 import pytest
 
+from cluster.storage.run_folder import Lifetime
 from cluster.tracking import Tracker
 from cluster.tracking import mirror as mirrors
 from cluster.tracking.mirror import Mirror
@@ -16,22 +17,21 @@ def fail() -> bytes:
     raise ValueError("one picture is broken")
 
 
+OVER = Lifetime("FINISHED", 1.0, 2.0)
 GOOD = Document.of_text("good.txt", "whole")
 #: A run as MLflow takes it, one with a document that cannot be made, and one with a parameter of
 #: a name that MLflow does not allow.
 VIEWS = {
-    "taken": RunView("taken", "taken", "FINISHED", 1.0, 2.0, {}, {}, documents=(GOOD,)),
+    "taken": RunView("taken", "taken", OVER, {}, {}, documents=(GOOD,)),
     "broken": RunView(
         "broken",
         "broken",
-        "FINISHED",
-        1.0,
-        2.0,
+        OVER,
         {},
         {},
         documents=(Document("bad.png", "1", fail), GOOD),
     ),
-    "refused": RunView("refused", "refused", "FINISHED", 1.0, 2.0, {"a|b": 1}, {}),
+    "refused": RunView("refused", "refused", OVER, {"a|b": 1}, {}),
 }
 
 
