@@ -5,35 +5,21 @@ python -m benchmarks.readme
 
 import re
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 from benchmarks import paper
 from benchmarks.agents import tables as agents
 from benchmarks.agents.sb3 import sb3
 from benchmarks.faults import tables as faults
-from benchmarks.machine import NotMeasured, read_result
-from benchmarks.markdown import source, table
+from benchmarks.machine import NotMeasured
+from benchmarks.markdown import table
 from benchmarks.nes import tables as nes
 from benchmarks.search import tables as search
 from benchmarks.speed import tables as speed
 from bilevel.zoo import ENTRIES, card
 
 ROOT = Path(__file__).parent.parent
-
-
-def inner_loop() -> str:
-    """Speed of kernel and definition."""
-    result = read_result("inner_loop")
-    rows = ["| agent | compiled | torch definition | ratio |", "| --- | --- | --- | --- |"]
-    for name, case in result["results"].items():
-        kernel, torch, ratio = case["kernel_us"], case["torch_us"], case["ratio"]
-        rows.append(
-            f"| {name} | {kernel['median']:.0f} µs | {torch['median']:.0f} µs | "
-            f"{ratio['median']:.1f} ({ratio['low']:.1f} to {ratio['high']:.1f}) |"
-        )
-    rows.append(f"\nMedians of {result['repeats']} pairs, the ratio with its spread; one core.")
-    rows.append(source(result))
-    return "\n".join(rows)
 
 
 def zoo() -> str:
@@ -57,7 +43,7 @@ def zoo() -> str:
 #: The documents and their tables, by the names of the markers.
 DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     ROOT / "README.md": {
-        "inner-loop": inner_loop,
+        "inner-loop": partial(speed.inner_loop, bound=False),
         "nes-seeds": nes.seeds,
     },
     ROOT / "docs" / "agents.md": agents.TABLES,

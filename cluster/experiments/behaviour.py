@@ -19,6 +19,7 @@ from bilevel.recording import record
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task
+from bilevel.tasks.names import observation_names
 from cluster.experiments.agents import Place, Unit
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan
 from cluster.experiments.sizes import Size
@@ -31,24 +32,6 @@ ORIGINS = ("SE, training", TESTS, "SE's answer to the real task")
 
 #: Bins of a histogram, and the share of values at either end that lies outside them.
 _BINS, _OUTSIDE = 50, 0.002
-
-#: Names of the observations by the beginning of the task's id.
-_NAMES = {
-    "CartPole": (
-        "cart position (m)",
-        "cart velocity (m/s)",
-        "pole angle (rad)",
-        "pole velocity (rad/s)",
-    ),
-    "Acrobot": (
-        "cosine of angle 1",
-        "sine of angle 1",
-        "cosine of angle 2",
-        "sine of angle 2",
-        "velocity of link 1 (rad/s)",
-        "velocity of link 2 (rad/s)",
-    ),
-}
 
 Arrays = dict[str, NDArray[np.float32]]
 
@@ -167,8 +150,7 @@ def _seen(arrays: Arrays, se: StoredSE) -> dict[str, NDArray[np.float32]]:
 
 
 def _names(task: Task) -> list[str]:
-    usual = tuple(f"observation {i}" for i in range(task.state_size))
-    return [*_NAMES.get(task.id.partition("-")[0], usual), "reward"]
+    return [*observation_names(task.id, task.state_size), "reward"]
 
 
 def histograms(

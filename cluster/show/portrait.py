@@ -16,24 +16,12 @@ from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.storage import DONE
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task
+from bilevel.tasks.names import action_names, observation_names
 
 Floats = NDArray[np.float32]
 
-#: By task: the two observations (numbers, names) over which fields are drawn.
-_AXES = {
-    "CartPole": ((2, "pole angle (rad)"), (3, "angular velocity of the pole (rad/s)")),
-    "Acrobot": (
-        (4, "angular velocity of link 1 (rad/s)"),
-        (5, "angular velocity of link 2 (rad/s)"),
-    ),
-    "MountainCar": ((0, "position"), (1, "velocity")),
-}
-#: By task: names of the actions.
-_ACTIONS = {
-    "CartPole": ("push left", "push right"),
-    "Acrobot": ("torque -1", "torque 0", "torque +1"),
-    "MountainCar": ("push left", "no push", "push right"),
-}
+#: By the beginning of a task's id: the two observations over which fields are drawn.
+_AXES = {"CartPole": (2, 3), "Acrobot": (4, 5)}
 #: Points of the grid in each direction; half-width of the fields, in standard deviations of the
 #: observations; episodes.
 GRID, WIDTH, EPISODES = 61, 2.5, 10
@@ -54,9 +42,11 @@ class Plane:
     def of(cls, task: Task) -> "Plane":
         """The plane of a task, scaled by some episodes of random actions."""
         scale = task.observation_scale(derive(0, Purpose.OBSERVATIONS))
-        usual = ((0, "observation 0"), (1 % task.state_size, f"observation {1 % task.state_size}"))
-        (i, across), (j, up) = _AXES.get(task.id.partition("-")[0], usual)
-        return cls((i, j), (across, up), scale.mean, scale.deviation)
+        names = observation_names(task.id, task.state_size)
+        i, j = _AXES.get(task.id.partition("-")[0], (0, 1))
+        if max(i, j) >= task.state_size:
+            i, j = 0, 1 % task.state_size
+        return cls((i, j), (names[i], names[j]), scale.mean, scale.deviation)
 
     @cached_property
     def axes(self) -> tuple[Floats, Floats]:
@@ -127,9 +117,7 @@ class Portrait:
     @cached_property
     def actions(self) -> tuple[str, ...]:
         """Names of the actions."""
-        numbers = range(self.se.architecture.n_actions)
-        usual = tuple(f"action {number}" for number in numbers)
-        return _ACTIONS.get(self.se.task_id.partition("-")[0], usual)
+        return action_names(self.se.task_id, self.se.architecture.n_actions)
 
     @cached_property
     def _module(self) -> SEModule:

@@ -5,7 +5,6 @@ import pytest
 from scipy.stats import kstest
 
 from bilevel import InvalidInput
-from bilevel.agents.variation import draw_agent
 from bilevel.hyperparameters import (
     Hyperparameters,
     load_recipe,
@@ -140,14 +139,6 @@ class TestOtherAgents:
         for sample in search_space(space, agents, seed=0).sample_configuration(50):
             built = to_hyperparameters(hp, dict(sample))
             assert Hyperparameters.from_dict(built.to_dict()) == built
-
-
-def test_several_agents_are_drawn_about_equally() -> None:
-    hp = load_recipe("default", "CartPole-v0", agents=("ddqn", "dueling-ddqn", "td3"))
-    names = [draw_agent(hp.agents, "all", seed).agent for seed in range(300)]
-    assert all(70 < names.count(name) < 130 for name in ("ddqn", "dueling-ddqn", "td3"))
-    rates = [vars(draw_agent(hp.agents[2:], "all", s))["learning_rate"] for s in range(100)]
-    assert 5e-4 / 3 <= min(rates) < max(rates) <= 15e-4
 
 
 @pytest.mark.parametrize("name", ["core", "full"])

@@ -1,9 +1,12 @@
+import re
+from pathlib import Path
 from typing import Any
 
 import pytest
 
+import benchmarks
 from benchmarks.machine import read_result
-from benchmarks.search.studies import RECIPES, STUDIES, _p_values, _quality, committed, summary
+from benchmarks.search.studies import RECIPES, _p_values, _quality, committed, summary
 from bilevel.hyperparameters import load_recipe
 from cluster.bohb.study import RECIPE_FILE
 
@@ -22,11 +25,13 @@ def test_the_committed_studies_hand_over_what_their_finalists_say() -> None:
         assert proposed["nes.population_size"] == recipe.nes.population_size
 
 
-def test_nothing_of_this_machine_is_in_a_study() -> None:
-    for path in STUDIES.rglob("*"):
-        assert path.name != ".lock"
-        if path.name == "settings.json":
-            assert "--home" not in path.read_text()
+def test_nothing_committed_names_a_folder_of_the_machine() -> None:
+    """Commands are told with folders within the project."""
+    committed_by = Path(benchmarks.__file__).parent
+    for path in committed_by.rglob("*.json*"):
+        found = re.findall(r'[" =](/[A-Za-z0-9._-]+)+', path.read_text())
+        assert not found, f"{path}: {found[:3]}"
+    assert not [*committed_by.rglob(".lock")]
 
 
 @pytest.mark.parametrize("task", RECIPES)

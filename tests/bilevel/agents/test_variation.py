@@ -129,3 +129,11 @@ def test_an_agents_own_ranges_are_kept(vary: str) -> None:
     assert vary == "narrowed" or max(sizes) == 128
     assert min(vars(hp)["batch_size"] for hp in drawn) == 100
     assert max(vars(hp)["learning_rate"] for hp in drawn) == 2e-3
+
+
+def test_several_agents_are_drawn_about_equally() -> None:
+    hp = load_recipe("default", "CartPole-v0", agents=("ddqn", "dueling-ddqn", "td3"))
+    names = [draw_agent(hp.agents, "all", seed).agent for seed in range(300)]
+    assert all(70 < names.count(name) < 130 for name in ("ddqn", "dueling-ddqn", "td3"))
+    rates = [vars(draw_agent(hp.agents[2:], "all", s))["learning_rate"] for s in range(100)]
+    assert 5e-4 / 3 <= min(rates) < max(rates) <= 15e-4

@@ -450,9 +450,3 @@ class TestJournal:
         path.write_text("".join(json.dumps(line) + "\n" for line in lines))
         with pytest.raises(InvalidInput, match="damaged journal"):
             new_search(folder, brackets=1)
-
-    def test_every_line_is_json(self, tmp_path: Path) -> None:
-        run_to_end(new_search(tmp_path, brackets=1))
-        for path in Journal(tmp_path).paths:
-            for line in path.read_text().splitlines():
-                json.loads(line)
