@@ -22,6 +22,7 @@ from cluster.nes.selection import FinalScore, export_best
 from cluster.ray.pool import EvaluationPool
 from cluster.storage.run_folder import RunStatus, locked_settings
 from search_spaces import Space
+from tests.results import made_up_result
 
 
 def new_study(folder: Path, seed: int = 0) -> Study:
@@ -33,16 +34,8 @@ def new_study(folder: Path, seed: int = 0) -> Study:
 
 def made_up(request: EvaluationRequest) -> EvaluationResult:
     """A made-up result of a request, whose score depends on the request's seed."""
-    return EvaluationResult(
-        test_returns=(100 * math.sin(request.seed % 1000) ** 2,),
-        train_steps=500,
-        train_episodes=20,
-        real_env_steps=40,
-        finite=True,
-        cost=0.01,
-        index=request.index,
-        seconds=0.01,
-    )
+    score = 100 * math.sin(request.seed % 1000) ** 2
+    return made_up_result(request.index, score, train_steps=500, real_env_steps=40, cost=0.01)
 
 
 class MadeUpPool(EvaluationPool):

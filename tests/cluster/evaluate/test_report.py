@@ -1,22 +1,20 @@
 """The report of an evaluation: its table and its picture."""
 
-from typing import Any
-
 import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 
-from bilevel.evaluation import EvaluationResult
 from bilevel.tasks import Task
 from cluster.evaluate.pictures import VIOLIN_FROM, returns
 from cluster.evaluate.report import Group, as_table
 from cluster.pictures import png
+from tests.results import made_up_result
 
 
 def group(agents: int, source: str = "my_se", spread: float = 10.0) -> Group:
     scores = 180 + spread * np.random.default_rng(agents).standard_normal(agents)
-    results: list[Any] = [
-        EvaluationResult((float(score),) * 10, 900 + i, 40, 2000, True, 0.1, i, 0.1)
+    results = [
+        made_up_result(i, *(float(score),) * 10, train_steps=900 + i, train_episodes=40)
         for i, score in enumerate(scores)
     ]
     return Group(source, "ddqn", 195.0, tuple(results))

@@ -17,6 +17,7 @@ from cluster.nes.run import NESRun
 from cluster.nes.selection import FinalScore, export_best
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus, locked_settings
+from tests.results import made_up_result
 from tests.studies import MadeUpPool, made_up
 
 
@@ -77,6 +78,6 @@ def findings_of(experiment: Experiment, home: Path, task_id: str = "CartPole-v0"
 def group_results(task: Task, scores: list[float]) -> tuple[EvaluationResult, ...]:
     """Results of agents with these scores."""
     return tuple(
-        EvaluationResult((score,) * 10, 900 + i, 40, 2000, True, 0.1, i, 0.1)
+        made_up_result(i, *(score,) * 10, train_steps=900 + i, train_episodes=40)
         for i, score in enumerate(scores)
     )

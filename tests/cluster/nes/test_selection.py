@@ -22,6 +22,7 @@ from cluster.nes.selection import (
 )
 from cluster.ray.pool import EvaluationPool
 from tests.conftest import ddqn
+from tests.results import made_up_result
 
 
 class ByHand:
@@ -45,15 +46,8 @@ class ByHand:
         self.asked += requests
         score, steps = self.outcomes[int(se.psi[0])]
         results = [
-            EvaluationResult(
-                test_returns=(self.score(score, request, len(requests)),),
-                train_steps=steps,
-                train_episodes=10,
-                real_env_steps=7,
-                finite=True,
-                cost=0.01,
-                index=request.index,
-                seconds=0.01,
+            made_up_result(
+                request.index, self.score(score, request, len(requests)), train_steps=steps
             )
             for request in reversed(requests)
         ]
