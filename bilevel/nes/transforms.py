@@ -57,7 +57,11 @@ def single_better_average(scores: Scores, average: float, ties: str) -> Scores:
 
 
 def better_average(scores: Scores, average: float, ties: str) -> Scores:
-    """max(F - average, 0), scaled to a maximum of 1 (the paper's choice, "better avg.")."""
+    """max(F - average, 0), scaled to a maximum of 1 (the paper's choice, "better avg.").
+
+    The paper compares with "the average of the population scores", the authors' code with that of
+    agents on the unperturbed SE, as here.
+    """
     gain = np.maximum(scores - average, 0)
     return gain / gain.max() if gain.max() > 0 else gain
 

@@ -24,7 +24,7 @@ from cluster.nes.selection import (
 )
 from cluster.ray.pool import EvaluationPool
 from cluster.session.session import Session
-from cluster.session.terminal import count, duration
+from cluster.session.terminal import count
 from cluster.tracking.registry import model_address
 
 #: File with the incumbent's best SE, of a search that was interrupted.
@@ -98,9 +98,8 @@ class Handover:
         started = time.monotonic()
 
         def progress(spent: float, total: float) -> None:
-            seconds = (time.monotonic() - started) * (total / max(spent, 1e-9) - 1)
-            note = f"ETA {duration(seconds)}" if spent else ""
-            self.terminal.bar("validating", spent, total, "core s", note)
+            seconds = (time.monotonic() - started) * (total / spent - 1) if spent else 0.0
+            self.terminal.bar("validating", spent, total, "core s", eta=seconds)
 
         found = validate(self.study, self.journal, plan, pool, log, progress, is_over)
         if found is None:

@@ -143,8 +143,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             self._terminal.bar("searching", done, total, "min", note)
             return
         total = sum(rung.configurations for rung in self._rungs)
-        note = f"ETA {duration(seconds)}, {now}" if math.isfinite(seconds) else now
-        self._terminal.bar("searching", results, total, "results", note)
+        self._terminal.bar("searching", results, total, "results", now, seconds)
 
     def _result_line(self, job: Job, result: dict[str, Any]) -> None:
         """Two lines, the first one of 80 columns: what came out, and what was tried."""

@@ -42,7 +42,7 @@ from cluster.nes.command import run_on
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import Driver, RunContext
 from cluster.session.session import Session
-from cluster.session.terminal import count, duration
+from cluster.session.terminal import count
 from cluster.storage.author import Author
 from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import Final, add_final, locked_settings
@@ -191,9 +191,8 @@ class _Runner:
             seconds = (time.monotonic() - started) * left / max(sum(trained), 1.0)
             # How long the last ones take, which all run now, their sizes do not tell.
             known = trained and len(missing) - len(trained) > self.pool.size
-            note = f"ETA {duration(seconds)}" if known else ""
             done = total - len(missing) + len(trained)
-            self.terminal.bar("training", done, total, "agents", note)
+            self.terminal.bar("training", done, total, "agents", eta=seconds if known else 0.0)
 
         def keep(result: EvaluationResult) -> None:
             self.session.guard.check()

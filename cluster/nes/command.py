@@ -102,7 +102,7 @@ class _Runner:
             else:
                 done, left = state.generation - first, nes.generations - state.generation
                 seconds = (time.monotonic() - started) / max(done, 1) * left
-                note = f"ETA at most {duration(seconds)}" if done else ""
+                note = f"at most {duration(seconds)} to the last one" if done else ""
                 title = f"generation {state.generation}"
                 self.terminal.bar(title, 0, nes.evaluations, "evaluations", note)
                 state = self._advance(state)

@@ -1,6 +1,7 @@
 """Progress output: one line per event and, on a terminal, a live bar."""
 
 import contextlib
+import math
 import textwrap
 import threading
 import time
@@ -8,7 +9,8 @@ from types import TracebackType
 from typing import Self
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
+from rich.text import Text
 
 from bilevel.nes import GenerationRecord
 
@@ -37,6 +39,18 @@ def last_line(text: str) -> str:
 SILENCE = 25.0
 
 
+def _remarks(task: Task) -> str:
+    """The time left, which counts down until it is over, and the note."""
+    left = task.fields["end"] - time.monotonic()
+    eta = f"ETA {duration(left)}" if 0 < left < math.inf else ""
+    return ", ".join(part for part in (eta, task.fields["note"]) if part)
+
+
+class _Remarks(ProgressColumn):
+    def render(self, task: Task) -> Text:
+        return Text(_remarks(task))
+
+
 class Terminal:
     """Prints lines above a progress bar. If the output is no terminal, a line tells the progress
     instead whenever nothing else has been printed for `silence` seconds.
@@ -52,12 +66,12 @@ class Terminal:
             BarColumn(bar_width=12),
             TextColumn("{task.completed:.0f}/{task.total:.0f} {task.fields[unit]}"),
             TimeElapsedColumn(),
-            TextColumn("{task.fields[note]}"),
+            _Remarks(),
             console=self.console,
             transient=True,
             disable=not self.console.is_terminal,
         )
-        self._task = self._bar.add_task("starting", total=1, unit="", note="")
+        self._task = self._bar.add_task("starting", total=1, unit="", note="", end=0.0)
         #: Start of the command (time.monotonic).
         self.started = time.monotonic()
         self._silence = silence
@@ -110,14 +124,23 @@ class Terminal:
                     f"{task.completed:.0f} of {task.total:.0f} {task.fields['unit']}".rstrip()
                 )
                 elapsed = duration(time.monotonic() - self.started)
-                note = f", {task.fields['note']}" if task.fields["note"] else ""
-                self.log(f"... {task.description}: {progress}{note}, {elapsed} so far")
+                parts = [progress, _remarks(task), f"{elapsed} so far"]
+                self.log(f"... {task.description}: {', '.join(part for part in parts if part)}")
 
-    def bar(self, what: str, done: float, total: float, unit: str, note: str = "") -> None:
-        """Set the bar's title, progress and note."""
+    def bar(
+        self, what: str, done: float, total: float, unit: str, note: str = "", eta: float = 0.0
+    ) -> None:
+        """Set the bar's title, progress, note, and the seconds that are left; 0 or infinity are
+        not shown."""
         with contextlib.suppress(OSError):
             self._bar.update(
-                self._task, description=what, completed=done, total=total, unit=unit, note=note
+                self._task,
+                description=what,
+                completed=done,
+                total=total,
+                unit=unit,
+                note=note,
+                end=time.monotonic() + eta,
             )
 
     def step(self) -> None:

@@ -2,6 +2,7 @@
 
 import errno
 import io
+import math
 import re
 import time
 from dataclasses import replace
@@ -49,14 +50,34 @@ def test_a_pipe_gets_one_line() -> None:
 
 def test_a_silent_pipe_is_told_the_progress() -> None:
     shown, out = terminal(80, False, silence=0.01)
-    shown.bar("choosing the start", 3, 288, "evaluations", "ETA 9s")
+    shown.bar("choosing the start", 3, 288, "evaluations", "a try", eta=3600.0)
     shown.step()
-    told = r"\.\.\. choosing the start: 4 of 288 evaluations, ETA 9s, \d+s so far\n"
+    told = r"\.\.\. choosing the start: 4 of 288 evaluations, ETA \S+m?, a try, \d+s so far\n"
     with shown:
         deadline = time.monotonic() + 30
         while not re.match(told, out.getvalue()):
             assert time.monotonic() < deadline
             time.sleep(0.01)
+
+
+@pytest.mark.parametrize("eta", [0.0, 1e-9, math.inf])
+def test_a_time_that_is_over_or_unknown_is_not_told(eta: float) -> None:
+    shown, out = terminal(80, False, silence=0.01)
+    shown.bar("training", 3, 9, "agents", eta=eta)
+    with shown:
+        deadline = time.monotonic() + 30
+        while "so far" not in out.getvalue():
+            assert time.monotonic() < deadline
+            time.sleep(0.01)
+    assert out.getvalue().startswith("... training: 3 of 9 agents, 0s so far\n")
+
+
+def test_the_bar_of_a_terminal_counts_down() -> None:
+    shown, out = terminal(100, True)
+    with shown:
+        shown.bar("training", 3, 9, "agents", eta=7260.0)
+        time.sleep(0.3)
+    assert re.search(r"3/9 agents.*ETA 2h0[01]m", out.getvalue())
 
 
 def test_nothing_is_added_to_the_lines_of_a_terminal() -> None:
