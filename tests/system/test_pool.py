@@ -7,6 +7,7 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -125,13 +126,20 @@ def test_the_choice_of_a_start_is_what_a_loop_makes_of_it(
     np.testing.assert_array_equal(pooled.se.mean, looped.se.mean)
 
 
+def unchecked(se: SE, psi: np.ndarray[Any, Any]) -> SE:
+    """The SE with psi that `SE` would refuse or change."""
+    wrong = replace(se)
+    object.__setattr__(wrong, "psi", psi)
+    return wrong
+
+
 def test_a_request_that_kills_every_actor_is_given_up(nes: NES) -> None:
     class Poison(np.ndarray):
         def __reduce__(self):  # type: ignore[no-untyped-def]
             return os._exit, (1,)
 
     state = nes.init()
-    se = SE(state.se.centre.architecture, state.se.centre.psi.view(Poison))
+    se = unchecked(state.se.centre, state.se.centre.psi.view(Poison))
     with (
         EvaluationPool(1) as pool,
         pytest.raises(ActorsDied, match=r"^5 actors died .* agent ddqn: [^\n]*$"),
@@ -141,7 +149,7 @@ def test_a_request_that_kills_every_actor_is_given_up(nes: NES) -> None:
 
 def test_an_error_in_an_evaluation_is_the_callers(nes: NES) -> None:
     state = nes.init()
-    wrong = SE(state.se.centre.architecture, state.se.centre.psi[:5])
+    wrong = unchecked(state.se.centre, state.se.centre.psi[:5])
     with EvaluationPool(1) as pool, pytest.raises(ray.exceptions.RayTaskError):
         pool.run(nes.task, wrong, nes.ask(state)[:1])
 

@@ -69,8 +69,8 @@ def test_a_recipe_outside_of_the_space_is_moved_and_told() -> None:
 def test_progress_of_a_study_whose_agent_is_not_known_here(tmp_path: Path) -> None:
     make_study(tmp_path)
     settings = json.loads((tmp_path / "settings.json").read_text())
-    settings["base"]["agents"] = {"reinforce": {}}
+    settings["base"]["agents"] = {"of-another-file": {}}
     (tmp_path / "settings.json").write_text(json.dumps(settings))
-    with pytest.raises(InvalidInput, match="unknown agent 'reinforce'"):
+    with pytest.raises(InvalidInput, match="unknown agent 'of-another-file'"):
         Study.read(tmp_path)
     assert study_progress(tmp_path, 2).done == "6/6 results"
