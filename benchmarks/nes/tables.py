@@ -118,7 +118,7 @@ def _seeds_row(task: str, runs: Sequence[dict[str, Any]]) -> list[str]:
         f"{sum(run['solved'] for run in runs)} of {len(runs)}",
         _spread([run["seconds_to_se"] for run in runs], ".0f"),
         _spread([run["seconds"] for run in runs], ".0f"),
-        _spread([run["core_seconds"] for run in runs], ".0f") if "core_seconds" in runs[0] else "-",
+        _spread([run["core_seconds"] for run in runs], ".0f"),
         _spread([run["generations"] for run in runs], ".0f"),
         _spread([run["final_train_steps"] for run in runs], ".0f"),
         f"{real_steps / 1e6:.1f}",
