@@ -24,7 +24,8 @@ class Mirror:
     """Writes the runs whose keys are marked to MLflow.
 
     `view_of` builds a key's view from disk, in the mirror's thread. `log` gets a line when MLflow
-    becomes unreachable or reachable again.
+    becomes unreachable or reachable again. A run that MLflow does not take while it takes others
+    is left out, with a line, until it is marked again.
     """
 
     def __init__(
