@@ -158,15 +158,9 @@ def get_task(
         return built_in
     env, spec = _inspect(task_id)
     if spec.id != task_id.rpartition(":")[2]:  # gymnasium completes an id without a version
-        raise InvalidInput(f"task {task_id!r} has no version: allowed is {spec.id!r}")
-    solved = solved_reward if solved_reward is not None else spec.reward_threshold
-    limit = step_limit if step_limit is not None else spec.max_episode_steps
-    if solved is None:
-        raise InvalidInput(f"{task_id} has no reward threshold: give its solved reward")
-    if not math.isfinite(solved):
-        raise InvalidInput(f"{task_id}: solved reward must be finite, got {solved}")
-    if limit is None or not 1 <= limit <= MAX_STEP_LIMIT:
-        raise InvalidInput(f"{task_id}: step limit must be 1 to {MAX_STEP_LIMIT}, got {limit}")
+        ours = {name for name in BUILT_IN_TASKS if name.rpartition("-v")[0] == task_id}
+        allowed = ", ".join(sorted({*ours, spec.id}))
+        raise InvalidInput(f"task {task_id!r} has no version: allowed are {allowed}")
     observations, actions = env.observation_space, env.action_space
     env.close()
     if not isinstance(observations, gymnasium.spaces.Box) or len(observations.shape) != 1:
@@ -175,6 +169,16 @@ def get_task(
         )
     if not isinstance(actions, gymnasium.spaces.Discrete):
         raise InvalidInput(f"{task_id} has actions {actions}: allowed is Discrete")
+    solved = solved_reward if solved_reward is not None else spec.reward_threshold
+    limit = step_limit if step_limit is not None else spec.max_episode_steps
+    if solved is None:
+        raise InvalidInput(
+            f"{task_id} has no reward threshold: give its solved reward (--solved-reward)"
+        )
+    if not math.isfinite(solved):
+        raise InvalidInput(f"{task_id}: solved reward must be finite, got {solved}")
+    if limit is None or not 1 <= limit <= MAX_STEP_LIMIT:
+        raise InvalidInput(f"{task_id}: step limit must be 1 to {MAX_STEP_LIMIT}, got {limit}")
     return Task(
         task_id,
         observations.shape[0],

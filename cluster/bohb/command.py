@@ -144,10 +144,11 @@ class _Runner:
     def _introduce(self) -> None:
         command, log = self.command, self.terminal.log
         study = command.study
+        searched = "nes.start_candidates" in study.space.build(study.agents)
+        start = "" if searched else f"{start_of(study.base.nes)}, "
         self.session.introduce(
             f"{study.method_name} on {study.task.id}: study {study.name!r}, "
-            f"space {study.space.name}, recipe {study.base.recipe}, prior {study.prior}, "
-            f"{start_of(study.base.nes)}, "
+            f"space {study.space.name}, recipe {study.base.recipe}, prior {study.prior}, {start}"
             f"rule {study.base.nes.update}, "
             f"budgets {'/'.join(map(str, study.schedule.budgets))} core seconds, "
             f"{command.trials} trial(s) at a time with {command.workers_per_trial} worker(s) each"

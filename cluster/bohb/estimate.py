@@ -102,8 +102,13 @@ def _print_estimate(command: StudyCommand, trials: int, terminal: Terminal) -> N
 
     estimate = _estimate(command, trials)
     if command.time_budget is not None and estimate.seconds > command.time_budget:
-        estimate = estimate.within(command.time_budget)
-        terminal.log(f"the time budget of {duration(command.time_budget)} is enough for about")
+        estimate, budget = estimate.within(command.time_budget), duration(command.time_budget)
+        enough = estimate.seconds <= command.time_budget
+        terminal.log(
+            f"the time budget of {budget} is enough for about"
+            if enough
+            else f"the time budget of {budget} is not enough for one bracket:"
+        )
     terminal.log(str(estimate))
     terminal.log(
         f"the cluster can place it: {trials} trial(s) at a time, "

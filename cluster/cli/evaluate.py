@@ -13,6 +13,7 @@ from cluster.cli.options import (
     SEAddress,
     WholeNumber,
     common_options,
+    label_of,
     load_se_of,
     task_option,
     vary_option,
@@ -134,7 +135,9 @@ def _labelled(files: tuple[Path, ...]) -> dict[str, Path]:
     """The files by their labels in tables, names and metrics. Raises InvalidInput on duplicates."""
     found: dict[str, Path] = {}
     for file in files:
-        label = file.stem if file.stem not in found else f"{file.parent.name}-{file.stem}"
+        label = label_of(file)
+        if label in found:
+            label = f"{file.resolve().parent.name}-{label}"
         label = re.sub(r"[^A-Za-z0-9._-]+", "_", label)
         if label in found or label == "real":
             raise InvalidInput(f"two sources are called {label!r}: rename {str(file)!r}")

@@ -86,7 +86,24 @@ class SEAddress(click.ParamType[Path]):
             return Path(value)
         given = {} if context is None else context.params
         home = Home(given.get("home") or DEFAULT_HOME)
-        return se_file(value, the_tracking_uri(given.get("tracking_uri"), home))
+        uri = the_tracking_uri(given.get("tracking_uri"), home)
+        if uri == home.database_uri and not (home.folder / "mlflow.db").exists():
+            raise InvalidInput(f"MLflow has no SE at {value!r}: no runs in {str(home.folder)!r}")
+        return se_file(value, uri)
+
+
+#: Files that every run, study or model has.
+_USUAL = {"best_se", "last_se", "incumbent_se"}
+
+
+def label_of(file: Path) -> str:
+    """What an SE is called by its file: the name of the file or, where every run has one of that
+    name, of the run's folder."""
+    path = file.resolve()
+    if path.stem not in _USUAL:
+        return path.stem
+    folders = [folder for folder in path.parents if folder.name not in ("", "artifacts", "data")]
+    return folders[0].name if folders else path.stem
 
 
 def load_se_of(path: Path, task: str | None) -> "StoredSE":

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from bilevel.errors import InvalidInput
-from cluster.cli.options import SEAddress, load_se_of, mlflow_options, task_option
+from cluster.cli.options import SEAddress, label_of, load_se_of, mlflow_options, task_option
 
 #: Formats of pictures by the file's ending.
 FORMATS = (".png", ".svg", ".pdf")
@@ -26,7 +26,7 @@ def show(path: Path, out: Path | None, se_task: str | None) -> None:
 
     SE is a file, the name of one of the zoo, or MLflow's address (runs:/..., models:/...).
     """
-    out = out or Path(f"{path.stem}.png")
+    out = out or Path(f"{label_of(path)}.png")
     if out.suffix not in FORMATS:
         raise InvalidInput(f"cannot draw {str(out)!r}: allowed are files {', '.join(FORMATS)}")
     stored = load_se_of(path, se_task)
@@ -35,7 +35,7 @@ def show(path: Path, out: Path | None, se_task: str | None) -> None:
     from cluster.show.portrait import Portrait
 
     portrait = Portrait.of(stored)
-    drawn = picture(portrait, f"{path.stem}: a synthetic environment for {stored.task_id}")
+    drawn = picture(portrait, f"{label_of(path)}: a synthetic environment for {stored.task_id}")
     try:
         drawn.savefig(out, dpi=150)
     except OSError as error:

@@ -250,8 +250,11 @@ class Tracker:
             except DocumentFailed as error:
                 failed.append(error)
         if view.model is not None and shown.documents.get("model") != view.model.version:
-            register_se(self._client, shown.run_id, view.model)
-            self._note_document(shown, "model", view.model.version)
+            try:
+                register_se(self._client, shown.run_id, view.model)
+                self._note_document(shown, "model", view.model.version)
+            except InvalidInput as error:  # its file is damaged
+                failed.append(DocumentFailed(f"its SE as a model ({error})"))
         self._show_tags(shown, {**view.tags, _NOTE: view.note})
         self._show_status(shown, view)
         if view.parent is not None:

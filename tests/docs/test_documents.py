@@ -82,9 +82,8 @@ def test_the_readme(tmp_path: Path) -> None:
     small = replace(hp.nes, start_candidates=2, generations=1, centre_agents=2, population_size=2)
     (tmp_path / "small.toml").write_text(recipe_text(replace(hp, nes=small), "Small."))
     code = "\n".join(python_blocks("README.md"))
-    inputs = "import torch\nstates, actions = torch.zeros(3, 4), torch.tensor([0, 1, 0])\n"
     code = code.replace("seed=0, workers=2", 'recipe="small.toml", seed=0, workers=2')
-    code = inputs + code.replace('load_recipe("default"', 'load_recipe("small.toml"')
+    code = code.replace('load_recipe("default"', 'load_recipe("small.toml"')
     assert code.count("small.toml") == 2
     code += '\nprint(rewards.shape, env.spec.id, "nes.std_dev" in space)'
     (tmp_path / "readme.py").write_text(code)

@@ -50,7 +50,7 @@ def test_given_values_come_first() -> None:
     [
         ("CartPole-v99", "unknown task 'CartPole-v99'"),
         ("nonsense", "unknown task 'nonsense'"),
-        ("Pendulum-v1", "no reward threshold"),
+        ("Pendulum-v1", "has actions Box"),
         ("MountainCarContinuous-v0", "allowed is Discrete"),
         ("Taxi-v4", "allowed is a Box"),
     ],
@@ -134,3 +134,15 @@ def test_a_task_whose_constructor_fails_is_told_in_a_line(
     monkeypatch.setitem(gymnasium.registry, spec.id, spec)
     with pytest.raises(InvalidInput, match=r"^the task 'test/Broken-v0' cannot be made: .*$"):
         get_task(spec.id)
+
+
+def test_a_task_without_a_reward_threshold(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = gymnasium.envs.registration.EnvSpec(
+        "test/Constant-v0",
+        entry_point=lambda **_: Constant(np.float32, 1.0),
+        max_episode_steps=10,
+    )
+    monkeypatch.setitem(gymnasium.registry, spec.id, spec)
+    with pytest.raises(InvalidInput, match=r"give its solved reward \(--solved-reward\)"):
+        get_task(spec.id)
+    assert get_task(spec.id, solved_reward=1.0).solved_reward == 1.0

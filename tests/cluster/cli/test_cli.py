@@ -34,7 +34,9 @@ def test_help(command: list[str], tmp_path: Path) -> None:
     ("args", "told"),
     [
         (["nes", "CartPole-v9"], "unknown task 'CartPole-v9': allowed are CartPole-v0, Acrobot-v1"),
-        (["nes", "CartPole"], "task 'CartPole' has no version: allowed is 'CartPole-v1'"),
+        (["nes", "CartPole"], "'CartPole' has no version: allowed are CartPole-v0, CartPole-v1"),
+        (["nes", "Pendulum-v1"], "Pendulum-v1 has actions Box"),
+        (["show", "models:/SE-CartPole-v0@newest"], "MLflow has no SE at 'models:/SE-CartPole-v0@"),
         (["nes", "CartPole-v0", "--home", ""], "'--home': '' is not a folder: give its path"),
         (["bohb", "CartPole-v0", "--brackets", "99999999"], "not in the range 1<=x<=1000"),
         (["nes", "Taxi-v4"], "allowed is a Box of one dimension"),
