@@ -22,7 +22,7 @@ _SERVER.set_forkserver_preload(
         "mlflow.pyfunc",
         "ray.tune",
         "cluster.bohb.command",
-        "cluster.cli",
+        "cluster.cli.program",
         "cluster.evaluate.command",
         "cluster.experiments.report",
         "cluster.nes.command",

@@ -25,7 +25,7 @@ def main() -> None:
     tell("python")
     import ray
 
-    import cluster.cli
+    import cluster.cli.program
     import cluster.nes.command
     from cluster.ray.pool import EvaluationPool
 

@@ -69,7 +69,7 @@ class Tally:
         """`info` in words: what an SE costs, or how near the first one is."""
         cost, confirmed = info["core_seconds"], info["confirmed"]
         if not confirmed:
-            return f"no SE in {cost:.0f} core s, {info['progress']:.0%} of the way"
+            return f"none confirmed in {cost:.0f} core s, scores {info['progress']:.0%} of the way"
         ses = "1 SE" if confirmed == 1 else f"{confirmed} SEs"
         return f"{ses} in {cost:.0f} core s"
 

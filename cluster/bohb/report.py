@@ -148,7 +148,8 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     def _result_line(self, job: Job, result: dict[str, Any]) -> None:
         """Two lines, the first one of 80 columns: what came out, and what was tried."""
         leader = self._summary.leader
-        best = "" if leader is None else f" (best so far {leader.loss:.0f})"
+        # Results compete at the largest budget that any has had.
+        best = "" if leader is None else f" (best at {leader.budget}: {leader.loss:.0f})"
         self._terminal.log(
             f"{configuration_name(job.id)} {Tally.describe(result[TALLY].info)}; "
             f"objective {result[OBJECTIVE]:.0f}{best}{self._time_to_go()}"

@@ -3,10 +3,11 @@
 import contextlib
 import logging
 import socket
+import subprocess
 import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import ray
 import ray.exceptions
@@ -51,17 +52,35 @@ def ray_cluster(address: str | None) -> Iterator[None]:
             ray.shutdown()
 
 
+@contextlib.contextmanager
+def _in_groups_of_their_own() -> Iterator[None]:
+    """Within the block, processes that are started leave this one's process group. A signal to the
+    group, as `timeout` and batch systems send it, then reaches this process alone, which stops its
+    cluster in order. (Ray's processes end with it anyway, and ignore Ctrl-C already.)"""
+    begin = subprocess.Popen.__init__
+
+    def begin_a_group(self: Any, *args: Any, **options: Any) -> None:
+        begin(self, *args, **{"process_group": 0, **options})
+
+    subprocess.Popen.__init__ = begin_a_group  # type: ignore[method-assign]
+    try:
+        yield
+    finally:
+        subprocess.Popen.__init__ = begin  # type: ignore[method-assign]
+
+
 def _connect(address: str, own: bool, attempts: int) -> None:
     """Start or join the cluster. Raises InvalidInput if all attempts fail."""
     try:
-        ray.init(
-            address=address,
-            num_cpus=cpu_count() if own else None,
-            include_dashboard=False if own else None,
-            log_to_driver=False,
-            logging_level=logging.ERROR,
-            runtime_env=runtime_env(),
-        )
+        with _in_groups_of_their_own():
+            ray.init(
+                address=address,
+                num_cpus=cpu_count() if own else None,
+                include_dashboard=False if own else None,
+                log_to_driver=False,
+                logging_level=logging.ERROR,
+                runtime_env=runtime_env(),
+            )
     except Exception as error:  # bare where a node does not start in time
         ray.shutdown()
         if attempts > 1:

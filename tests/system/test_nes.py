@@ -161,6 +161,17 @@ def test_stopped_and_then_killed_it_goes_on(whole: Path, tmp_home: Path, address
     assert [metric.step for metric in history] == list(range(7))
 
 
+def test_a_signal_to_its_whole_group_stops_it_in_order(tmp_home: Path) -> None:
+    """As `timeout` and batch systems send it. Ray's processes, here the command's own, must outlive
+    the signal until it has left them."""
+    process = run_until("generation   0", *SMALL, "--generations", "900", "--home", tmp_home)
+    os.killpg(process.pid, signal.SIGTERM)
+    rest, _ = process.communicate(timeout=120)
+    assert process.returncode == 130, rest
+    assert "interrupted; run the same command again to resume" in rest
+    assert "GCS" not in rest
+
+
 EASY = (
     *("--solved-reward", "5", "--solved-for", "2", "--generations", "9"),
     *("--set", "nes.confirming_agents=4"),

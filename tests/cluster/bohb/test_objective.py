@@ -104,6 +104,9 @@ def test_the_best_se_is_a_confirmed_one(state: NESState, tmp_path: Path) -> None
 
 
 def test_in_words() -> None:
-    assert Tally.describe(Tally(31.2, 1, 0, 0.61).info) == "no SE in 31 core s, 61% of the way"
+    assert (
+        Tally.describe(Tally(31.2, 1, 0, 0.61).info)
+        == "none confirmed in 31 core s, scores 61% of the way"
+    )
     assert Tally.describe(Tally(31.2, 1, 1, 0.0).info) == "1 SE in 31 core s"
     assert Tally.describe(Tally(95.0, 3, 2, 0.3).info) == "2 SEs in 95 core s"

@@ -66,4 +66,4 @@ def test_a_result_of_an_earlier_processs_generations(
     report.on_trial_complete(0, [], trial)
     report.on_trial_start(1, [], trial)
     (shown,) = [text for text in out.getvalue().splitlines() if "objective 3" in text]
-    assert re.search(rf"objective 3 \(best so far \d+\){told}$", shown)
+    assert re.search(rf"objective 3 \(best at \d+: \d+\){told}$", shown)
