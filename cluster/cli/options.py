@@ -350,27 +350,26 @@ class RunOptions:
 
     def _recipe(self, task: Task, usual: str) -> tuple[str, str]:
         """Name of the recipe, and the same or its file: for a study on the task, the incumbent's.
-        Raises InvalidInput for a run that has none."""
-        from bilevel.errors import InvalidInput
+        Raises InvalidInput for any other name, and for a run that has found none."""
+        from bilevel.errors import InvalidInput, one_of
         from bilevel.hyperparameters import RECIPES
 
         given = self.recipe or usual
         if given in RECIPES or given.endswith(".toml"):
             return Path(given).stem, given
-        try:
-            study = Home(self.home).run_folder(task.id, given)
-        except InvalidInput:
-            return given, given  # whoever loads it says what is allowed
-        if not study.exists():
-            return given, given
 
         from cluster.bohb.study import RECIPE_FILE
 
-        if not (study / RECIPE_FILE).exists():
+        runs = {folder.name: folder for folder in Home(self.home).runs(task.id)}
+        found = [name for name, folder in runs.items() if (folder / RECIPE_FILE).exists()]
+        if given in found:
+            return given, str(runs[given] / RECIPE_FILE)
+        if given in runs:
             raise InvalidInput(
                 f"{given!r} on {task.id} has found no recipe: give a study that has run to its end"
             )
-        return study.name, str(study / RECIPE_FILE)
+        studies = f"studies on {task.id} that have found one ({', '.join(found) or 'none yet'})"
+        raise one_of("recipe", given, (*RECIPES, "recipe files (*.toml)", studies))
 
     def suffix(self, recipe: str) -> str:
         """Part of a default name that states recipe, agents and variation."""

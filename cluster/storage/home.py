@@ -1,5 +1,6 @@
 """The home folder: one folder for all runs, with one folder per run."""
 
+import glob
 import re
 import shlex
 import shutil
@@ -61,11 +62,12 @@ class Home:
                 f"name {name!r} is not allowed: letters, digits, '.', '_' and '-', at most "
                 f"{LONGEST_NAME}, beginning with a letter or digit"
             )
-        return self.folder / task_id.replace("/", "_") / name
+        return self.folder / _of_task(task_id) / name
 
-    def runs(self) -> list[Path]:
-        """Folders of all runs, by task and name."""
-        return sorted(path.parent for path in self.folder.glob("*/*/settings.json"))
+    def runs(self, task_id: str | None = None) -> list[Path]:
+        """Folders of all runs, or of those on one task, by task and name."""
+        tasks = "*" if task_id is None else glob.escape(_of_task(task_id))
+        return sorted(path.parent for path in self.folder.glob(f"{tasks}/*/settings.json"))
 
     def find(self, name: str) -> Path:
         """Folder of the run `name`, or `task/name` if several tasks have that name.
@@ -96,3 +98,8 @@ class Home:
         """Create the folder. Raises InvalidInput if it cannot be written."""
         self.require_writable()
         self.folder.mkdir(parents=True, exist_ok=True)
+
+
+def _of_task(task_id: str) -> str:
+    """Name of the folder of a task's runs; a gymnasium id may have a namespace."""
+    return task_id.replace("/", "_")

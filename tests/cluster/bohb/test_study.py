@@ -10,7 +10,7 @@ from bilevel import InvalidInput
 from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import get_task
 from cluster.bohb.journal import Journal
-from cluster.bohb.study import SPACE_FILE, Study
+from cluster.bohb.study import RECIPE_FILE, SPACE_FILE, Study
 from cluster.bohb.view import study_progress
 from search_spaces import search_space
 from tests.commands import run_bilevel
@@ -36,6 +36,18 @@ def test_a_study_without_an_incumbent_has_no_recipe(tmp_path: Path) -> None:
         "'mine' on CartPole-v0 has found no recipe: give a study that has run to its end"
         in result.stderr
     )
+
+
+def test_an_unknown_recipe_is_answered_with_those_that_studies_have_found(tmp_path: Path) -> None:
+    make_study(tmp_path / "CartPole-v0" / "mine")
+    make_study(tmp_path / "CartPole-v0" / "found")
+    (tmp_path / "CartPole-v0" / "found" / RECIPE_FILE).touch()
+    arguments = ("--recipe", "x", "--home", str(tmp_path))
+    result = run_bilevel("nes", "CartPole-v0", *arguments, cwd=tmp_path)
+    assert result.returncode == 2
+    assert "studies on CartPole-v0 that have found one (found)" in " ".join(result.stderr.split())
+    result = run_bilevel("bohb", "Acrobot-v1", *arguments, cwd=tmp_path)
+    assert "studies on Acrobot-v1 that have found one (none yet)" in " ".join(result.stderr.split())
 
 
 def test_a_study_keeps_the_ranges_that_it_was_begun_with(tmp_path: Path) -> None:
