@@ -52,11 +52,12 @@ def transfer() -> str:
                     row["agents"],
                     f"{row['test_return']:.1f} ± {row['test_return_std']:.1f}",
                     f"{row['train_steps']:.0f} ± {row['train_steps_std']:.0f}",
+                    f"{row['train_steps_median']:.0f}",
                     f"{row['share_of_agents_solving']:.0%}",
                     *("-" if figure is None else f"{figure.value:g}" for figure in theirs),
                 ]
             )
-    head = ["task", "agent", "trained on", "agents", "test return", "train steps"]
+    head = ["task", "agent", "trained on", "agents", "test return", "train steps", "median"]
     head += ["agents that solve it", "authors' return", "authors' train steps"]
     return f"{table(head, rows)}\n\n{_commands(found)}"
 

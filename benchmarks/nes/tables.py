@@ -111,7 +111,6 @@ def _spread(values: Sequence[float], form: str) -> str:
 
 
 def _seeds_row(task: str, runs: Sequence[dict[str, Any]]) -> list[str]:
-    real_steps = statistics.median(run["real_env_steps"] for run in runs)
     utilisation = statistics.median(run["core_utilisation"] for run in runs)
     return [
         task,
@@ -121,7 +120,7 @@ def _seeds_row(task: str, runs: Sequence[dict[str, Any]]) -> list[str]:
         _spread([run["core_seconds"] for run in runs], ".0f"),
         _spread([run["generations"] for run in runs], ".0f"),
         _spread([run["final_train_steps"] for run in runs], ".0f"),
-        f"{real_steps / 1e6:.1f}",
+        _spread([run["real_env_steps"] / 1e6 for run in runs], ".1f"),
         f"{utilisation:.0%}",
     ]
 

@@ -36,7 +36,8 @@ def learn(
     `on_generation` is called with the record of each generation. The run ends once it has solved
     the task over `nes.solved_for` generations on average and fresh agents confirm it, or after
     `nes.generations`. Then its best SE is that of the highest mean score, which is lucky, too (the
-    command `bilevel nes` tests the best ones again before it chooses).
+    command `bilevel nes` tests the best ones again before it chooses); `info["confirmed"]` of the
+    SE tells the two ends apart.
 
     Raises InvalidInput for an unknown task or recipe, fewer than one worker, or hyperparameters
     that do not fit together.

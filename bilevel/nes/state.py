@@ -57,7 +57,7 @@ class NESState:
     @property
     def current(self) -> StoredSE:
         """The unperturbed SE as it is now, after the last step."""
-        return self._stored(self.se.centre, generation=self.generation)
+        return self._stored(self.se.centre, generation=self.generation, confirmed=self.confirmed)
 
     @property
     def candidates(self) -> list[StoredSE]:
@@ -66,6 +66,7 @@ class NESState:
             self._stored(
                 self.se.at(f.theta),
                 generation=f.generation,
+                confirmed=False,
                 score_mean=f.score_mean,
                 perturbed_score_mean=f.perturbed_score_mean,
                 train_steps_mean=self.records[f.generation].train_steps_mean,

@@ -13,7 +13,7 @@ from bilevel.evaluation import evaluate
 from bilevel.nes import NES
 from cluster.bohb.brackets import Schedule, configurations_to_begin, core_seconds_to_run
 from cluster.bohb.command import StudyCommand
-from cluster.bohb.validation import SHARE
+from cluster.bohb.validation import validation_seconds
 from cluster.session.terminal import Terminal, count, duration
 from cluster.storage.run_folder import check_settings
 from search_spaces import to_hyperparameters
@@ -38,8 +38,9 @@ class Estimate:
 
     @property
     def validated(self) -> int:
-        """Core seconds of the validation."""
-        return round(SHARE / (1 - SHARE) * self.searched)
+        """Core seconds of the validation; 0 for a search that is too short for one."""
+        seconds = validation_seconds(self.searched)
+        return round(seconds) if seconds >= self.schedule.budgets[-1] else 0
 
     @property
     def configurations(self) -> int:
@@ -61,10 +62,14 @@ class Estimate:
         return replace(self, brackets=max(brackets, 1))
 
     def __str__(self) -> str:
+        validation = " (too few for a validation)"
+        if self.validated:
+            validation = f" and {self.validated} of validation"
         return (
             f"{count(self.brackets, 'bracket')}: {self.configurations} configurations, "
-            f"{self.searched} core seconds and {self.validated} of validation, one of which takes "
-            f"{self.speed:.2f} s here: {duration(self.seconds)} on {self.cores} core(s)"
+            f"{self.searched} core seconds{validation}: "
+            f"{duration(self.seconds)} on {count(self.cores, 'core')}, where a core second takes "
+            f"{self.speed:.2f} s"
         )
 
 

@@ -83,7 +83,7 @@ class Plan:
         results = [line for line in journal.results if line.loss is not None]
         best = sorted(results, key=lambda line: (-line.budget, line.loss))
         searched = sum(journal.reached.values())
-        core_seconds = SHARE / (1 - SHARE) * searched
+        core_seconds = validation_seconds(searched)
         largest = best[0].budget if best else 1
         number = min(max(int(core_seconds / largest), 2), FINALISTS)
         chosen = {line.id for line in journal.configs if line.of_prior} & journal.reached.keys()
@@ -96,6 +96,12 @@ class Plan:
             return None
         places = tuple(line.id for line in journal.configs if line.id in chosen)
         return cls(places, math.ceil(core_seconds / len(chosen)))
+
+
+def validation_seconds(searched: float) -> float:
+    """Core seconds of the validation of a search that took so many; it needs at least the search's
+    largest budget."""
+    return SHARE / (1 - SHARE) * searched
 
 
 def validate(

@@ -48,7 +48,7 @@ def _onnx(se: "StoredSE") -> bytes:
     try:
         from bilevel.interop.onnx import onnx_model
     except ModuleNotFoundError:
-        raise InvalidInput("ONNX is not installed: pip install 'bilevel[onnx]'") from None
+        raise InvalidInput("ONNX is not installed: pip install onnx") from None
     return bytes(onnx_model(se).SerializeToString())
 
 

@@ -120,6 +120,7 @@ def _summary(group: Group, units: Sequence[Unit]) -> Row:
         "test_return_std": s["test_returns_std"],
         "train_steps": s["train_steps_mean"],
         "train_steps_std": s["train_steps_std"],
+        "train_steps_median": s["train_steps_median"],
         "train_episodes": s["train_episodes_mean"],
         "train_episodes_std": s["train_episodes_std"],
         "share_of_agents_solving": s["solved_fraction"],

@@ -50,6 +50,7 @@ def test_a_loop_of_ones_own(task_id: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(stored.psi, state.best.psi)
     assert stored.info["real_env_steps"] == state.real_env_steps
     assert stored.info["hyperparameters"]["recipe"] == "default"
+    assert stored.info["confirmed"] is state.confirmed is False
     env = gymnasium.make("bilevel/SyntheticEnv-v0", path=path)
     observation, _ = env.reset(seed=0)
     assert observation.shape == (task.state_size,)

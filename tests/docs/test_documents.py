@@ -39,7 +39,7 @@ def test_the_tutorial(tmp_path: Path) -> None:
     (tmp_path / "train.py").write_text(train)
     scores = re.findall(r"^\d+ (\d+\.\d+)$", told_by("learn.py", tmp_path), re.MULTILINE)
     assert float(scores[-1]) >= 95  # this task is solved within seconds
-    assert told_by("train.py", tmp_path) == "Box(-inf, inf, (2,), float32) Discrete(2)\n"
+    assert float(told_by("train.py", tmp_path)) > 50  # an agent that keeps to one action has 10
     shown = ("show", "balance_se.safetensors")
     result = run_bilevel(*shown, cwd=tmp_path)
     assert result.returncode == 2
@@ -90,5 +90,5 @@ def test_the_readme(tmp_path: Path) -> None:
     command = [sys.executable, "readme.py"]
     run = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, check=False)
     assert run.returncode == 0, run.stderr
-    assert run.stdout == "torch.Size([3]) bilevel/SyntheticEnv-v0 True\n"
+    assert run.stdout == "False\ntorch.Size([3]) bilevel/SyntheticEnv-v0 True\n"
     assert (tmp_path / "my_space.json").exists()

@@ -41,7 +41,7 @@ def test_failures_are_counted() -> None:
     assert row.startswith(
         "| CartPole-v0 | 2 of 3 | 21 (20 to 22) | 31 (30 to 32) | 41 (40 to 42) |"
     )
-    assert row.endswith("| 11 (10 to 12) | 500 (500 to 500) | 1.0 | 90% |")
+    assert row.endswith("| 11 (10 to 12) | 500 (500 to 500) | 1.0 (1.0 to 1.0) | 90% |")
 
 
 def test_a_measurement_that_lacks_seeds_counts_as_none() -> None:

@@ -17,6 +17,6 @@ def test_what_a_time_budget_is_enough_for() -> None:
     assert estimate.within(1.0) == replace(estimate, brackets=1)
     assert estimate.within(1e9) == estimate
     assert str(estimate.within(0.0)).startswith(
-        "1 bracket: 3 configurations, 15 core seconds and 5 of"
+        "1 bracket: 3 configurations, 15 core seconds (too few for a validation): 30s on 1 core,"
     )
     assert replace(estimate, cores=4).seconds == pytest.approx(estimate.seconds / 4)
