@@ -7,9 +7,9 @@ repeat them.
 
 import time
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,14 +106,24 @@ class EvaluationResult(Outcome):
     seconds: float
 
 
+_Result = TypeVar("_Result", bound=Outcome)
+
+
+def comparable(results: Sequence[_Result]) -> list[_Result]:
+    """The results with test returns by which they can be compared. A diverged agent gets no more
+    than the lowest score of the others, however the task's worst score compares with them."""
+    lowest = min((result.score for result in results if result.finite), default=np.inf)
+    return [
+        result
+        if result.finite
+        else replace(result, test_returns=tuple(min(one, lowest) for one in result.test_returns))
+        for result in results
+    ]
+
+
 def scores_of(results: Sequence[Outcome]) -> NDArray[np.float64]:
-    """Scores (n,) of results that are compared. A diverged agent gets no more than the lowest of
-    the others, however the task's worst score compares with them."""
-    scores = np.array([result.score for result in results])
-    finite = np.array([result.finite for result in results])
-    if finite.any():
-        scores[~finite] = np.minimum(scores[~finite], scores[finite].min())
-    return scores
+    """Scores (n,) of `comparable` results."""
+    return np.array([result.score for result in comparable(results)])
 
 
 def evaluate(task: Task, se: SESource, request: EvaluationRequest) -> EvaluationResult:

@@ -1,12 +1,14 @@
 """Finding an SE file on this machine or in MLflow."""
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from bilevel.errors import InvalidInput, first_line
 
-#: A version of a registered model, by its alias or number.
-_MODEL = re.compile(r"models:/([^/@]+)(?:@(.+)|/(\d+))")
+#: A version of a registered model, by its number or alias.
+_MODEL = re.compile(r"models:/([^/@]+)(?:/(\d+)|@(.+))")
 
 #: Addresses that MLflow resolves.
 _MLFLOW = re.compile(r"(models|runs|mlflow-artifacts):/")
@@ -17,23 +19,41 @@ def is_of_mlflow(address: str | Path) -> bool:
     return _MLFLOW.match(str(address)) is not None
 
 
+def pinned(address: str, tracking_uri: str | None = None) -> str:
+    """MLflow's address with the number of a model's version in place of its alias, which may move
+    on. Raises InvalidInput if MLflow has no such version, and for another address of a model."""
+    if not address.startswith("models:"):
+        return address
+    model = _MODEL.fullmatch(address)
+    if model is None:
+        raise InvalidInput(
+            f"{address!r} is no version of a model: allowed are models:/NAME@ALIAS and "
+            "models:/NAME/VERSION"
+        )
+    name, version, alias = model.groups()
+    if version is None:
+        from mlflow import MlflowClient
+
+        client = MlflowClient(tracking_uri, tracking_uri)
+        with _told(address):
+            version = client.get_model_version_by_alias(name, alias).version
+    return f"models:/{name}/{version}"
+
+
 def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
-    """The SE file at a path, or at MLflow's address of a registered model (`models:/NAME@ALIAS`)
-    or of an artifact of a run (`runs:/ID/best_se.safetensors`), which is downloaded from the MLflow
-    at `tracking_uri`, or else from the one that MLflow is set to.
+    """The SE file at a path, or at MLflow's address of a registered model (`models:/NAME@ALIAS` or
+    `models:/NAME/VERSION`) or of an artifact of a run (`runs:/ID/best_se.safetensors`), which is
+    downloaded from the MLflow at `tracking_uri`, or else from the one that MLflow is set to.
 
     Raises InvalidInput if MLflow has none there.
     """
     if not is_of_mlflow(address):
         return Path(address)
     from mlflow.artifacts import download_artifacts
-    from mlflow.exceptions import MlflowException
 
-    try:
-        located = _located(str(address), tracking_uri)
+    with _told(address):
+        located = _located(pinned(str(address), tracking_uri), tracking_uri)
         found = Path(download_artifacts(located, tracking_uri=tracking_uri))
-    except (MlflowException, OSError) as error:
-        raise InvalidInput(f"MLflow has no SE at {str(address)!r}: {first_line(error)}") from None
     files = [found] if found.is_file() else sorted(found.rglob("*.safetensors"))
     if len(files) != 1:
         raise InvalidInput(f"{str(address)!r} holds {len(files)} SE files: give the address of one")
@@ -41,14 +61,23 @@ def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
 
 
 def _located(address: str, tracking_uri: str | None) -> str:
-    """Where the registry at `tracking_uri` has the files of a registered model: MLflow itself would
-    ask the registry that it is set to. Other addresses stay. Raises MLflow's exceptions."""
+    """Where the registry at `tracking_uri` has the files of a version of a model: MLflow itself
+    would ask the registry that it is set to. Other addresses stay. Raises MLflow's exceptions."""
     model = _MODEL.fullmatch(address)
     if model is None or tracking_uri is None:
         return address
     from mlflow import MlflowClient
 
-    client, (name, alias, version) = MlflowClient(tracking_uri, tracking_uri), model.groups()
-    if alias is not None:
-        version = client.get_model_version_by_alias(name, alias).version
-    return str(client.get_model_version_download_uri(name, version))
+    client = MlflowClient(tracking_uri, tracking_uri)
+    return str(client.get_model_version_download_uri(model[1], model[2]))
+
+
+@contextmanager
+def _told(address: str | Path) -> Iterator[None]:
+    """Raise errors of MLflow's as InvalidInput that names the address."""
+    from mlflow.exceptions import MlflowException
+
+    try:
+        yield
+    except (MlflowException, OSError) as error:
+        raise InvalidInput(f"MLflow has no SE at {str(address)!r}: {first_line(error)}") from None

@@ -9,11 +9,11 @@ import click
 
 from bilevel.errors import InvalidInput, one_of
 from cluster.cli.options import (
+    GivenSE,
     RunOptions,
     SEAddress,
     WholeNumber,
     common_options,
-    label_of,
     load_se_of,
     task_option,
     vary_option,
@@ -23,7 +23,7 @@ from cluster.storage.home import LONGEST_NAME
 
 
 @click.command()
-@click.argument("files", metavar="[SE]...", nargs=-1, type=SEAddress())
+@click.argument("given", metavar="[SE]...", nargs=-1, type=SEAddress())
 @click.option(
     "--real", metavar="TASK", help="Also train on this real task (gymnasium id), as the baseline."
 )
@@ -55,7 +55,7 @@ from cluster.storage.home import LONGEST_NAME
 )
 @common_options
 def evaluate(
-    files: tuple[Path, ...],
+    given: tuple[GivenSE, ...],
     real: str | None,
     se_task: str | None,
     count: int,
@@ -74,7 +74,7 @@ def evaluate(
     from bilevel.hyperparameters import VARIATIONS, load_recipe
     from bilevel.synthetic_env import StoredSE
 
-    ses = _labelled(files)
+    ses = _labelled(given)
     facts = (options["solved_reward"], options["step_limit"])
     if real is None and facts != (None, None):
         raise InvalidInput(
@@ -131,15 +131,15 @@ def evaluate(
     )
 
 
-def _labelled(files: tuple[Path, ...]) -> dict[str, Path]:
+def _labelled(given: tuple[GivenSE, ...]) -> dict[str, Path]:
     """The files by their labels in tables, names and metrics. Raises InvalidInput on duplicates."""
     found: dict[str, Path] = {}
-    for file in files:
-        label = label_of(file)
+    for se in given:
+        label = se.label
         if label in found:
-            label = f"{file.resolve().parent.name}-{label}"
+            label = f"{se.path.resolve().parent.name}-{label}"
         label = re.sub(r"[^A-Za-z0-9._-]+", "_", label)
         if label in found or label == "real":
-            raise InvalidInput(f"two sources are called {label!r}: rename {str(file)!r}")
-        found[label] = file
+            raise InvalidInput(f"two sources are called {label!r}: rename {str(se.path)!r}")
+        found[label] = se.path
     return found

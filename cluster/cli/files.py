@@ -8,7 +8,7 @@ import click
 
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
-from cluster.cli.options import SEAddress, mlflow_options
+from cluster.cli.options import GivenSE, SEAddress, mlflow_options
 
 if TYPE_CHECKING:
     from bilevel.synthetic_env import StoredSE
@@ -17,10 +17,10 @@ _FORMATS = {".onnx": "ONNX", ".pt2": "torch.export"}
 
 
 @click.command("export")
-@click.argument("path", metavar="SE", type=SEAddress())
+@click.argument("given", metavar="SE", type=SEAddress())
 @click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
 @mlflow_options
-def export_se(path: Path, out: Path) -> None:
+def export_se(given: GivenSE, out: Path) -> None:
     """Write an SE as ONNX (OUT ends in .onnx) or as a program of torch.export (.pt2).
 
     SE is a file, the name of one of the zoo, or MLflow's address (runs:/..., models:/...). Inputs
@@ -32,7 +32,7 @@ def export_se(path: Path, out: Path) -> None:
         raise InvalidInput(f"cannot export to {str(out)!r}: allowed are {allowed}")
     from bilevel.synthetic_env import load_se
 
-    stored = load_se(path)
+    stored = load_se(given.path)
     _write(out, _onnx(stored) if out.suffix == ".onnx" else _program(stored))
     click.echo(f"written: {out}")
 

@@ -67,43 +67,68 @@ class Setting(click.ParamType[tuple[str, Any]]):
             return name, text
 
 
-class SEAddress(click.ParamType[Path]):
+@dataclass(frozen=True)
+class GivenSE:
+    """The file of an SE that the command line names."""
+
+    path: Path
+    label: str  # what it is called in tables, names and pictures
+
+    @classmethod
+    def of(cls, path: Path) -> "GivenSE":
+        """That of a path."""
+        return cls(path, label_of(path))
+
+
+class SEAddress(click.ParamType[GivenSE]):
     """A file of an SE, given as its path, as a name of the zoo, or as MLflow's address."""
 
     name = "SE"
 
     def convert(
         self, value: Any, param: click.Parameter | None, context: click.Context | None
-    ) -> Path:
+    ) -> GivenSE:
         """The file. Raises InvalidInput if MLflow, which `--home` and `--tracking-uri` of the same
-        command tell, has none at an address."""
-        from bilevel.gym.source import is_of_mlflow, se_file
+        command tell, cannot be reached or has none at an address."""
+        from bilevel.gym.source import is_of_mlflow, pinned, se_file
         from bilevel.zoo import ENTRIES, zoo_file
 
         if value in ENTRIES:
-            return zoo_file(value)
+            return GivenSE.of(zoo_file(value))
         if not is_of_mlflow(value):
-            return Path(value)
+            return GivenSE.of(Path(value))
+        from cluster.tracking.tracker import check_tracking_uri
+
         given = {} if context is None else context.params
         home = Home(given.get("home") or DEFAULT_HOME)
         uri = the_tracking_uri(given.get("tracking_uri"), home)
         if uri == home.database_uri and not (home.folder / "mlflow.db").exists():
             raise InvalidInput(f"MLflow has no SE at {value!r}: no runs in {str(home.folder)!r}")
-        return se_file(value, uri)
+        check_tracking_uri(uri)
+        address = pinned(value, uri)
+        return GivenSE(se_file(address, uri), _label_at(address))
 
 
 #: Files that every run, study or model has.
 _USUAL = {"best_se", "last_se", "incumbent_se"}
 
 
-def label_of(file: Path) -> str:
-    """What an SE is called by its file: the name of the file or, where every run has one of that
-    name, of the run's folder."""
-    path = file.resolve()
-    if path.stem not in _USUAL:
-        return path.stem
-    folders = [folder for folder in path.parents if folder.name not in ("", "artifacts", "data")]
-    return folders[0].name if folders else path.stem
+def label_of(path: Path) -> str:
+    """What an SE is called by its file: the name of the file or, if every run has one of that name,
+    of the run's folder."""
+    folder = path.resolve().parent
+    usual = path.stem in _USUAL and (folder / "settings.json").exists()
+    return folder.name if usual else path.stem
+
+
+def _label_at(address: str) -> str:
+    """What an SE is called by MLflow's address: `NAME-VERSION` for models:/NAME/VERSION, and else
+    the file's name or, if every run has one of that name, the run's ID."""
+    kind, _, place = address.partition(":/")
+    if kind == "models":
+        return place.replace("/", "-")
+    *folders, file = (part for part in Path(place).parts if part != "artifacts")
+    return folders[-1] if folders and Path(file).stem in _USUAL else Path(file).stem
 
 
 def load_se_of(path: Path, task: str | None) -> "StoredSE":

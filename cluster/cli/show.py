@@ -5,14 +5,14 @@ from pathlib import Path
 import click
 
 from bilevel.errors import InvalidInput
-from cluster.cli.options import SEAddress, label_of, load_se_of, mlflow_options, task_option
+from cluster.cli.options import GivenSE, SEAddress, load_se_of, mlflow_options, task_option
 
 #: Formats of pictures by the file's ending.
 FORMATS = (".png", ".svg", ".pdf")
 
 
 @click.command()
-@click.argument("path", metavar="SE", type=SEAddress())
+@click.argument("given", metavar="SE", type=SEAddress())
 @click.option(
     "--out",
     type=click.Path(path_type=Path, dir_okay=False),
@@ -20,22 +20,22 @@ FORMATS = (".png", ".svg", ".pdf")
 )
 @task_option
 @mlflow_options
-def show(path: Path, out: Path | None, se_task: str | None) -> None:
+def show(given: GivenSE, out: Path | None, se_task: str | None) -> None:
     """Draw an SE above the real task: which action is rewarded, where each goes next, where
     episodes end, and episodes by the SE's rewards.
 
     SE is a file, the name of one of the zoo, or MLflow's address (runs:/..., models:/...).
     """
-    out = out or Path(f"{label_of(path)}.png")
+    out = out or Path(f"{given.label}.png")
     if out.suffix not in FORMATS:
         raise InvalidInput(f"cannot draw {str(out)!r}: allowed are files {', '.join(FORMATS)}")
-    stored = load_se_of(path, se_task)
+    stored = load_se_of(given.path, se_task)
 
     from cluster.show.picture import picture
     from cluster.show.portrait import Portrait
 
     portrait = Portrait.of(stored)
-    drawn = picture(portrait, f"{label_of(path)}: a synthetic environment for {stored.task_id}")
+    drawn = picture(portrait, f"{given.label}: a synthetic environment for {stored.task_id}")
     try:
         drawn.savefig(out, dpi=150)
     except OSError as error:

@@ -30,7 +30,7 @@ from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
 from cluster.evaluate import pictures
-from cluster.evaluate.report import Group, as_json, as_table
+from cluster.evaluate.report import Group, as_json, as_table, groups_of
 from cluster.evaluate.run import KIND, PICTURE_FILE, REPORT_FILE, RESULTS_FILE
 from cluster.evaluate.view import EvaluationViews
 from cluster.pictures import png
@@ -145,16 +145,14 @@ class _Runner:
             self.terminal.step()
 
         self.pool.run(command.task, tuple(ses.values()), requests, keep)
-        return [
-            Group(
-                label,
-                hp.agent,
-                command.task.solved_reward,
-                tuple(results[label, hp.agent, i] for i in range(command.agents)),
-            )
-            for label in command.sources
-            for hp in command.kinds
-        ]
+        return groups_of(
+            {
+                (label, hp.agent): [results[label, hp.agent, i] for i in range(command.agents)]
+                for label in command.sources
+                for hp in command.kinds
+            },
+            command.task.solved_reward,
+        )
 
     def _stored(self, file: JsonlLog) -> Iterator[tuple[tuple[str, str, int], EvaluationResult]]:
         """Results of earlier calls. Raises InvalidInput if damaged."""

@@ -1,13 +1,14 @@
 """Report of an evaluation of many agents: statistics and a table."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.evaluation import EvaluationResult
+from bilevel.evaluation import EvaluationResult, comparable
 
 
 @dataclass(frozen=True)
@@ -56,6 +57,17 @@ class Group:
         values["solved_fraction"] = float((self.scores >= self.solved_reward).mean())
         values["non_finite"] = float(sum(not result.finite for result in self.results))
         return values
+
+
+def groups_of(
+    results: Mapping[tuple[str, str], Sequence[EvaluationResult]], solved_reward: float
+) -> list[Group]:
+    """A group for each source and kind of agent, in this order, of results that are compared."""
+    levelled = iter(comparable([one for group in results.values() for one in group]))
+    return [
+        Group(source, agent, solved_reward, tuple(islice(levelled, len(group))))
+        for (source, agent), group in results.items()
+    ]
 
 
 def as_json(groups: Sequence[Group]) -> list[dict[str, Any]]:

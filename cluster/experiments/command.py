@@ -34,7 +34,7 @@ from cluster.experiments.run import (
     folder_name,
 )
 from cluster.experiments.sizes import Size
-from cluster.experiments.style import styled, svg
+from cluster.experiments.style import svg
 from cluster.experiments.table import csv_bytes, text_lines
 from cluster.experiments.versions import versions
 from cluster.experiments.view import ExperimentViews
@@ -140,8 +140,7 @@ class _Runner:
             if experiment.record is not None:
                 self.terminal.log("recording agents in their readable form, on one core")
                 experiment.record(plan, material, self._recorded)
-            with styled():
-                findings = experiment.findings(plan, material)
+            findings = experiment.conclude(plan, material)
             self._report(findings, len(results.found))
             return findings
 

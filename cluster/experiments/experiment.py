@@ -1,12 +1,13 @@
 """What an experiment is: the SEs it needs, the agents it trains, and what it finds."""
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from matplotlib.figure import Figure
 
 from bilevel.errors import InvalidInput
+from bilevel.evaluation import comparable
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.nes import NESState
 from bilevel.synthetic_env import load_se
@@ -14,6 +15,7 @@ from bilevel.tasks import Task
 from cluster.experiments.agents import Found, Source, Unit
 from cluster.experiments.conditions import CONDITIONS, REAL
 from cluster.experiments.sizes import Size
+from cluster.experiments.style import styled
 from cluster.experiments.table import Row
 from cluster.nes.run import NESRun
 from cluster.nes.selection import BEST_FILE
@@ -118,6 +120,12 @@ class Experiment:
     #: Kinds of agents by task, and for any other task.
     agents: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     usual_agents: tuple[str, ...] = ("ddqn",)
+
+    def conclude(self, plan: Plan, material: Material) -> Findings:
+        """What all agents together tell, diverged ones included; pictures in the style of all."""
+        found = dict(zip(material.found, comparable([*material.found.values()]), strict=True))
+        with styled():
+            return self.findings(plan, replace(material, found=found))
 
     def kinds(self, task: Task) -> tuple[str, ...]:
         """Kinds of agents that it trains unless others are asked for."""

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 from bilevel.durable import write_aside
-from bilevel.evaluation import EvaluationResult
+from bilevel.evaluation import EvaluationResult, scores_of
 from bilevel.nes import NESState
 from bilevel.nes.confirmation import FINAL_AGENTS, Confirmation, solving_share
 from bilevel.nes.start import StartRace
@@ -138,10 +138,10 @@ class _Runner:
         """Train the agents of one round of a confirmation, and log its result."""
         begun = confirmation.coming.start
         self.terminal.bar("confirming", begun, confirmation.agents, "agents")
-        scores: list[float] = []
-        state = self._advance(state, lambda result: scores.append(result.score))
+        results: list[EvaluationResult] = []
+        state = self._advance(state, results.append)
         if state.confirmation is None:
-            found = confirmation.after(scores).all_scores
+            found = confirmation.after(scores_of(results).tolist()).all_scores
             share = solving_share(found, self.run.task.solved_reward)
             verdict = "confirmed" if state.confirmed else "not confirmed, going on"
             self.terminal.log(

@@ -5,12 +5,11 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.evaluation import EvaluationRequest, scores_of
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, scores_of
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes.requests import Trial, as_turn, fresh_agent
 from bilevel.seeds import Purpose
@@ -34,13 +33,6 @@ class FinalScore:
     train_steps: NDArray[np.int64]
     solved_reward: float
     real_env_steps: int = 0  # made in the tests
-
-    def __add__(self, other: Self) -> Self:
-        """Concatenate the agents of both."""
-        scores = np.concatenate([self.scores, other.scores])
-        steps = np.concatenate([self.train_steps, other.train_steps])
-        real = self.real_env_steps + other.real_env_steps
-        return replace(self, scores=scores, train_steps=steps, real_env_steps=real)
 
     @property
     def solved(self) -> bool:
@@ -123,29 +115,26 @@ def choose_best(
     on_test: Callable[[], None] = lambda: None,
     rounds: Iterable[Round] = RETEST,
 ) -> Contender:
-    """The contender whose agents score highest; ties go to fewer train steps, then to the order
-    of `contenders`, best first. Each round trains more fresh agents, the same for all, on the
-    remaining contenders and keeps the best for the next round (successive halving)."""
+    """The contender whose agents score highest; ties go to fewer diverged agents, to fewer train
+    steps, then to the order of `contenders`, best first. Each round trains more fresh agents, the
+    same for all, on the remaining contenders and keeps the best for the next round (successive
+    halving)."""
     if len(contenders) == 1:
         return contenders[0]
-    none = FinalScore(np.empty(0), np.empty(0, np.int64), task.solved_reward)
-    tried = [(contender, none) for contender in contenders]
-
-    def rank(one: tuple[Contender, FinalScore]) -> tuple[float, float]:
-        found = one[1]
-        return float(found.scores.mean()), -float(found.train_steps.mean())
-
-    def more(contender: Contender, agents: range) -> FinalScore:
-        drawn = _agents(contender.hp, contender.hp.vary_agent, agents, Purpose.RETEST, seed)
-        return _tested(task, contender.se, drawn, pool, on_test)
-
+    left, found = list(contenders), list[list[EvaluationResult]]([] for _ in contenders)
     for one in rounds:
-        tried = [
-            (contender, found + more(contender, range(found.scores.size, one.agents)))
-            for contender, found in tried[: one.contenders]
-        ]
-        tried.sort(key=rank, reverse=True)
-    return tried[0][0]
+        left, found = left[: one.contenders], found[: one.contenders]
+        for contender, results in zip(left, found, strict=True):
+            more = range(len(results), one.agents)
+            drawn = _agents(contender.hp, contender.hp.vary_agent, more, Purpose.RETEST, seed)
+            results += _tested(task, contender.se, drawn, pool, on_test)
+        scores = scores_of([result for results in found for result in results])
+        means = scores.reshape(len(found), -1).mean(axis=1)
+        diverged = [float(sum(not result.finite for result in results)) for results in found]
+        steps = [float(np.mean([result.train_steps for result in results])) for results in found]
+        order = np.lexsort((steps, diverged, -means))  # stable; the last key comes first
+        left, found = [left[i] for i in order], [found[i] for i in order]
+    return left[0]
 
 
 def evaluate_holdout(
@@ -160,7 +149,13 @@ def evaluate_holdout(
     vary = "no" if hp.vary_agent == "no" else "all"
     impatient = replace(hp, nes=replace(hp.nes, patient_episodes=0))
     drawn = _agents(impatient, vary, range(agents), Purpose.FINAL, seed)
-    return _tested(task, contender.se, drawn, pool)
+    results = _tested(task, contender.se, drawn, pool)
+    return FinalScore(
+        scores_of(results),
+        np.array([result.train_steps for result in results]),
+        task.solved_reward,
+        sum(result.real_env_steps for result in results),
+    )
 
 
 def _agents(
@@ -181,16 +176,11 @@ def _tested(
     agents: Sequence[Trial],
     pool: EvaluationPool,
     on_test: Callable[[], None] = lambda: None,
-) -> FinalScore:
+) -> list[EvaluationResult]:
+    """The results of these agents, in their order."""
     requests = [EvaluationRequest(i, *trial) for i, trial in enumerate(agents)]
     results = pool.run(task, se.se, requests, lambda result: on_test())
-    results = sorted(results, key=lambda result: result.index)
-    return FinalScore(
-        scores_of(results),
-        np.array([result.train_steps for result in results]),
-        task.solved_reward,
-        sum(result.real_env_steps for result in results),
-    )
+    return sorted(results, key=lambda result: result.index)
 
 
 def export_best(se: StoredSE, score: FinalScore, folder: Path, step: int) -> Path:

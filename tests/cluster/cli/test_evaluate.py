@@ -6,7 +6,7 @@ import pytest
 
 from bilevel.hyperparameters import load_recipe, recipe_text
 from cluster.cli.evaluate import _labelled
-from cluster.cli.options import label_of
+from cluster.cli.options import GivenSE
 from tests.commands import run_bilevel
 
 
@@ -27,20 +27,22 @@ def test_the_task_of_an_se_is_told(se_file: Path, tmp_path: Path) -> None:
 
 
 def test_an_se_is_called_by_its_run(tmp_path: Path) -> None:
-    """Every run has a file `best_se`; a model's lies in folders of MLflow's."""
+    """Every run has a file `best_se`."""
+    run, other = tmp_path / "nes-default-seed0", tmp_path / "other"
+    run.mkdir()
+    (run / "settings.json").touch()
     for path, label in (
-        ("mine.safetensors", "mine"),
-        ("runs/CartPole-v0/nes-default-seed0/best_se.safetensors", "nes-default-seed0"),
-        ("1a2b/artifacts/best_se.safetensors", "1a2b"),
-        ("artifacts/model-77/data/best_se.safetensors", "model-77"),
+        (run / "mine.safetensors", "mine"),
+        (run / "best_se.safetensors", run.name),
+        (other / "best_se.safetensors", "best_se"),
     ):
-        assert label_of(tmp_path / path) == label
+        assert GivenSE.of(path).label == label
 
 
 def test_two_runs_ses_have_labels_of_their_own(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
-    files = [Path("one/best_se.safetensors"), Path("two/best_se.safetensors"), Path("two.x")]
-    assert list(_labelled(tuple(files[:2]))) == ["one", "two"]
-    assert list(_labelled(tuple(files[1:]))) == ["two", f"{tmp_path.name}-two"]
+    ses = [GivenSE.of(Path(path)) for path in ("one/best_se.x", "two/best_se.x", "best_se.x")]
+    assert list(_labelled(tuple(ses[:2]))) == ["best_se", "two-best_se"]
+    assert list(_labelled(tuple(ses[1:]))) == ["best_se", f"{tmp_path.name}-best_se"]

@@ -1,12 +1,14 @@
 """The report of an evaluation: its table and its picture."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from matplotlib.collections import PolyCollection
 
 from bilevel.tasks import Task
 from cluster.evaluate.pictures import VIOLIN_FROM, returns
-from cluster.evaluate.report import Group, as_table
+from cluster.evaluate.report import Group, as_table, groups_of
 from cluster.pictures import png
 from tests.results import made_up_result
 
@@ -43,3 +45,19 @@ def test_the_table_fits_80_columns() -> None:
     lines = as_table([group(5), group(40, "real")])
     assert [len(line.split()) for line in lines[1:]] == [13, 13]
     assert max(map(len, lines)) <= 80
+
+
+def test_a_diverged_agent_is_no_better_than_the_others_of_all_groups() -> None:
+    """The worst score of a task with penalties may lie above all that agents get."""
+    diverged = replace(made_up_result(1, 0.0, 0.0), finite=False)
+    one, other = groups_of(
+        {
+            ("one", "ddqn"): [made_up_result(0, -200.0, -400.0), diverged],
+            ("other", "ddqn"): [diverged, made_up_result(0, -150.0), diverged],
+        },
+        solved_reward=200.0,
+    )
+    assert (one.source, other.source) == ("one", "other")
+    assert one.test_returns.tolist() == [-200.0, -400.0, -300.0, -300.0]
+    assert other.scores.tolist() == [-300.0, -150.0, -300.0]
+    assert other.summary()["non_finite"] == 2

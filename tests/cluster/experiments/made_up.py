@@ -12,7 +12,6 @@ from bilevel.tasks import Task, get_task
 from cluster.experiments.agents import AgentResults, Unit
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan, made_ses
 from cluster.experiments.sizes import get_size
-from cluster.experiments.style import styled
 from cluster.nes.run import NESRun
 from cluster.nes.selection import FinalScore, export_best
 from cluster.storage.home import Home
@@ -71,8 +70,7 @@ def material_of(experiment: Experiment, plan: Plan, home: Home) -> Material:
 def findings_of(experiment: Experiment, home: Path, task_id: str = "CartPole-v0") -> Findings:
     """What the experiment finds in made-up results."""
     plan = smoke_plan(experiment, task_id)
-    with styled():
-        return experiment.findings(plan, material_of(experiment, plan, Home(home)))
+    return experiment.conclude(plan, material_of(experiment, plan, Home(home)))
 
 
 def group_results(task: Task, scores: list[float]) -> tuple[EvaluationResult, ...]:

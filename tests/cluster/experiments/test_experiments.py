@@ -2,6 +2,7 @@
 
 import csv
 import io
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -48,6 +49,20 @@ def test_an_experiment_finds_something(experiment: Experiment, task_id: str, hom
 def test_a_picture_is_the_same_file_each_time(home: Path) -> None:
     once, again = (findings_of(EXPERIMENTS["transfer"], home).figures["td3"] for _ in range(2))
     assert svg(once) == svg(again)
+
+
+def test_a_diverged_agent_is_no_better_than_the_others(home: Path) -> None:
+    """The worst score of a task with penalties may lie above all that agents get."""
+    transfer = EXPERIMENTS["transfer"]
+    plan = smoke_plan(transfer)
+    material = material_of(transfer, plan, Home(home))
+    first = next(iter(material.found))
+    found = {
+        key: replace(result, test_returns=(0.0 if key == first else -5.0,), finite=key != first)
+        for key, result in material.found.items()
+    }
+    rows = transfer.conclude(plan, replace(material, found=found)).data
+    assert {row["score"] for row in rows} == {-5.0}
 
 
 @experiments

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 import pytest
@@ -85,6 +85,21 @@ def test_the_best_is_chosen(
     entered = contenders(cartpole, small_hp, 2)
     pool = cast(EvaluationPool, ByHand(*outcomes))
     assert choose_best(cartpole, entered, (1,), pool) is entered[expected]
+
+
+def test_an_se_whose_agents_diverge_is_not_chosen(
+    cartpole: Task, small_hp: Hyperparameters
+) -> None:
+    """However the task's worst score compares with the scores of others."""
+
+    class Diverging(ByHand):
+        def run(self, *args: Any) -> list[EvaluationResult]:
+            results = super().run(*args)
+            return [replace(result, finite=result.score != 0.0) for result in results]
+
+    pool = cast(EvaluationPool, Diverging((-200.0, 1000), (0.0, 10)))
+    entered = contenders(cartpole, small_hp, 2)
+    assert choose_best(cartpole, entered, (1,), pool) is entered[0]
 
 
 @pytest.mark.parametrize("count", [1, 2, 3, 9])

@@ -2,10 +2,14 @@
 
 from pathlib import Path
 
+import click
+import mlflow
 import pytest
 
 from bilevel import InvalidInput
 from bilevel.gym.source import se_file
+from cluster.cli.options import SEAddress
+from cluster.cli.show import show
 from cluster.storage.home import Home
 from cluster.storage.run_folder import Lifetime
 from cluster.tracking import Tracker
@@ -44,14 +48,42 @@ def test_one_that_is_not_there(address: str, home: Home) -> None:
         se_file(address, home.database_uri)
 
 
+def test_an_address_that_is_no_version_of_a_model(home: Home) -> None:
+    """MLflow would look such addresses up elsewhere."""
+    with pytest.raises(InvalidInput, match="allowed are models:/NAME@ALIAS and models:/NAME/VERS"):
+        se_file("models:/SE-CartPole-v0/latest", home.database_uri)
+
+
 def test_the_command_line_looks_in_its_home(home: Home, tmp_path: Path) -> None:
     """Not in a database of MLflow's in the current folder, and none is made there."""
     here = tmp_path / "here"
     here.mkdir()
     address = "models:/SE-CartPole-v0@best"
-    shown = run_bilevel("show", address, "--home", home.folder, "--out", "se.svg", cwd=here)
+    shown = run_bilevel("show", address, "--home", home.folder, cwd=here)
     assert shown.returncode == 0, shown.stderr
-    assert [path.name for path in here.iterdir()] == ["se.svg"]
+    assert [path.name for path in here.iterdir()] == ["SE-CartPole-v0-1.png"]
     missing = run_bilevel("show", address, "--home", here / "other", cwd=here)
     assert missing.returncode == 2
     assert "MLflow has no SE at" in missing.stderr
+    absent = "http://127.0.0.1:9"
+    missing = run_bilevel("show", address, "--tracking-uri", absent, cwd=here)
+    assert missing.returncode == 2
+    assert f"no MLflow server at '{absent}'" in missing.stderr
+
+
+def test_an_se_has_the_same_label_whenever_it_is_loaded(home: Home, content: bytes) -> None:
+    """An evaluation resumes only under the same labels."""
+    client = mlflow.MlflowClient(home.database_uri)
+    (version,) = client.search_model_versions("name = 'SE-CartPole-v0'")
+    file = home.folder / "best_se.safetensors"
+    file.write_bytes(content)
+    client.log_artifact(version.run_id, str(file))
+    convert, context = SEAddress().convert, click.Context(show, obj=None)
+    context.params = {"home": home.folder, "tracking_uri": home.database_uri}
+    for address, label in (
+        ("models:/SE-CartPole-v0@best", "SE-CartPole-v0-1"),
+        ("models:/SE-CartPole-v0/1", "SE-CartPole-v0-1"),
+        (f"runs:/{version.run_id}/best_se.safetensors", version.run_id),
+    ):
+        found = convert(address, None, context)
+        assert (found.label, found.path.read_bytes()) == (label, content)
