@@ -8,7 +8,7 @@ from pathlib import Path
 
 from bilevel.errors import StorageFailure
 from cluster.session.interrupts import InterruptGuard
-from cluster.session.terminal import Terminal
+from cluster.session.terminal import Terminal, count
 from cluster.storage.author import without_password
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunIdentity, RunStatus, Status
@@ -71,8 +71,8 @@ class Session:
             if missing:
                 name = f"{self.folder.parent.name}/{self.folder.name}"
                 self.terminal.log(
-                    f"MLflow lacks the current state of {missing} run(s): write them with "
-                    f"{self.home.hint(f'sync {name}')} once MLflow is reachable"
+                    f"MLflow lacks the current state of {count(missing, 'run')}: once it is "
+                    f"reachable, {self.home.hint(f'sync {name}')} writes what MLflow takes"
                 )
             elif ended_as == "KILLED":
                 self.terminal.log(f"MLflow {self.shown_at(self.identity.uuid)}")

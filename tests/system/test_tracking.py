@@ -31,6 +31,7 @@ from cluster.storage.home import Home
 from cluster.storage.run_folder import RunIdentity, held
 from cluster.tracking import Mirror, Tracker
 from cluster.tracking.tracker import _IMPORT, KEY
+from cluster.tracking.view import Document, RunView
 from tests.studies import make_study
 from tests.system.mlflow_shown import Server, disagreements
 
@@ -215,6 +216,38 @@ def test_another_best_se_without_another_result(home: Home, folder: Path) -> Non
     assert newest.tags["final_score_mean"] == "90"
     history = client.get_metric_history(newest.run_id or "", "final_score_mean")
     assert [(one.step, one.value) for one in history] == [(number, 100.0), (number, 90.0)]
+
+
+def _broken() -> bytes:
+    raise ValueError("broken")
+
+
+def test_sync_goes_on_after_a_run_that_mlflow_does_not_take(
+    home: Home, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    keys = views_of(folder).keys()
+    view = StudyViews.view
+
+    def spoiled(self: StudyViews, key: str) -> RunView:
+        """One run has a parameter that MLflow's rules forbid, another a picture that fails."""
+        made = view(self, key)
+        if key == keys[1]:
+            return replace(made, params={"a|b": 1})
+        if key == keys[2]:
+            return replace(made, documents=(Document("broken.png", "1", _broken),))
+        return made
+
+    monkeypatch.setattr(StudyViews, "view", spoiled)
+    with pytest.raises(InvalidInput, match="lacks 2 runs of 'made', or parts of them"):
+        sync(folder, home, home.database_uri, Terminal())
+    told = capsys.readouterr().out
+    assert "MLflow does not take the run (" in told
+    assert "MLflow lacks broken.png" in told
+    assert f"{len(keys) - 2} of {len(keys)} runs in MLflow now match the disk" in told
+    shown = {
+        run.data.tags[KEY] for run in mlflow.MlflowClient(home.database_uri).search_runs(["1"])
+    }
+    assert set(keys) - {keys[1]} <= shown
 
 
 def test_a_study_with_damaged_settings_is_refused_in_one_line(home: Home, folder: Path) -> None:
