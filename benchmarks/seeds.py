@@ -11,7 +11,8 @@ def parse_seeds(text: str) -> list[int]:
     for part in text.split(","):
         first, *more = part.split("-")
         last = more[-1] if more else first
-        if len(more) > 1 or not (first.isdigit() and last.isdigit()):
+        ordered = first.isdigit() and last.isdigit() and int(first) <= int(last)
+        if len(more) > 1 or not ordered:
             raise argparse.ArgumentTypeError(f"seeds are a list such as 0-4,9; got {text!r}")
         seeds += range(int(first), int(last) + 1)
     return seeds

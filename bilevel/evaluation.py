@@ -7,6 +7,7 @@ repeat them.
 
 import time
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, TypeVar
@@ -188,15 +189,15 @@ def greedy_episodes(
 ) -> Iterator[list[Transition]]:
     """EvaluateAgent (paper, Algorithm 1) for an agent in Python: the transitions of each test
     episode on the real task."""
-    env = environment_in_python(task, None, episodes, seed)
-    for episode in range(episodes):
-        state, over, made = env.reset(episode), False, list[Transition]()
-        while not over and len(made) < env.step_limit:
-            action = greedy(state)
-            next_state, reward, done, over = env.step(action)
-            made.append(Transition(state, action, reward, next_state, done))
-            state = next_state
-        yield made
+    with environment_in_python(task, None, episodes, seed) as env:
+        for episode in range(episodes):
+            state, over, made = env.reset(episode), False, list[Transition]()
+            while not over and len(made) < env.step_limit:
+                action = greedy(state)
+                next_state, reward, done, over = env.step(action)
+                made.append(Transition(state, action, reward, next_state, done))
+                state = next_state
+            yield made
 
 
 def real_returns(
@@ -223,14 +224,17 @@ def _returns(episodes: Iterator[list[Transition]]) -> tuple[NDArray[np.float64],
     return np.array(returns, np.float64), steps
 
 
+@contextmanager
 def environment_in_python(
     task: Task, se: SE | None, episodes: int, seed: int
-) -> TrainingEnvironment:
+) -> Iterator[TrainingEnvironment]:
     """The SE, or (None) the real task, with initial states of `episodes` episodes, for agents in
-    Python."""
+    Python, as a context that closes it."""
     if se is None and not task.compiled:
-        return GymnasiumEnvironment(task, seed % 2**31)
-    return KernelEnvironment(_environment(task, se, episodes, seed))
+        with closing(GymnasiumEnvironment(task, seed % 2**31)) as env:
+            yield env
+    else:
+        yield KernelEnvironment(_environment(task, se, episodes, seed))
 
 
 #: Placeholder where the kernel takes an SE but does not read it.
@@ -292,9 +296,9 @@ class _Run:
         task, hp, n = self.task, self.hp, self.hp.test_episodes
         with one_torch_thread():  # other evaluations use the other cores
             agent = definition(task, hp, self.agent_seed)
-            env = environment_in_python(task, self.se, hp.max_episodes, self.physics_seed)
             stop = returns_converged(hp) if self.se else task_solved(hp, task.solved_reward)
-            steps, episodes, finite = train_in_python(agent, hp, env, stop)
+            with environment_in_python(task, self.se, hp.max_episodes, self.physics_seed) as env:
+                steps, episodes, finite = train_in_python(agent, hp, env, stop)
             if not finite:
                 return self._diverged(steps, episodes)
             returns, tested = _returns(greedy_episodes(task, agent.greedy, n, self.test_seed))

@@ -23,8 +23,8 @@ def record(
     agent_seed, physics_seed, test_seed = split(seed, 3)
     with one_torch_thread():
         agent = _Recorder(definition(task, hp, agent_seed))
-        env = environment_in_python(task, se, hp.max_episodes, physics_seed)
-        _, _, finite = train(agent, hp, env, returns_converged(hp))
+        with environment_in_python(task, se, hp.max_episodes, physics_seed) as env:
+            _, _, finite = train(agent, hp, env, returns_converged(hp))
         tests: list[Transition] = []
         if finite:
             for episode in greedy_episodes(task, agent.greedy, hp.test_episodes, test_seed):

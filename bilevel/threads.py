@@ -1,8 +1,8 @@
 """Limits of BLAS and torch to one thread: products are small, other evaluations use the other
 cores, and a fixed order of summation keeps results reproducible.
 
-Several threads of a process may be in a limit at a time. The number of threads is what it was once
-the last one has left.
+Several threads of a process may be in a limit at a time, each once. BLAS has its threads back when
+the last one has left, torch when each has left, since its number of threads is each thread's own.
 """
 
 from collections.abc import Callable, Iterator

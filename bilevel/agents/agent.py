@@ -6,7 +6,7 @@ agents need none. See docs/agents.md.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from importlib.metadata import entry_points
 from typing import Any, NamedTuple, Protocol
 
@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.dataclasses import is_pydantic_dataclass
 
+from bilevel.agents.variation import VARIED
 from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters import AgentHyperparameters, agent_hyperparameters
 from bilevel.hyperparameters.agents import keep_hyperparameters
+from bilevel.hyperparameters.validation import has_plain_range
 from bilevel.seeds import split
 
 #: Group of entry points in which packages name modules that register agents.
@@ -87,8 +89,8 @@ def register_agent(
 ) -> None:
     """Register an agent under the name in its hyperparameter class.
 
-    Raises InvalidInput for a class that the decorator `hyperparameters` does not check, and for one
-    that names no agent of its own.
+    Raises InvalidInput for a class that the decorator `hyperparameters` does not check, for one
+    that names no agent of its own, and for a range that `variation` could not keep to.
     """
     name, given = hyperparameters.agent, hyperparameters.__name__
     named = bool(name) and agent_hyperparameters(name) is hyperparameters
@@ -99,6 +101,12 @@ def register_agent(
             f"{given} must name its agent, another one than those of other classes: "
             f'`class {given}(..., agent="mine")`'
         )
+    for spec in fields(hyperparameters):
+        if spec.name in VARIED and not has_plain_range(hyperparameters, spec.name):
+            raise InvalidInput(
+                f"{given}.{spec.name} is varied, so that its range must be given as "
+                "`Field(ge=..., le=...)` alone"
+            )
     _AGENTS[name] = RegisteredAgent(name, build, build_kernel, kernel_parameters)
 
 

@@ -37,12 +37,16 @@ class KernelEnvironment:
 
 
 class GymnasiumEnvironment:
-    """A real task that gymnasium runs."""
+    """A real task that gymnasium runs; it may hold processes or sockets until it is closed."""
 
     def __init__(self, task: Task, seed: int) -> None:
         self._env: Any = task.make()
         self._seed: int | None = seed
         self.step_limit = task.step_limit
+
+    def close(self) -> None:
+        """Let the task's simulator go."""
+        self._env.close()
 
     def reset(self, episode: int) -> NDArray[np.float32]:
         """The initial state (S,) of an episode."""

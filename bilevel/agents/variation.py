@@ -21,6 +21,9 @@ from bilevel.hyperparameters.validation import within_range
 #: same around its own default, as in the authors' code.
 _LEARNING_RATE = {"ddqn": 1e-3, "dueling-ddqn": 1e-3, "td3": 5e-4}
 
+#: Fields that are drawn, of agents that have them.
+VARIED = ("learning_rate", "batch_size", "hidden_size", "hidden_layers")
+
 #: Hidden units and batch size, drawn on the log scale; hidden layers.
 SIZES, LAYERS = (42, 384), (1, 3)
 

@@ -40,6 +40,12 @@ def hyperparameters(cls: type[_T]) -> type[_T]:
     return cast("type[_T]", checked)
 
 
+def has_plain_range(cls: type, name: str) -> bool:
+    """Whether `ge` and `le` alone limit that field of a class, so that `within_range` knows all."""
+    field: FieldInfo = cls.__pydantic_fields__[name]  # type: ignore[attr-defined]
+    return all(hasattr(rule, "ge") or hasattr(rule, "le") for rule in field.metadata)
+
+
 def within_range(cls: type, name: str, value: _Number) -> _Number:
     """The value, or the nearest end of the range (`ge`, `le`) of that field of a class."""
     field = cls.__pydantic_fields__[name]  # type: ignore[attr-defined]

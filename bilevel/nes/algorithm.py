@@ -134,7 +134,8 @@ class NES:
 
     def load(self, path: Path) -> NESState:
         """Read a checkpoint of this run (`bilevel.nes.checkpoint`); a run that was out of
-        generations goes on if there are more now. Raises InvalidInput."""
+        generations goes on if there are more now. Raises InvalidInput, OtherVersion and
+        StorageFailure as `load_state` does."""
         return self._ended(load_state(path, self.task, self.hp.se, self.provenance))
 
     def _started(self, state: NESState, attempt: int) -> NESState:

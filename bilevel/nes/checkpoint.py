@@ -151,7 +151,7 @@ class _Header:
     finished: bool
     finalists: tuple[_Finalist, ...]
     records: tuple[GenerationRecord, ...]
-    seed: int | None = None  # of the run; checkpoints of before have none
+    seed: int | None = None  # of the run; a state without provenance has none
 
 
 def _checksum(text: str, tensors: Mapping[str, NDArray[Any]]) -> str:

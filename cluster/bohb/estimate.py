@@ -82,7 +82,6 @@ def dry_run(command: StudyCommand) -> None:
     """
     command.context.home.require_writable()
     check_settings(command.study.folder, command.study.settings())
-    command.study.check_prior()
     capacity = command.context.capacity()
     command = command.placed(capacity)
     trials = command.trials_on(capacity)

@@ -11,6 +11,7 @@ from functools import cached_property
 from pathlib import Path
 
 from bilevel.durable import checksum
+from bilevel.errors import InvalidInput
 from bilevel.evaluation import (
     Centre,
     EvaluationRequest,
@@ -27,6 +28,7 @@ from bilevel.tasks import Task
 from cluster.experiments.conditions import REAL
 from cluster.experiments.sizes import AGENTS
 from cluster.storage.jsonl_log import JsonlLog
+from cluster.storage.run_folder import read_settings
 
 #: Trained agents in the folder of an experiment.
 RESULTS_FILE = "results.jsonl"
@@ -131,12 +133,13 @@ class AgentResults:
         self._append(unit.key, result)
 
     def adopt(self, units: Iterable[Unit]) -> None:
-        """Copy the results that other experiments of the task have of these units."""
+        """Copy the results that other experiments of the task have of these units; those that
+        another version of this package has made are left alone."""
         missing = {unit.key for unit in units} - self.found.keys()
         if not missing:
             return
         for path in sorted(self._folder.parent.glob(f"experiment-*/{RESULTS_FILE}")):
-            if path.parent == self._folder:
+            if path.parent == self._folder or not _of_this_version(path.parent):
                 continue
             for key, result in _stored(JsonlLog(path)):
                 if key in missing:
@@ -146,6 +149,15 @@ class AgentResults:
     def _append(self, key: str, result: EvaluationResult) -> None:
         self._log.append([key, asdict(result)])
         self.found[key] = result
+
+
+def _of_this_version(folder: Path) -> bool:
+    """Whether an experiment's folder has sound settings of this version's format."""
+    try:
+        read_settings(folder)
+    except InvalidInput:
+        return False
+    return True
 
 
 def _stored(log: JsonlLog) -> Iterator[tuple[str, EvaluationResult]]:

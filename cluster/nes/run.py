@@ -97,9 +97,12 @@ class NESRun:
         return self.nes.load(self.folder / STATE_FILE) if self.begun else None
 
     def load_if_sound(self) -> NESState | None:
-        """The state on disk; None if there is none, or it is damaged and will be run again."""
+        """The state on disk; None if there is none, or it is damaged and will be run again. Raises
+        StorageFailure for one that cannot be read."""
         try:
             return self.load()
+        except StorageFailure:
+            raise
         except InvalidInput:
             return None
 

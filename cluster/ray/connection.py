@@ -4,6 +4,7 @@ import contextlib
 import logging
 import socket
 import subprocess
+import sys
 import uuid
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -56,7 +57,11 @@ def ray_cluster(address: str | None) -> Iterator[None]:
 def _in_groups_of_their_own() -> Iterator[None]:
     """Within the block, processes that are started leave this one's process group. A signal to the
     group, as `timeout` and batch systems send it, then reaches this process alone, which stops its
-    cluster in order. (Ray's processes end with it anyway, and ignore Ctrl-C already.)"""
+    cluster in order. Linux alone ends Ray's processes with this one, however that ends; elsewhere
+    Ray watches the group for them, and it stays as it is."""
+    if sys.platform != "linux":
+        yield
+        return
     begin = subprocess.Popen.__init__
 
     def begin_a_group(self: Any, *args: Any, **options: Any) -> None:

@@ -19,7 +19,7 @@ def test_lists_of_seeds_are_read_and_written(text: str, seeds: list[int]) -> Non
     assert format_seeds(seeds) == text
 
 
-@pytest.mark.parametrize("text", ["", "a", "1-", "-1", "1,,2"])
+@pytest.mark.parametrize("text", ["", "a", "1-", "-1", "1,,2", "4-0"])
 def test_other_text_is_refused(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="a list such as"):
         parse_seeds(text)

@@ -4,11 +4,12 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
 import torch
+from pydantic import Field
 
 from bilevel import InvalidInput
 from bilevel.agents import agent as registry
@@ -157,6 +158,18 @@ def test_hyperparameters_that_nothing_checks_are_refused() -> None:
 
     with pytest.raises(InvalidInput, match="Unchecked must be decorated with `hyperparameters`"):
         register_agent(Unchecked, lambda *_: None)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("rule", [{"ge": 1, "lt": 64}, {"ge": 1, "le": 64, "multiple_of": 8}])
+def test_a_range_that_drawn_values_could_leave_is_refused(rule: dict[str, int]) -> None:
+    @hyperparameters
+    class Choosy(AgentHyperparameters, agent=f"choosy{len(rule)}"):
+        """Its sizes are drawn."""
+
+        hidden_size: Annotated[int, Field(**rule)] = 8
+
+    with pytest.raises(InvalidInput, match=r"Choosy.hidden_size is varied, .* `Field\(ge=..., le="):
+        register_agent(Choosy, lambda *_: None)  # type: ignore[arg-type]
 
 
 def test_an_agent_names_itself_and_no_other_agent() -> None:

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -5,7 +6,8 @@ import numpy as np
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.evaluation import greedy_episodes
+from bilevel.evaluation import greedy_episodes, train_and_test
+from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import Task, get_task
 
 
@@ -81,6 +83,33 @@ def test_actions_that_do_not_start_at_zero() -> None:
         assert len(episode) > 1
     finally:
         del gymnasium.registry["test/Shifted-v0"]
+
+
+def test_what_training_and_tests_open_they_close() -> None:
+    """A simulator may be a process, or hold a socket."""
+    opened: list[gymnasium.Env[Any, Any]] = []
+    closed: list[gymnasium.Env[Any, Any]] = []
+
+    class Counted(gymnasium.Wrapper[Any, Any, Any, Any]):
+        def close(self) -> None:
+            closed.append(self)
+
+    def make(**kwargs: Any) -> gymnasium.Env[Any, Any]:
+        opened.append(Counted(gymnasium.make("CartPole-v1")))
+        return opened[-1]
+
+    gymnasium.register("test/Counted-v0", make)
+    try:
+        task = get_task("test/Counted-v0", solved_reward=100.0, step_limit=20)
+        opened.clear()
+        closed.clear()
+        agent = replace(load_recipe("paper", "").agents[0], max_episodes=2)
+        outcome = train_and_test(task, None, agent, 0)
+        assert outcome.train_episodes == 2
+        # one for training, one for tests
+        assert len(opened) == len(closed) == len(set(closed)) == 2
+    finally:
+        del gymnasium.registry["test/Counted-v0"]
 
 
 class Constant(gymnasium.Env[Any, Any]):

@@ -2,6 +2,7 @@
 
 import re
 import subprocess
+import sys
 from importlib.resources import files
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 import safetensors.numpy
 
 from tests.commands import BILEVEL, run_bilevel
+from tests.studies import make_study
 
 
 def test_the_console_script() -> None:
@@ -18,6 +20,24 @@ def test_the_console_script() -> None:
     )
     assert result.returncode == 0
     assert result.stdout.startswith("Usage: bilevel ")
+
+
+def test_ctrl_c_while_the_program_is_loaded_is_no_traceback() -> None:
+    code = """
+import sys
+from cluster.cli import main
+
+class Interrupted:
+    def find_spec(self, name, path, target=None):
+        if name == "cluster.cli.program":
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Interrupted())
+main()
+"""
+    command = [sys.executable, "-c", code]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert (result.returncode, result.stderr) == (130, "")
 
 
 @pytest.mark.parametrize(
@@ -283,3 +303,15 @@ def test_the_local_profile_begins_with_the_recipe_and_at_the_smallest_budget(
     assert "      0   9 x 30 -> 3 x 90 -> 1 x 270\n    ...   and so on\n" in result.stdout
     assert "3 brackets: 27 configurations, 1890 core seconds and 630 of validation" in result.stdout
     assert "time budget" not in result.stdout
+
+
+def test_a_dry_run_of_a_study_that_cannot_be_run(tmp_path: Path) -> None:
+    """Too little time is told, other settings than those it was begun with are refused."""
+    make_study(tmp_path / "runs" / "CartPole-v0" / "mine")
+    arguments = ("bohb", "CartPole-v0", "--profile", "smoke", "--dry-run")
+    result = run_bilevel(*arguments, "--time-budget", "0.001s", cwd=tmp_path)
+    assert result.returncode == 0, result.stderr
+    assert "is not enough for one bracket:\n1 bracket: 3 conf" in result.stdout
+    result = run_bilevel(*arguments, "--study", "mine", "--seed", "9", cwd=tmp_path)
+    assert result.returncode == 2
+    assert "'mine' was begun with " in result.stderr

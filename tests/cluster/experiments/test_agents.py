@@ -1,6 +1,6 @@
 """Positions, digests and results of the experiments' agents."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -9,8 +9,10 @@ import pytest
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import Task
+from bilevel.version import RUN_FORMAT
 from cluster.experiments.agents import RESULTS_FILE, AgentResults, Place, Source, Unit
 from cluster.experiments.conditions import REAL
+from cluster.storage.run_folder import locked_settings
 from tests.cluster.experiments.made_up import result_of
 from tests.ses import make_se
 
@@ -67,13 +69,18 @@ def test_results_are_on_disk_at_once(tmp_path: Path, cartpole: Task, ses: list[S
 def test_agents_of_other_experiments_are_not_trained_again(
     tmp_path: Path, cartpole: Task, ses: list[Source]
 ) -> None:
-    units = [unit(cartpole, ses[0], Place(0, i)) for i in range(3)]
-    folders = [tmp_path / name for name in ("experiment-cost-seed0", "experiment-transfer-seed0")]
+    """Unless another version of this package has trained them."""
+    units = [unit(cartpole, ses[0], Place(0, i)) for i in range(4)]
+    folders = [tmp_path / f"experiment-{name}-seed0" for name in ("cost", "transfer", "old")]
     for folder in folders:
-        folder.mkdir()
-    cost, transfer = map(AgentResults, folders)
+        with locked_settings(folder, {"task": asdict(cartpole)}):
+            pass
+    old = folders[2] / "settings.json"
+    old.write_text(old.read_text().replace(f'"format": {RUN_FORMAT}', '"format": 1'))
+    cost, transfer, other = map(AgentResults, folders)
     for one in units[:2]:
         transfer.add(one, result_of(one))
+    other.add(units[2], result_of(units[2]))
     cost.adopt(units[1:])
     assert set(cost.found) == {units[1].key}
     assert set(AgentResults(folders[0]).found) == {units[1].key}
