@@ -15,6 +15,7 @@ from cluster.bohb.brackets import Schedule, configurations_to_begin, core_second
 from cluster.bohb.command import StudyCommand
 from cluster.bohb.validation import validation_seconds
 from cluster.session.terminal import Terminal, count, duration
+from cluster.storage.home import require_writable
 from cluster.storage.run_folder import check_settings
 from search_spaces import to_hyperparameters
 
@@ -80,7 +81,7 @@ def dry_run(command: StudyCommand) -> None:
     with as many cores busy as the study would use. Raises InvalidInput where the study itself
     would.
     """
-    command.context.home.require_writable()
+    require_writable(command.context.home.folder)
     check_settings(command.study.folder, command.study.settings())
     capacity = command.context.capacity()
     command = command.placed(capacity)

@@ -18,7 +18,7 @@ from cluster.ray.connection import (
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.session import Session
 from cluster.session.terminal import Terminal
-from cluster.storage.home import Home
+from cluster.storage.home import Home, require_writable
 from cluster.storage.run_folder import locked_settings
 from cluster.tracking import Tracker
 from cluster.tracking.tracker import check_tracking_uri, mlflow_imported_meanwhile
@@ -40,7 +40,7 @@ class RunContext:
         or cluster, for a cluster that cannot place that many trials of so many one-core workers
         each, and for SQLite on several nodes.
         """
-        self.home.require_writable()
+        require_writable(self.home.folder)
         check_tracking_uri(self.tracking_uri)
         if is_own(self.address):  # before it is started, which takes seconds
             Capacity.of_own().require(workers_per_trial, trials)

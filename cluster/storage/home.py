@@ -85,19 +85,21 @@ class Home:
         what = "several runs are called" if found else "no run is called"
         raise InvalidInput(f"{what} {name!r} in {str(self.folder)!r}: there are {known}")
 
-    def require_writable(self) -> None:
-        """Raise InvalidInput if the folder can be neither written nor created; nothing stays."""
-        nearest = next(path for path in (self.folder, *self.folder.parents) if path.exists())
-        try:
-            tempfile.TemporaryDirectory(prefix=".writable-", dir=nearest).cleanup()
-        except OSError as error:
-            reason = error.strerror or str(error)
-            raise InvalidInput(f"cannot write to {str(self.folder)!r}: {reason}") from None
-
     def prepare(self) -> None:
         """Create the folder. Raises InvalidInput if it cannot be written."""
-        self.require_writable()
+        require_writable(self.folder)
         self.folder.mkdir(parents=True, exist_ok=True)
+
+
+def require_writable(folder: Path) -> None:
+    """Raise InvalidInput if a folder can be neither written nor created; nothing stays."""
+    folder = folder.absolute()
+    nearest = next(path for path in (folder, *folder.parents) if path.exists())
+    try:
+        tempfile.TemporaryDirectory(prefix=".writable-", dir=nearest).cleanup()
+    except OSError as error:
+        reason = error.strerror or str(error)
+        raise InvalidInput(f"cannot write to {str(folder)!r}: {reason}") from None
 
 
 def _of_task(task_id: str) -> str:

@@ -109,7 +109,8 @@ def require_driver(uri: str) -> None:
         kind = uri.partition("://")[0]
         raise InvalidInput(
             f"a tracking URI of the kind {kind}:// needs a package that is not installed "
-            f"({error}): install it beside bilevel"
+            f"({error}): install it beside bilevel, or name another driver, as in "
+            "postgresql+psycopg2://"
         ) from None
 
 

@@ -15,7 +15,7 @@ from cluster.nes.command import NESCommand, run_nes
 from cluster.nes.run import NESRun
 from cluster.nes.selection import BEST_FILE
 from cluster.session.context import RunContext
-from cluster.storage.home import Home
+from cluster.storage.home import require_writable
 
 #: Kinds of agents that are trained on an SE of the zoo, and the number of each.
 KINDS, AGENTS = ("ddqn", "dueling-ddqn", "td3"), 50
@@ -39,7 +39,7 @@ def build(command: BuildCommand) -> Card:
     """
     entry, context = command.entry, command.context
     task, hp = get_task(entry.task), load_recipe(entry.recipe, entry.task)
-    Home(command.folder).require_writable()
+    require_writable(command.folder)
     run_folder = context.home.run_folder(task.id, f"zoo-{entry.name}")
     run_nes(NESCommand(NESRun(task, hp, entry.seed, run_folder), context, command.workers))
     se = load_se(run_folder / BEST_FILE)

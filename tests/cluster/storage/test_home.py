@@ -5,7 +5,7 @@ import pytest
 
 import bilevel
 from bilevel import InvalidInput
-from cluster.storage.home import DEFAULT_HOME, Home
+from cluster.storage.home import DEFAULT_HOME, Home, require_writable
 
 
 @pytest.mark.parametrize("name", ["../x", "a/b", "", ".hidden", "x" * 81, "a\nb", "-x", "a b"])
@@ -47,15 +47,15 @@ def test_hints_name_the_home_that_was_given(
 
 def test_whether_it_can_be_written_is_found_out_without_a_trace(tmp_path: Path) -> None:
     home = Home(tmp_path / "new" / "home")
-    home.require_writable()
+    require_writable(home.folder)
     assert list(tmp_path.iterdir()) == []
     home.prepare()
-    home.require_writable()
+    require_writable(home.folder)
     assert list(home.folder.iterdir()) == []
     (tmp_path / "file").touch()
     for folder in (tmp_path / "file", tmp_path / "file" / "home", Path("/proc/none")):
         with pytest.raises(InvalidInput, match=f"cannot write to '{folder}'"):
-            Home(folder).require_writable()
+            require_writable(folder)
         with pytest.raises(InvalidInput, match=f"cannot write to '{folder}'"):
             Home(folder).prepare()
 
