@@ -151,8 +151,4 @@ class Terminal:
 
 def generation_line(record: GenerationRecord, best: float) -> str:
     """Summary of a generation in one line of 80 columns."""
-    return (
-        f"generation {record.generation:3d}  score {record.score_mean:7.1f} "
-        f"± {record.score_std:5.1f}  best {best:7.1f}  train steps {record.train_steps_mean:5.0f}"
-        f"  {record.generation_seconds:5.1f}s"
-    )
+    return f"{record}  best {best:7.1f}  {record.generation_seconds:5.1f}s"
