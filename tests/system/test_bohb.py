@@ -54,7 +54,7 @@ def study_home(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     home, output = study_home
     assert len(results(home)) == 4
-    assert re.search(r"000-0-00\d (no SE|\d SEs?) in 3 core s", output)
+    assert re.search(r"000-0-00\d (none confirmed|\d SEs?) in 3 core s", output)
     assert "drawn at random: nes.1-averaging 0." in output
     assert "4 fresh agents trained on the best SE score" in output
     assert "of the cores' time while trials ran" in output
