@@ -151,7 +151,8 @@ class _Runner:
             f"space {study.space.name}, recipe {study.base.recipe}, prior {study.prior}, {start}"
             f"rule {study.base.nes.update}, "
             f"budgets {'/'.join(map(str, study.schedule.budgets))} core seconds, "
-            f"{command.trials} trial(s) at a time with {command.workers_per_trial} worker(s) each"
+            f"{count(command.trials, 'trial')} at a time with "
+            f"{count(command.workers_per_trial, 'worker')} each"
         )
         if study.moved:
             told = ", ".join(f"{name} {was} to {now}" for name, (was, now) in study.moved.items())

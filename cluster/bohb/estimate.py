@@ -116,8 +116,8 @@ def _print_estimate(command: StudyCommand, trials: int, terminal: Terminal) -> N
         )
     terminal.log(str(estimate))
     terminal.log(
-        f"the cluster can place it: {trials} trial(s) at a time, "
-        f"{command.workers_per_trial} worker(s) each"
+        f"the cluster can place it: {count(trials, 'trial')} at a time, "
+        f"{count(command.workers_per_trial, 'worker')} each"
     )
 
 

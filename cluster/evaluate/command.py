@@ -37,6 +37,7 @@ from cluster.pictures import png
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext
 from cluster.session.session import Session
+from cluster.session.terminal import count
 from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import Final, add_final
 
@@ -106,8 +107,8 @@ class _Runner:
         command = self.command
         self.session.introduce(
             f"{command.agents} fresh {_list(hp.agent for hp in command.kinds)} agents on "
-            f"{_list(command.sources)}, tested on {command.task.id}; {self.pool.size} worker(s), "
-            f"seed {command.seed}"
+            f"{_list(command.sources)}, tested on {command.task.id}; "
+            f"{count(self.pool.size, 'worker')}, seed {command.seed}"
         )
         views = EvaluationViews(self.folder, self.session.identity, live=True)
         resume_hint = "run the same command again to add the missing agents"

@@ -7,6 +7,7 @@ from importlib.resources import files
 
 from bilevel.decode import decode_json
 from cluster.experiments.table import Row, Value, shown
+from cluster.session.terminal import count
 
 #: SEs that the authors picked for their best result of TD3.
 PICKED = 5
@@ -111,9 +112,9 @@ def _behind(row: Row | None, what: str) -> str:
         return "-"
     if "runs" in row:
         share = _number(row, "ever_solved") if what == "median_first_solved" else 1.0
-        return f"{share * _number(row, 'runs'):.0f} run(s)"
+        return count(round(share * _number(row, "runs")), "run")
     if what == "train_steps":
-        return f"{row['agents']} agent(s)"
+        return count(round(_number(row, "agents")), "agent")
     share = PICKED / _number(row, "ses") if what == "five_best_ses" else 1.0
     return f"{share * _number(row, 'evaluations'):.0f} test episodes"
 

@@ -127,7 +127,8 @@ class _Runner:
         kinds = ", ".join(hp.agent for hp in plan.kinds)
         self.session.introduce(
             f"experiment {experiment.name} on {plan.task.id}: {count(len(self.ses), 'NES run')}, "
-            f"agents {kinds}, size {plan.size.name}, {self.pool.size} worker(s), seed {plan.seed}"
+            f"agents {kinds}, size {plan.size.name}, {count(self.pool.size, 'worker')}, "
+            f"seed {plan.seed}"
         )
         views = ExperimentViews(self.folder, self.session.identity, live=True)
         resume_hint = "run the same command again to resume after the last NES run or agent"

@@ -107,7 +107,9 @@ def _introduction(command: ExperimentCommand, found: Mapping[str, Reported]) -> 
         "HP varied and HP fixed: whether NES varied its agents' hyperparameters, with our default "
         "recipe in all else. In sizes other than paper, varied agents are narrowed: a large "
         "network is replaced by a narrow one that learns at the same pace. The authors' figures in "
-        "the same settings are of their own code. Values are mean ± standard deviation.",
+        "the same settings are of their own code; they are from the paper, or from constants, "
+        "plots and curves in its repository, automl/learning_environments. Values are mean ± "
+        "standard deviation.",
     ]
     if command.size.quick:
         texts.append("Size smoke: this page shows that all works; its numbers mean nothing.")

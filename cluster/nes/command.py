@@ -72,7 +72,7 @@ class _Runner:
         self.session.introduce(
             f"NES on {run.task.id}: recipe {run.hp.recipe}, {start_of(nes)}, rule {nes.update}, "
             f"SE structure {run.hp.se.structure}, population {nes.population_size}, at most "
-            f"{nes.generations} generations, {self.pool.size} worker(s), seed {run.seed}"
+            f"{nes.generations} generations, {count(self.pool.size, 'worker')}, seed {run.seed}"
         )
         views = NESViews(run, self.session.identity, live=True)
         resume_hint = "run the same command again to resume after the last finished generation"

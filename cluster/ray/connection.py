@@ -142,8 +142,8 @@ class Capacity:
         wanted = workers_per_trial * concurrent_trials
         if wanted > self.cores:
             raise InvalidInput(
-                f"{concurrent_trials} trial(s) of {workers_per_trial} worker(s) need {wanted} "
-                f"cores: the cluster has {self.cores}"
+                f"trials at a time ({concurrent_trials}) with so many workers each "
+                f"({workers_per_trial}) need {wanted} cores: the cluster has {self.cores}"
             )
 
 

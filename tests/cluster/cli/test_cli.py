@@ -180,7 +180,7 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         (["bohb", "CartPole-v0", "--time-budget", "soon"], "'soon' is not a duration"),
         (
             ["bohb", "CartPole-v0", "--workers-per-trial", "64"],
-            "1 trial(s) of 64 worker(s) need 64 cores",
+            "trials at a time (1) with so many workers each (64) need 64 cores",
         ),
         (["bohb"], "Missing argument 'TASK'"),
         (["ui"], "no runs in"),
