@@ -8,17 +8,9 @@ from typing import Any
 import click
 
 from bilevel.errors import InvalidInput, one_of
-from cluster.cli.options import (
-    GivenSE,
-    RunOptions,
-    SEAddress,
-    WholeNumber,
-    common_options,
-    load_se_of,
-    task_option,
-    vary_option,
-    workers_option,
-)
+from cluster.cli.options import RunOptions, common_options, vary_option, workers_option
+from cluster.cli.parameters import WholeNumber
+from cluster.cli.ses import GivenSE, SEAddress, load_se_of, task_option
 from cluster.storage.home import LONGEST_NAME
 
 

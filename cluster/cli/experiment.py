@@ -4,7 +4,8 @@ from typing import Any
 
 import click
 
-from cluster.cli.options import RunOptions, WholeNumber, common_options, workers_option
+from cluster.cli.options import RunOptions, common_options, workers_option
+from cluster.cli.parameters import WholeNumber
 
 
 @click.command()

@@ -8,7 +8,7 @@ import click
 
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
-from cluster.cli.options import GivenSE, SEAddress, mlflow_options
+from cluster.cli.ses import GivenSE, SEAddress, mlflow_options
 
 if TYPE_CHECKING:
     from bilevel.synthetic_env import StoredSE

@@ -6,13 +6,8 @@ from typing import Any
 
 import click
 
-from cluster.cli.options import (
-    Duration,
-    RunOptions,
-    WholeNumber,
-    run_options,
-    workers_option,
-)
+from cluster.cli.options import RunOptions, run_options, workers_option
+from cluster.cli.parameters import Duration, WholeNumber
 
 
 @click.command()

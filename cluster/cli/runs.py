@@ -4,12 +4,8 @@ from pathlib import Path
 
 import click
 
-from cluster.cli.options import (
-    agent_file_option,
-    home_option,
-    the_tracking_uri,
-    tracking_option,
-)
+from cluster.cli.options import agent_file_option
+from cluster.cli.places import home_option, the_tracking_uri, tracking_option
 
 
 @click.command()

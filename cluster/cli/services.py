@@ -5,7 +5,8 @@ from pathlib import Path
 
 import click
 
-from cluster.cli.options import WholeNumber, home_option
+from cluster.cli.parameters import WholeNumber
+from cluster.cli.places import home_option
 
 _port = WholeNumber(1, 65535)
 _host_option = click.option(

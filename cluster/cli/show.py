@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from bilevel.errors import InvalidInput
-from cluster.cli.options import GivenSE, SEAddress, load_se_of, mlflow_options, task_option
+from cluster.cli.ses import GivenSE, SEAddress, load_se_of, mlflow_options, task_option
 
 #: Formats of pictures by the file's ending.
 FORMATS = (".png", ".svg", ".pdf")

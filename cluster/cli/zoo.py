@@ -5,15 +5,9 @@ from typing import Any
 
 import click
 
-from cluster.cli.options import (
-    Folder,
-    WholeNumber,
-    address_option,
-    home_option,
-    the_context,
-    tracking_option,
-    workers_option,
-)
+from cluster.cli.options import workers_option
+from cluster.cli.parameters import Folder, WholeNumber
+from cluster.cli.places import address_option, home_option, the_context, tracking_option
 
 
 @click.group(invoke_without_command=True)

@@ -6,7 +6,7 @@ import pytest
 
 from bilevel.hyperparameters import load_recipe, recipe_text
 from cluster.cli.evaluate import _labelled
-from cluster.cli.options import GivenSE
+from cluster.cli.ses import GivenSE
 from tests.commands import run_bilevel
 
 

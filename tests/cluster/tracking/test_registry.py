@@ -8,7 +8,7 @@ import pytest
 
 from bilevel import InvalidInput
 from bilevel.gym.source import se_file
-from cluster.cli.options import SEAddress
+from cluster.cli.ses import SEAddress
 from cluster.cli.show import show
 from cluster.storage.home import Home
 from cluster.storage.run_folder import Lifetime
