@@ -26,9 +26,10 @@ class Line:
     name: str
     kind: str
     state: str  # running, finished, stopped, killed, failed, damaged; old: of another format
-    progress: str
-    best: str  # incumbent's core seconds an SE (study), or best score (NES run) so far
-    final: str  # mean score of fresh agents on the best SE
+    progress: str = ""
+    best: str = ""  # incumbent's core seconds an SE (study), or best score (NES run) so far
+    final: str = ""  # mean score of fresh agents on the best SE
+    fault: str = ""  # what is wrong with a run that cannot be read
 
 
 def overview(home: Home) -> list[Line]:
@@ -37,7 +38,8 @@ def overview(home: Home) -> list[Line]:
 
 
 def print_overview(lines: list[Line], console: Console) -> None:
-    """As a table; where it is too wide for a terminal, names are folded."""
+    """As a table, and what is wrong with runs that cannot be read; names are folded where the table
+    is too wide for a terminal."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for column in ("task", "name", "kind", "state", "progress"):
         table.add_column(column, no_wrap=column not in ("name", "progress"), overflow="fold")
@@ -49,6 +51,14 @@ def print_overview(lines: list[Line], console: Console) -> None:
     if not console.is_terminal:
         console.width = _PIPED
     console.print(table)
+    faults = [f"{line.task}/{line.name}: {line.fault}" for line in lines if line.fault]
+    if faults:
+        console.print("\n".join(("", *faults)), highlight=False, markup=False)
+    if any(line.state == "damaged" for line in lines):
+        console.print(
+            "Bring damaged files back from a copy, or move the run's folder away and begin anew.",
+            highlight=False,
+        )
 
 
 def _line(folder: Path) -> Line:
@@ -64,7 +74,7 @@ def _line(folder: Path) -> Line:
         scores = [end.metrics.get("final_score_mean") for end in finals(folder)]
         final = f"{scores[-1]:.1f}" if scores and scores[-1] is not None else ""
     except OtherVersion as error:
-        return Line(task, name, "", "old", str(error), "", "")
+        return Line(task, name, "", "old", fault=str(error))
     except (InvalidInput, OSError) as error:
-        return Line(task, name, "", "damaged", str(error), "", "")
+        return Line(task, name, "", "damaged", fault=str(error))
     return Line(task, name, kind, state, progress.done, progress.best, final)

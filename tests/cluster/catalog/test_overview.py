@@ -50,7 +50,12 @@ def test_a_damaged_study_is_listed_as_such(home: Home) -> None:
     (folder / "results.json").write_text("nonsense\n")
     (line,) = overview(home)
     assert line.state == "damaged"
-    assert "results.json', line 1" in line.progress
+    assert "results.json', line 1" in line.fault
+    out = io.StringIO()
+    print_overview([line], Console(file=out, width=40, soft_wrap=True))
+    *_, told, advice = out.getvalue().splitlines()
+    assert told == f"CartPole-v0/broken: {line.fault}"
+    assert advice.startswith("Bring damaged files back")
 
 
 def test_a_study_of_another_format_is_listed_as_such(home: Home) -> None:
@@ -60,7 +65,7 @@ def test_a_study_of_another_format_is_listed_as_such(home: Home) -> None:
     (folder / "settings.json").write_text(json.dumps({**settings, "format": 1}))
     (line,) = overview(home)
     assert line.state == "old"
-    assert "'ancient' has format 1" in line.progress
+    assert "'ancient' has format 1" in line.fault
 
 
 def test_table(home: Home, capsys: pytest.CaptureFixture[str]) -> None:
