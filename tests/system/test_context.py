@@ -44,7 +44,7 @@ def test_more_trials_than_cores_wait_for_cores_that_join(
     with context.connected(1, 9):
         assert Capacity.of_cluster().cores == 2
     assert "9 cores are asked for, the cluster has 2: trials wait" in capsys.readouterr().out
-    with pytest.raises(InvalidInput, match="9 worker"), context.connected(9):
+    with pytest.raises(InvalidInput, match="need 9 cores"), context.connected(9):
         pass
 
 
