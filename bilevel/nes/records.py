@@ -34,12 +34,16 @@ class GenerationRecord:
     core_utilisation: float = 0.0  #: share of the cores' time that was spent in evaluations
     finished: float = 0.0  #: unix time, seconds
 
-    def __str__(self) -> str:
-        """The generation's number, score and train steps, in a line of fixed width."""
+    def in_words(self) -> tuple[str, str]:
+        """The generation's number and score, and its train steps, of fixed widths."""
         return (
-            f"generation {self.generation:3d}  score {self.score_mean:7.1f} ± "
-            f"{self.score_std:5.1f}  train steps {self.train_steps_mean:5.0f}"
+            f"generation {self.generation:3d}  score {self.score_mean:7.1f} ± {self.score_std:5.1f}",
+            f"train steps {self.train_steps_mean:5.0f}",
         )
+
+    def __str__(self) -> str:
+        """`in_words`, in a line."""
+        return "  ".join(self.in_words())
 
     def timed(self, seconds: float, cores: int, finished: float) -> Self:
         """Add the measurements: the generation took `seconds` on `cores` cores, until the unix

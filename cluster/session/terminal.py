@@ -151,4 +151,5 @@ class Terminal:
 
 def generation_line(record: GenerationRecord, best: float) -> str:
     """Summary of a generation in one line of 80 columns."""
-    return f"{record}  best {best:7.1f}  {record.generation_seconds:5.1f}s"
+    scores, train_steps = record.in_words()
+    return f"{scores}  best {best:7.1f}  {train_steps}  {record.generation_seconds:5.1f}s"
