@@ -36,8 +36,9 @@ class GenerationRecord:
 
     def in_words(self) -> tuple[str, str]:
         """The generation's number and score, and its train steps, of fixed widths."""
+        score = f"score {self.score_mean:7.1f} ± {self.score_std:5.1f}"
         return (
-            f"generation {self.generation:3d}  score {self.score_mean:7.1f} ± {self.score_std:5.1f}",
+            f"generation {self.generation:3d}  {score}",
             f"train steps {self.train_steps_mean:5.0f}",
         )
 
