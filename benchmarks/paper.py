@@ -34,7 +34,7 @@ def transfer() -> str:
     """Agents by what they were trained on, ours and the authors'."""
     authors = {
         (figure.task, figure.row.get("agent"), figure.row.get("source"), figure.what): figure
-        for figure in authors_figures().figures
+        for figure in authors_figures()
         if figure.experiment == "transfer"
     }
     rows, found = [], _findings("transfer")

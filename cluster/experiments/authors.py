@@ -25,22 +25,14 @@ class AuthorsFigure:
     value: float
     spread: float | None  # standard deviation
     behind: str  # number of evaluations behind it
-    source: str  # key of `sources`
+    source: str  # the paper, or their repository, automl/learning_environments
     note: str
 
 
-@dataclass(frozen=True)
-class AuthorsFigures:
-    """The data file `authors.json`."""
-
-    sources: dict[str, str]
-    figures: tuple[AuthorsFigure, ...]
-
-
-def authors_figures() -> AuthorsFigures:
-    """Read the data file."""
+def authors_figures() -> tuple[AuthorsFigure, ...]:
+    """Read the data file `authors.json`."""
     text = files(__package__).joinpath("authors.json").read_text()
-    return decode_json(AuthorsFigures, text, "authors.json")
+    return decode_json(tuple[AuthorsFigure, ...], text, "authors.json")
 
 
 #: Columns of a summary that say how its SEs were learned.
@@ -52,9 +44,8 @@ def comparison(task_id: str, summaries: Mapping[str, Sequence[Row]]) -> list[Row
 
     `summaries` are those of the experiments that have been run, by name.
     """
-    known = authors_figures()
     rows: list[Row] = []
-    for figure in known.figures:
+    for figure in authors_figures():
         if figure.task != task_id:
             continue
         ours = summaries.get(figure.experiment, ())
@@ -70,9 +61,7 @@ def comparison(task_id: str, summaries: Mapping[str, Sequence[Row]]) -> list[Row
                 "behind it": _behind(same, figure.what),
                 "our default recipe": _cell(default, figure.what),
                 "behind this": _behind(default, figure.what),
-                "source, remarks": "; ".join(
-                    part for part in (known.sources[figure.source], figure.note) if part
-                ),
+                "source, remarks": "; ".join(part for part in (figure.source, figure.note) if part),
             }
         )
     return rows

@@ -39,7 +39,7 @@ def test_the_tutorial(tmp_path: Path) -> None:
     (tmp_path / "train.py").write_text(train)
     scores = re.findall(r"^generation .* score +(\d+\.\d+) ", told_by("learn.py", tmp_path), re.M)
     assert float(scores[-1]) >= 95  # this task is solved within seconds
-    assert float(told_by("train.py", tmp_path)) > 50  # an agent that keeps to one action has 10
+    assert float(told_by("train.py", tmp_path)) > 50  # an agent that keeps to one action has 12
     shown = ("show", "balance_se.safetensors")
     result = run_bilevel(*shown, cwd=tmp_path)
     assert result.returncode == 2
