@@ -9,11 +9,13 @@ for each experiment:
     data, pictures, findings
 
 Every NES run and every agent is on disk once it has ended, so the same command resumes, also on
-another machine that the home was copied to.
+another machine that the home was copied to. Data and pictures of an experiment that needs NES runs
+alone grow with each of them.
 """
 
 import json
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -24,7 +26,7 @@ from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import Task
 from cluster.experiments.agents import AgentResults, Unit
 from cluster.experiments.conditions import title_of
-from cluster.experiments.experiment import Experiment, Findings, Material, Plan, made_ses
+from cluster.experiments.experiment import Experiment, Findings, MadeSE, Material, Plan, made_ses
 from cluster.experiments.run import (
     DATA_FILE,
     FINDINGS_FILE,
@@ -135,15 +137,19 @@ class _Runner:
         with self.session.live(views, len(self.ses), resume_hint):
             self._make_ses()
             results = AgentResults(self.folder)
-            sources = [made.source for made in self.ses]
-            material = Material(self.ses, sources, results.found, self.folder)
+            material = self._material(self.ses, results)
             self._train(material, results)
             if experiment.record is not None:
                 self.terminal.log("recording agents in their readable form, on one core")
                 experiment.record(plan, material, self._recorded)
             findings = experiment.conclude(plan, material)
+            self._write(findings, material)
             self._report(findings, len(results.found))
             return findings
+
+    def _material(self, ses: Sequence[MadeSE], results: AgentResults) -> Material:
+        """What has been gathered on these SEs, which have ended."""
+        return Material(ses, [made.source for made in ses], results.found, self.folder)
 
     def _make_ses(self) -> None:
         """Run NES to its end for every SE that is not there yet."""
@@ -160,6 +166,10 @@ class _Runner:
                     f"seed {run.seed}"
                 )
                 run_on(run, self.driver, self.pool)
+                if self.experiment.growing:
+                    ended = [one for one in self.ses if one.run.ended]
+                    material = self._material(ended, AgentResults(self.folder))
+                    self._write(self.experiment.conclude(self.plan, material), material)
             if run.folder.name not in log.values:
                 log.append(run.folder.name)
 
@@ -207,10 +217,8 @@ class _Runner:
         self.session.guard.check()
         self.terminal.bar("recording", done, total, "agents")
 
-    def _report(self, findings: Findings, agents: int) -> None:
-        """Write data, pictures and findings, and tell them."""
-        for row in text_lines(findings.summary):
-            self.terminal.log(row)
+    def _write(self, findings: Findings, material: Material) -> None:
+        """Write data, pictures and findings."""
         pictures = {f"{name}.svg": figure for name, figure in findings.figures.items()}
         for name, figure in pictures.items():
             write_aside(self.folder / name, svg(figure))
@@ -219,7 +227,7 @@ class _Runner:
         stored = StoredFindings(
             self.experiment.name,
             self.plan.size,
-            self.experiment.runs(self.plan.size),
+            dict(Counter(made.condition for made in material.ses)),
             tuple(pictures),
             tuple(dict(row) for row in findings.summary),
             tuple(findings.notes),
@@ -228,7 +236,13 @@ class _Runner:
             author.commit,
         )
         write_aside(self.folder / FINDINGS_FILE, json.dumps(asdict(stored), indent=2).encode())
+
+    def _report(self, findings: Findings, agents: int) -> None:
+        """Tell the findings, also to MLflow."""
+        for row in text_lines(findings.summary):
+            self.terminal.log(row)
         add_final(self.folder, Final(len(self.ses) + agents, time.time(), dict(findings.metrics)))
         log = self.terminal.log
-        log(f"data: {self.folder / DATA_FILE}; pictures: {', '.join(pictures)} in the same folder")
+        pictures = count(len(findings.figures), "picture")
+        log(f"data: {self.folder / DATA_FILE}; {pictures} in the same folder")
         log(f"MLflow {self.session.shown_at(self.session.identity.uuid)}")

@@ -18,7 +18,7 @@ from cluster.storage.run_folder import Final, add_final
 
 @dataclass(frozen=True)
 class Reported:
-    """An experiment that has been run to its end."""
+    """An experiment that has found something."""
 
     settings: ExperimentSettings
     findings: StoredFindings
@@ -35,10 +35,27 @@ class Reported:
         return cls(settings, findings, tuple(_picture(folder, name) for name in findings.pictures))
 
     @property
+    def planned(self) -> dict[str, int]:
+        """NES runs that it needs, by condition."""
+        return EXPERIMENTS[self.settings.experiment].runs(self.findings.size)
+
+    def ended(self, condition: str) -> int:
+        """NES runs of a condition that its findings rest on."""
+        return self.findings.runs.get(condition, 0)
+
+    @property
+    def under_way(self) -> str | None:
+        """How far it has come, in words; None at its end."""
+        ended, planned = sum(map(self.ended, self.planned)), sum(self.planned.values())
+        if ended == planned:
+            return None
+        return f"{self.settings.experiment} ({ended} of {planned} NES runs have ended)"
+
+    @property
     def section(self) -> Section:
         """The experiment on the page."""
         experiment, findings = EXPERIMENTS[self.settings.experiment], self.findings
-        runs = ", ".join(f"{number} {name}" for name, number in findings.runs.items())
+        runs = ", ".join(f"{self.ended(name)} of {n} {name}" for name, n in self.planned.items())
         size = ", ".join(f"{name} {value}" for name, value in asdict(findings.size).items())
         agents = "; ".join(
             f"{agent}: " + ", ".join(f"{name} {value}" for name, value in hp.items())
@@ -113,6 +130,8 @@ def _introduction(command: ExperimentCommand, found: Mapping[str, Reported]) -> 
     ]
     if command.size.quick:
         texts.append("Size smoke: this page shows that all works; its numbers mean nothing.")
+    if under_way := [text for one in found.values() if (text := one.under_way) is not None]:
+        texts.append(f"Under way: {', '.join(under_way)}.")
     if missing:
         texts.append(f"Not run yet: {', '.join(missing)}.")
     return texts

@@ -46,7 +46,7 @@ class StoredFindings:
 
     experiment: str
     size: Size
-    runs: dict[str, int]  # NES runs by condition
+    runs: dict[str, int]  # NES runs that it rests on, by condition
     pictures: tuple[str, ...]  # file names
     summary: tuple[dict[str, Value], ...]
     notes: tuple[str, ...]
