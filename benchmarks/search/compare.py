@@ -2,19 +2,23 @@
 
     python -m benchmarks.search.compare CartPole-v0 --seeds 0-5 --home FOLDER
 
-Each search is one `bilevel bohb TASK --method METHOD --seed SEED --space SPACE`, of so many core
-seconds and a third as many for its validation. Its recipe then runs NES with fresh seeds, the same
-for all recipes, until an SE is confirmed or the generations are over; ten fresh agents of the
-paper's full ranges score the SE. The recipe `default` is measured alike. Results are written one by
-one to `results/search_TASK.json`; the same command resumes.
+Each search is the study of `bilevel bohb TASK --method METHOD --seed SEED --space SPACE --prior
+none`, of so many core seconds and a third as many for its validation, with one trial at a time. It
+runs in one process, so that its results do not depend on the machine, and there are as many
+searches at a time as cores. Its recipe then runs NES with fresh seeds, the same for all recipes,
+until an SE is confirmed or the generations are over; ten fresh agents of the paper's full ranges
+score the SE. The recipe `default` is measured alike. Results are written one by one to
+`results/search_TASK.json`; the same command resumes.
 """
 
 import argparse
 import os
-import subprocess
-import sys
-from concurrent.futures import ProcessPoolExecutor
+from collections import deque
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import dataclass
 from functools import partial
+from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
@@ -23,17 +27,28 @@ import numpy as np
 from benchmarks.machine import NotMeasured, read_result, write_result
 from benchmarks.seeds import format_seeds, parse_seeds
 from bilevel.agents.variation import draw_agent
-from bilevel.evaluation import evaluate, train_and_test
-from bilevel.hyperparameters import load_recipe
+from bilevel.evaluation import (
+    EvaluationRequest,
+    EvaluationResult,
+    SESource,
+    evaluate,
+    train_and_test,
+)
+from bilevel.hyperparameters import Hyperparameters, load_recipe
 from bilevel.nes import NES
 from bilevel.nes.confirmation import FINAL_AGENTS
 from bilevel.seeds import Purpose, derive
-from bilevel.tasks import get_task
+from bilevel.synthetic_env import least_units
+from bilevel.tasks import Task, get_task
 from cluster.bohb.brackets import Schedule, core_seconds_to_run
 from cluster.bohb.journal import Journal
-from cluster.bohb.profiles import METHODS, get_profile
-from cluster.bohb.study import RECIPE_FILE
+from cluster.bohb.profiles import METHODS, get_profile, sized
+from cluster.bohb.runs import ConfigurationRuns
+from cluster.bohb.search import BracketSearch
+from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
+from cluster.bohb.validation import Plan, validate
+from search_spaces import Space, to_hyperparameters
 
 #: The space `core` without the SE's step limit and spread. (docs/tuning.md tells what a search of
 #: the episodes' length exploits; and BOHB's model needs fewer results for six hyperparameters than
@@ -51,32 +66,77 @@ def brackets_of(method: str, core_seconds: int) -> tuple[int, Schedule]:
     return max(round(core_seconds / core_seconds_to_run(schedule.brackets(1))), 1), schedule
 
 
-def search(task: str, method: str, seed: int, core_seconds: int, home: Path) -> dict[str, Any]:
+def base_of(task: Task) -> Hyperparameters:
+    """What a configuration leaves unsaid."""
+    return sized(load_recipe("default", task), get_profile("local"))
+
+
+class InProcess:
+    """A pool of this process alone."""
+
+    size = 1
+
+    def run(
+        self,
+        task: Task,
+        se: SESource,
+        requests: Sequence[EvaluationRequest],
+        on_result: Callable[[EvaluationResult], None] = lambda result: None,
+    ) -> list[EvaluationResult]:
+        """Evaluate one request after the other."""
+        results = []
+        for request in requests:
+            results.append(evaluate(task, se, request))
+            on_result(results[-1])
+        return results
+
+
+def run_in_process(study: Study, brackets: int, log: Callable[[str], None]) -> StudySummary:
+    """Run or resume a study and its validation in this process, one job after the other; return
+    what it found."""
+    journal, pool = Journal(study.folder), InProcess()
+    rungs = study.schedule.brackets(brackets)
+    search = BracketSearch.of(study, journal, brackets)
+    while (job := search.next_job()) is not None:
+        runs = ConfigurationRuns.open(study, job.id, job.configuration, log)
+        try:
+            runs.spend(job.budget, pool)
+        except Exception as error:  # as in a trial
+            search.register(job, None, exception=str(error))
+            continue
+        search.register(job, runs.tally.objective, runs.tally.info)
+        left = StudySummary.of(journal, rungs).core_seconds_left()
+        log(f"{study.name}: objective {runs.tally.objective:.1f}, {left} core s left")
+    plan = Plan.of(journal, None)
+    if plan is not None:
+        validate(study, journal, plan, pool, log, lambda spent, total: None, lambda: False)
+    return StudySummary.of(journal, rungs)
+
+
+def search(task_id: str, method: str, seed: int, core_seconds: int, home: Path) -> dict[str, Any]:
     """Run a search; return what it found."""
     brackets, schedule = brackets_of(method, core_seconds)
-    folder = home / task / f"{method}-seed{seed}"
-    command = [str(Path(sys.executable).with_name("bilevel")), "bohb", task, "--method", method]
-    command += ["--seed", str(seed), "--brackets", str(brackets), "--time-budget", "100h"]
-    # The recipe is the same for all methods: what they find without it is compared.
-    command += ["--prior", "none", "--space", str(SPACE)]
-    command += ["--study", folder.name, "--home", str(home)]
-    subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
-    rungs = schedule.brackets(brackets)
-    summary = StudySummary.of(Journal(folder), rungs)
-    assert summary.incumbent is not None
+    task = get_task(task_id)
+    space = Space.of(str(SPACE)).fitting("se.hidden_size", least_units(task))
+    folder = home / task_id / f"{method}-seed{seed}"
+    study = Study(folder, task, seed, space, schedule, base_of(task), method)
+    summary = run_in_process(study, brackets, partial(print, flush=True))
+    incumbent = summary.incumbent
+    assert incumbent is not None
     return {
-        "core_seconds": core_seconds_to_run(rungs),
+        "core_seconds": core_seconds_to_run(summary.rungs),
+        "validation_core_seconds": sum(line.budget for line in summary.finalists),
         "results": len(summary.journal.results),
         "proposed_by_model": summary.model_based,
-        "incumbent": summary.incumbent.loss,
-        "configuration": summary.configuration(summary.incumbent.id),
+        "incumbent": incumbent.loss,
+        "configuration": summary.configuration(incumbent.id),
     }
 
 
-def fresh_run(task_id: str, recipe: str, number: int) -> dict[str, Any]:
-    """Run NES by a recipe with a fresh seed, in this process."""
+def fresh_run(task_id: str, configuration: dict[str, Any], number: int) -> dict[str, Any]:
+    """Run NES by a configuration (empty: by the recipe `default`) with a fresh seed."""
     task, seed = get_task(task_id), _FRESH + number
-    hp = load_recipe(recipe, task_id)
+    hp = to_hyperparameters(base_of(task), configuration)
     state = NES(task, hp, seed).run(
         lambda ses, requests: [evaluate(task, ses, r) for r in requests]
     )
@@ -95,6 +155,84 @@ def fresh_run(task_id: str, recipe: str, number: int) -> dict[str, Any]:
     }
 
 
+@dataclass(frozen=True)
+class _Measurement:
+    """A search, or a fresh run of what it found."""
+
+    row: str
+    number: int | None  # of the fresh run; None: the search
+    measure: Callable[..., dict[str, Any]]
+    arguments: tuple[Any, ...]
+
+
+class Comparison:
+    """The measurements of a task, made by processes and kept in rows as they end."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        self.options = options
+        self.name = f"search_{options.task}"
+        try:
+            self.rows: dict[str, Any] = read_result(self.name)["rows"]
+        except NotMeasured:
+            self.rows = {"default": {}}
+        for seed in options.seeds:
+            for method in METHODS:
+                self.rows.setdefault(f"{method} {seed}", {"method": method, "seed": seed})
+        self._fresh: dict[str, dict[int, dict[str, Any]]] = {}  # by row and number
+
+    def run(self) -> None:
+        """Measure what is missing, the fresh runs of a recipe before other searches."""
+        cores = os.cpu_count() or 1
+        left = deque(one for key in self.rows for one in self._missing(key))
+        running: dict[Future[dict[str, Any]], _Measurement] = {}
+        with ProcessPoolExecutor(cores, get_context("spawn")) as processes:
+            while left or running:
+                while left and len(running) < cores:
+                    one = left.popleft()
+                    running[processes.submit(one.measure, *one.arguments)] = one
+                done = next(as_completed(running))
+                one = running.pop(done)
+                self._add(one, done.result())
+                if one.number is None:
+                    left.extendleft(reversed(self._missing(one.row)))
+
+    def _missing(self, key: str) -> list[_Measurement]:
+        """What a row needs next."""
+        row, options = self.rows[key], self.options
+        if "fresh" in row:
+            return []
+        if "search" not in row and key != "default":
+            asked = options.task, row["method"], row["seed"], options.core_seconds, options.home
+            return [_Measurement(key, None, search, asked)]
+        configuration = row["search"]["configuration"] if "search" in row else {}
+        return [
+            _Measurement(key, number, fresh_run, (options.task, configuration, number))
+            for number in range(options.fresh)
+        ]
+
+    def _add(self, one: _Measurement, found: dict[str, Any]) -> None:
+        """Keep what was measured: a search at once, fresh runs once all of a row are there."""
+        if one.number is None:
+            self._keep(one.row, search=found)
+            return
+        fresh = self._fresh.setdefault(one.row, {})
+        fresh[one.number] = found
+        if len(fresh) == self.options.fresh:
+            self._keep(one.row, fresh=[fresh[number] for number in sorted(fresh)])
+
+    def _keep(self, key: str, **found: Any) -> None:
+        self.rows[key].update(found)
+        options = self.options
+        command = (
+            f"python -m benchmarks.search.compare {options.task} --seeds "
+            f"{format_seeds(options.seeds)} --core-seconds {options.core_seconds} --fresh "
+            f"{options.fresh} --home FOLDER"
+        )
+        begun = {name: row for name, row in self.rows.items() if {"search", "fresh"} & row.keys()}
+        write_result(self.name, command, {"rows": begun})
+        print(key, found, flush=True)
+
+
 def main() -> None:
     """Measure what is missing."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -105,41 +243,7 @@ def main() -> None:
     )
     parser.add_argument("--fresh", type=int, default=10, help="NES runs of each recipe")
     parser.add_argument("--home", type=Path, required=True)
-    options = parser.parse_args()
-    name = f"search_{options.task}"
-    command = (
-        f"python -m benchmarks.search.compare {options.task} --seeds "
-        f"{format_seeds(options.seeds)} --core-seconds {options.core_seconds} --fresh "
-        f"{options.fresh} --home FOLDER"
-    )
-    try:
-        rows: dict[str, Any] = read_result(name)["rows"]
-    except NotMeasured:
-        rows = {}
-
-    def keep(key: str, row: dict[str, Any]) -> None:
-        rows[key] = row
-        write_result(name, command, {"rows": rows})
-        print(key, row, flush=True)
-
-    def quality(recipe: str) -> list[dict[str, Any]]:
-        with ProcessPoolExecutor(os.cpu_count()) as pool:
-            run = partial(fresh_run, options.task, recipe)
-            return list(pool.map(run, range(options.fresh)))
-
-    if "default" not in rows:
-        keep("default", {"fresh": quality("default")})
-    for seed in options.seeds:
-        for method in METHODS:
-            key = f"{method} {seed}"
-            row = rows.get(key, {})
-            if "search" not in row:
-                found = search(options.task, method, seed, options.core_seconds, options.home)
-                row = {"method": method, "seed": seed, "search": found}
-                keep(key, row)
-            if "fresh" not in row:
-                recipe = options.home / options.task / f"{method}-seed{seed}" / RECIPE_FILE
-                keep(key, {**row, "fresh": quality(str(recipe))})
+    Comparison(parser.parse_args()).run()
 
 
 if __name__ == "__main__":

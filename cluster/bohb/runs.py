@@ -9,8 +9,7 @@ from bilevel.synthetic_env import StoredSE
 from cluster.bohb.journal import ConfigId, Configuration
 from cluster.bohb.objective import Tally
 from cluster.bohb.study import Study
-from cluster.nes.run import NESRun
-from cluster.ray.pool import EvaluationPool
+from cluster.nes.run import NESRun, Pool
 
 
 @dataclass
@@ -85,7 +84,7 @@ class ConfigurationRuns:
         over = all(state.finished for state in self.states[:-1])
         return over and self.tally.cost >= budget
 
-    def advance(self, pool: EvaluationPool) -> NESState:
+    def advance(self, pool: Pool) -> NESState:
         """Advance the first run that is not over, or begin another (`NESRun.advance`); return its
         state."""
         number = next(
@@ -97,7 +96,7 @@ class ConfigurationRuns:
         self.states[number] = run.advance(self.states[number], pool)
         return self.states[number]
 
-    def spend(self, budget: float, pool: EvaluationPool) -> None:
+    def spend(self, budget: float, pool: Pool) -> None:
         """Advance until so many core seconds are spent."""
         while not self.spent(budget):
             self.advance(pool)

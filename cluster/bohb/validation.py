@@ -30,7 +30,7 @@ from bilevel.errors import OtherVersion, StorageFailure
 from cluster.bohb.journal import ConfigId, Journal, ResultLine
 from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import Study, configuration_name
-from cluster.ray.pool import EvaluationPool
+from cluster.nes.run import Pool
 from cluster.session.terminal import last_line
 
 #: Most configurations that a search validates, the recipe that it began with among them. The last
@@ -108,7 +108,7 @@ def validate(
     study: Study,
     journal: Journal,
     plan: Plan,
-    pool: EvaluationPool,
+    pool: Pool,
     log: Callable[[str], None],
     progress: Callable[[float, float], None],
     is_over: Callable[[], bool],

@@ -1,25 +1,41 @@
 """One NES run on a pool, generation by generation, each durable before it counts."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Protocol, Self
 
 from bilevel.decode import decode
 from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
-from bilevel.evaluation import EvaluationResult
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource
 from bilevel.hyperparameters import Hyperparameters, NESHyperparameters, StoredHyperparameters
 from bilevel.nes import NES, NESState
 from bilevel.nes.checkpoint import save_state
 from bilevel.tasks import Task
-from cluster.ray.pool import EvaluationPool
 from cluster.storage.run_folder import RunStatus, Settings, read_settings
 
 STATE_FILE = "state.safetensors"
 
 #: The kind of run that `settings.json` tells, of one that is no study's.
 KIND = "nes"
+
+
+class Pool(Protocol):
+    """What evaluates requests: actors (`cluster.ray.pool.EvaluationPool`), or anything else."""
+
+    @property
+    def size(self) -> int:
+        """Number of cores."""
+
+    def run(
+        self,
+        task: Task,
+        se: SESource,
+        requests: Sequence[EvaluationRequest],
+        on_result: Callable[[EvaluationResult], None],
+    ) -> Sequence[EvaluationResult]:
+        """Evaluate all requests, in any order, and call `on_result` with each result."""
 
 
 def start_of(nes: NESHyperparameters) -> str:
@@ -131,7 +147,7 @@ class NESRun:
     def advance(
         self,
         state: NESState,
-        pool: EvaluationPool,
+        pool: Pool,
         on_result: Callable[[EvaluationResult], None] = lambda result: None,
     ) -> NESState:
         """Run one round of the choice of a start, or one generation; it is on disk when this

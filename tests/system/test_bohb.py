@@ -6,11 +6,13 @@ import re
 import shutil
 import signal
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 
 import mlflow.entities
 import pytest
 
+from benchmarks.search.compare import run_in_process
 from bilevel.synthetic_env import load_se
 from cluster.bohb.handover import INCUMBENT_FILE
 from cluster.bohb.journal import Journal
@@ -172,6 +174,15 @@ def test_the_same_command_adds_brackets(
     assert parent.data.tags["bilevel.incumbent"] == winner
     files = {file.path for file in client(home).list_artifacts(parent.info.run_id)}
     assert "validation.md" in files
+
+
+def test_searches_are_compared_by_the_studies_of_the_command(
+    study_home: tuple[Path, str], tmp_path: Path
+) -> None:
+    """`benchmarks.search.compare` runs them in one process."""
+    study = Study.read(study_home[0] / "CartPole-v0" / "smoke")
+    run_in_process(replace(study, folder=tmp_path / "CartPole-v0" / "smoke"), 1, print)
+    assert results(tmp_path) == pytest.approx(results(study_home[0]))
 
 
 def test_ctrl_c_stops_orderly_and_the_same_command_goes_on(

@@ -1,15 +1,17 @@
-from dataclasses import replace
 from pathlib import Path
 
 import ConfigSpace as CS
 import pytest
 
 from benchmarks.search import compare
-from benchmarks.search.compare import SPACE, brackets_of, fresh_run
-from bilevel.hyperparameters import Hyperparameters, recipe_text
+from benchmarks.search.compare import SPACE, brackets_of, fresh_run, run_in_process
+from bilevel.hyperparameters import Hyperparameters
 from cluster.bohb.brackets import core_seconds_to_run
+from cluster.bohb.journal import Journal
 from cluster.bohb.profiles import METHODS
+from cluster.bohb.validation import VALIDATION_FILE
 from search_spaces import search_space
+from tests.studies import MadeUpPool, new_study
 
 
 def test_the_space_is_core_without_the_length_of_episodes() -> None:
@@ -25,14 +27,44 @@ def test_all_methods_have_the_same_core_time() -> None:
         assert abs(spent - 1890) <= core_seconds_to_run(schedule.brackets(1)) / 2
 
 
-def test_a_fresh_run_is_a_function_of_recipe_and_number(
-    tmp_path: Path, small_hp: Hyperparameters, monkeypatch: pytest.MonkeyPatch
+def test_a_search_in_one_process_is_validated_and_resumes(tmp_path: Path) -> None:
+    study = new_study(tmp_path / "study")
+    lines: list[str] = []
+    found = run_in_process(study, 2, lines.append)
+    assert len(found.finalists) == 2
+    assert found.incumbent == found.finalists[0]
+    assert [line for line in lines if line.startswith("study: objective")]
+    _, results = Journal(study.folder).paths
+    results.write_text("".join(results.read_text().splitlines(keepends=True)[:-1]))
+    (study.folder / VALIDATION_FILE).unlink()
+    again = run_in_process(study, 2, lines.append)
+    assert [line.loss for line in again.journal.results] == [
+        line.loss for line in found.journal.results
+    ]
+    assert [line.loss for line in again.finalists] == [line.loss for line in found.finalists]
+
+
+def test_a_failing_configuration_does_not_end_a_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study = new_study(tmp_path / "study")
+    in_the_way = study.folder / "configurations" / "000-0-001"
+    in_the_way.parent.mkdir(parents=True)
+    in_the_way.write_text("")  # where its folder should be
+    monkeypatch.setattr(compare, "InProcess", MadeUpPool)
+    found = run_in_process(study, 1, lambda line: None)
+    failed = [line for line in found.journal.results if line.loss is None]
+    assert [line.id for line in failed] == [(0, 0, 1)]
+    assert found.incumbent is not None
+
+
+def test_a_fresh_run_is_a_function_of_configuration_and_number(
+    small_hp: Hyperparameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(compare, "FINAL_AGENTS", 1)  # of any size
-    nes = replace(small_hp.nes, generations=1)
-    recipe = tmp_path / "small.toml"
-    recipe.write_text(recipe_text(replace(small_hp, nes=nes), "Small."))
-    one, again, other = (fresh_run("CartPole-v0", str(recipe), number) for number in (0, 0, 1))
+    monkeypatch.setattr(compare, "base_of", lambda task: small_hp)
+    small = {"nes.generations": 1}
+    one, again, other = (fresh_run("CartPole-v0", small, number) for number in (0, 0, 1))
     assert one == again
     assert one["score"] != other["score"]
     assert other["seed"] == one["seed"] + 1
