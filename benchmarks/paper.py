@@ -30,6 +30,44 @@ def _commands(found: dict[str, dict[str, Any]]) -> str:
     return "(" + ", ".join(f"`{findings['command']}`" for findings in found.values()) + ")"
 
 
+def success() -> str:
+    """NES runs that solve their task, ours and the authors'."""
+    authors = {
+        (figure.task, figure.row["condition"], figure.what): figure
+        for figure in authors_figures()
+        if figure.experiment == "success"
+    }
+    rows, found = [], _findings("success")
+    for task, findings in found.items():
+        for row in findings["summary"]:
+            ever, end, first = (
+                authors.get((task, row["condition"], what))
+                for what in ("ever_solved", "solved_at_end", "median_first_solved")
+            )
+            shares = (row[name] for name in ("ever_solved", "solved_at_end", "handed_over_solved"))
+            rows.append(
+                [
+                    task,
+                    title_of(row["condition"]),
+                    *(f"{round(share * row['runs'])} of {row['runs']}" for share in shares),
+                    _or_none(row["median_first_solved"]),
+                    _or_none(row["core_seconds_first_solved"]),
+                    f"{row['generations']:g}",
+                    f"{row['core_seconds']:.0f}",
+                    *("-" if figure is None else f"{figure.value:.0%}" for figure in (ever, end)),
+                    "-" if first is None else f"{first.value:g}",
+                ]
+            )
+    head = ["task", "NES by", "ever solved", "at the end", "SE handed over solves"]
+    head += ["first solved in generation", "after core seconds", "generations", "core seconds"]
+    head += ["authors: ever", "at the end", "in generation"]
+    return f"{table(head, rows)}\n\n{_commands(found)}"
+
+
+def _or_none(value: float | None) -> str:
+    return "-" if value is None else f"{value:.0f}"
+
+
 def transfer() -> str:
     """Agents by what they were trained on, ours and the authors'."""
     authors = {
@@ -85,6 +123,7 @@ def sample_efficiency() -> str:
 
 
 TABLES: dict[str, Callable[[], str]] = {
+    "success": success,
     "transfer": transfer,
     "sample-efficiency": sample_efficiency,
 }

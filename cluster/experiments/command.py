@@ -10,7 +10,7 @@ for each experiment:
 
 Every NES run and every agent is on disk once it has ended, so the same command resumes, also on
 another machine that the home was copied to. Data and pictures of an experiment that needs NES runs
-alone grow with each of them.
+alone are there before the last one has ended, and grow with each.
 """
 
 import json
@@ -161,17 +161,22 @@ class _Runner:
                 with locked_settings(run.folder, run.settings()):
                     pass  # raises InvalidInput if it was begun with other settings
             else:
+                if self.experiment.growing:
+                    self._conclude_so_far()
                 self.terminal.log(
                     f"NES run {number} of {len(self.ses)}: {title_of(made.condition)}, "
                     f"seed {run.seed}"
                 )
                 run_on(run, self.driver, self.pool)
-                if self.experiment.growing:
-                    ended = [one for one in self.ses if one.run.ended]
-                    material = self._material(ended, AgentResults(self.folder))
-                    self._write(self.experiment.conclude(self.plan, material), material)
             if run.folder.name not in log.values:
                 log.append(run.folder.name)
+
+    def _conclude_so_far(self) -> None:
+        """Write what the NES runs tell that have ended."""
+        ended = [made for made in self.ses if made.run.ended]
+        if ended:
+            material = self._material(ended, AgentResults(self.folder))
+            self._write(self.experiment.conclude(self.plan, material), material)
 
     def _train(self, material: Material, results: AgentResults) -> None:
         """Train the agents that the experiment asks for until it asks for no more."""

@@ -117,8 +117,8 @@ class Experiment:
     units: Callable[[Plan, Material], list[Unit]] = _no_units
     #: Makes files of its own in the folder; tells how many of how many are there.
     record: Callable[[Plan, Material, Callable[[int, int], None]], None] | None = None
-    #: It trains no agents, and is concluded anew from the NES runs there are whenever one has
-    #: ended: all of them may take days.
+    #: It trains no agents, and is concluded anew from the NES runs that have ended before each
+    #: further one: all of them may take days.
     growing: bool = False
     #: Kinds of agents by task, and for any other task.
     agents: Mapping[str, tuple[str, ...]] = field(default_factory=dict)

@@ -106,6 +106,7 @@ def _summary(condition: str, group: Sequence[LearningCurve], solved_reward: floa
     ends = carried_forward(group)[:, -1]
     first = [one.first_solved(solved_reward) for one in group]
     reached = [generation for generation in first if generation is not None]
+    seconds = [one.core_seconds[g] for one, g in zip(group, first, strict=True) if g is not None]
     return {
         "condition": condition,
         "runs": len(group),
@@ -117,6 +118,7 @@ def _summary(condition: str, group: Sequence[LearningCurve], solved_reward: floa
         "solved_at_end": float(np.mean(ends >= solved_reward)),
         "handed_over_solved": float(np.mean([one.final_score >= solved_reward for one in group])),
         "median_first_solved": float(np.median(reached)) if reached else None,
+        "core_seconds_first_solved": float(np.median(seconds)) if reached else None,
     }
 
 

@@ -38,6 +38,7 @@ def test_shares_of_runs(cartpole: Task) -> None:
     assert row["solved_at_end"] == 0.25
     assert row["handed_over_solved"] == 0.5
     assert row["median_first_solved"] == 1.0
+    assert row["core_seconds_first_solved"] == 2.0
     assert row["score_at_end"] == pytest.approx((196 + 50 + 40 + 0) / 4)
 
 
@@ -45,7 +46,7 @@ def test_no_run_that_solves(cartpole: Task) -> None:
     with styled():
         (row,) = findings_of([course(10, 20)], cartpole).summary
     assert row["ever_solved"] == 0.0
-    assert row["median_first_solved"] is None
+    assert row["median_first_solved"] is row["core_seconds_first_solved"] is None
 
 
 def test_when_an_se_is_paid_back() -> None:
