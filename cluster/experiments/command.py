@@ -1,7 +1,7 @@
 """`bilevel experiment`: make the SEs, train the agents, and draw what came out.
 
 for each experiment:
-    for each condition, for each seed:
+    for each seed, for each condition:
         an NES run to its end                # shared by all experiments of the task
     until the experiment asks for no more:
         for each source that it asks for:    # an SE, or the real task
@@ -154,7 +154,8 @@ class _Runner:
     def _make_ses(self) -> None:
         """Run NES to its end for every SE that is not there yet."""
         log = JsonlLog(self.folder / RUNS_FILE)
-        for number, made in enumerate(self.ses, start=1):
+        by_seed = sorted(self.ses, key=lambda made: made.number)  # so conditions grow alike
+        for number, made in enumerate(by_seed, start=1):
             self.session.guard.check()
             run = made.run
             if run.ended:
