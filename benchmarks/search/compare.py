@@ -16,6 +16,7 @@ import os
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context
@@ -156,7 +157,7 @@ def fresh_run(task_id: str, configuration: dict[str, Any], number: int) -> dict[
 
 
 @dataclass(frozen=True)
-class _Measurement:
+class Measurement:
     """A search, or a fresh run of what it found."""
 
     row: str
@@ -171,20 +172,18 @@ class Comparison:
     def __init__(self, options: argparse.Namespace) -> None:
         self.options = options
         self.name = f"search_{options.task}"
-        try:
-            self.rows: dict[str, Any] = read_result(self.name)["rows"]
-        except NotMeasured:
-            self.rows = {"default": {}}
+        self.rows: dict[str, Any] = {"default": {}}
+        with suppress(NotMeasured):
+            self.rows |= read_result(self.name)["rows"]
         for seed in options.seeds:
             for method in METHODS:
                 self.rows.setdefault(f"{method} {seed}", {"method": method, "seed": seed})
-        self._fresh: dict[str, dict[int, dict[str, Any]]] = {}  # by row and number
 
     def run(self) -> None:
         """Measure what is missing, the fresh runs of a recipe before other searches."""
         cores = os.cpu_count() or 1
-        left = deque(one for key in self.rows for one in self._missing(key))
-        running: dict[Future[dict[str, Any]], _Measurement] = {}
+        left = deque(one for key in self.rows for one in self.missing(key))
+        running: dict[Future[dict[str, Any]], Measurement] = {}
         with ProcessPoolExecutor(cores, get_context("spawn")) as processes:
             while left or running:
                 while left and len(running) < cores:
@@ -192,37 +191,31 @@ class Comparison:
                     running[processes.submit(one.measure, *one.arguments)] = one
                 done = next(as_completed(running))
                 one = running.pop(done)
-                self._add(one, done.result())
+                self.add(one, done.result())
                 if one.number is None:
-                    left.extendleft(reversed(self._missing(one.row)))
+                    left.extendleft(reversed(self.missing(one.row)))
 
-    def _missing(self, key: str) -> list[_Measurement]:
+    def missing(self, key: str) -> list[Measurement]:
         """What a row needs next."""
         row, options = self.rows[key], self.options
-        if "fresh" in row:
-            return []
         if "search" not in row and key != "default":
             asked = options.task, row["method"], row["seed"], options.core_seconds, options.home
-            return [_Measurement(key, None, search, asked)]
+            return [Measurement(key, None, search, asked)]
         configuration = row["search"]["configuration"] if "search" in row else {}
+        there = {run["seed"] for run in row.get("fresh", ())}
         return [
-            _Measurement(key, number, fresh_run, (options.task, configuration, number))
+            Measurement(key, number, fresh_run, (options.task, configuration, number))
             for number in range(options.fresh)
+            if _FRESH + number not in there
         ]
 
-    def _add(self, one: _Measurement, found: dict[str, Any]) -> None:
-        """Keep what was measured: a search at once, fresh runs once all of a row are there."""
+    def add(self, one: Measurement, found: dict[str, Any]) -> None:
+        """Keep what was measured."""
+        row, options = self.rows[one.row], self.options
         if one.number is None:
-            self._keep(one.row, search=found)
-            return
-        fresh = self._fresh.setdefault(one.row, {})
-        fresh[one.number] = found
-        if len(fresh) == self.options.fresh:
-            self._keep(one.row, fresh=[fresh[number] for number in sorted(fresh)])
-
-    def _keep(self, key: str, **found: Any) -> None:
-        self.rows[key].update(found)
-        options = self.options
+            row["search"] = found
+        else:
+            row["fresh"] = sorted([*row.get("fresh", ()), found], key=lambda run: int(run["seed"]))
         command = (
             f"python -m benchmarks.search.compare {options.task} --seeds "
             f"{format_seeds(options.seeds)} --core-seconds {options.core_seconds} --fresh "
@@ -230,7 +223,7 @@ class Comparison:
         )
         begun = {name: row for name, row in self.rows.items() if {"search", "fresh"} & row.keys()}
         write_result(self.name, command, {"rows": begun})
-        print(key, found, flush=True)
+        print(one.row, found, flush=True)
 
 
 def main() -> None:

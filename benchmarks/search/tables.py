@@ -21,11 +21,13 @@ def expected_core_seconds(fresh: Sequence[dict[str, Any]]) -> float:
 
 
 def by_method(rows: dict[str, Any], method: str) -> dict[int, list[dict[str, Any]]]:
-    """The fresh runs of each search by a method, by the search's seed."""
+    """The fresh runs of each search by a method, by the search's seed, where all have been
+    made."""
+    complete = max(len(row.get("fresh", ())) for row in rows.values())
     return {
         row["seed"]: row["fresh"]
         for row in rows.values()
-        if row.get("method") == method and "fresh" in row
+        if row.get("method") == method and len(row.get("fresh", ())) == complete
     }
 
 

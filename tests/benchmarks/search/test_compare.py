@@ -1,10 +1,12 @@
+from argparse import Namespace
 from pathlib import Path
 
 import ConfigSpace as CS
 import pytest
 
+from benchmarks import machine
 from benchmarks.search import compare
-from benchmarks.search.compare import SPACE, brackets_of, fresh_run, run_in_process
+from benchmarks.search.compare import SPACE, Comparison, brackets_of, fresh_run, run_in_process
 from bilevel.hyperparameters import Hyperparameters
 from cluster.bohb.brackets import core_seconds_to_run
 from cluster.bohb.journal import Journal
@@ -71,3 +73,26 @@ def test_a_fresh_run_is_a_function_of_configuration_and_number(
     assert not one["confirmed"]
     assert one["solved"] == (one["score"] >= 195)
     assert one["generations"] == 1
+
+
+def test_a_comparison_goes_on_where_its_file_ends(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(machine, "RESULTS", tmp_path)
+    options = Namespace(
+        task="CartPole-v0", seeds=[3], core_seconds=10, fresh=2, home=tmp_path / "home"
+    )
+
+    def missing() -> dict[str, list[int | None]]:
+        comparison = Comparison(options)  # from the file
+        return {key: [one.number for one in comparison.missing(key)] for key in comparison.rows}
+
+    searches: dict[str, list[int | None]] = {f"{method} 3": [None] for method in METHODS}
+    assert missing() == {"default": [0, 1], **searches}
+    begun = Comparison(options)
+    (asked,) = begun.missing("bohb 3")
+    begun.add(asked, {"configuration": {"nes.step_size": 1.0}})
+    second = begun.missing("bohb 3")[1]
+    assert second.arguments == ("CartPole-v0", {"nes.step_size": 1.0}, 1)
+    begun.add(second, {"seed": 10_001})
+    assert missing() == {"default": [0, 1], **searches, "bohb 3": [0]}
