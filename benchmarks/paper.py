@@ -58,7 +58,7 @@ def success() -> str:
                     "-" if first is None else f"{first.value:g}",
                 ]
             )
-    head = ["task", "NES by", "ever solved", "at the end", "SE handed over solves"]
+    head = ["task", "condition", "ever solved", "at the end", "SE handed over solves"]
     head += ["first solved in generation", "after core seconds", "generations", "core seconds"]
     head += ["authors: ever", "at the end", "in generation"]
     return f"{table(head, rows)}\n\n{_commands(found)}"
