@@ -40,9 +40,9 @@ def success() -> str:
     rows, found = [], _findings("success")
     for task, findings in found.items():
         for row in findings["summary"]:
-            ever, end, first = (
+            ever, end, first, score = (
                 authors.get((task, row["condition"], what))
-                for what in ("ever_solved", "solved_at_end", "median_first_solved")
+                for what in ("ever_solved", "solved_at_end", "median_first_solved", "score_at_end")
             )
             shares = (row[name] for name in ("ever_solved", "solved_at_end", "handed_over_solved"))
             rows.append(
@@ -50,17 +50,18 @@ def success() -> str:
                     task,
                     title_of(row["condition"]),
                     *(f"{round(share * row['runs'])} of {row['runs']}" for share in shares),
+                    f"{row['score_at_end']:.0f} ± {row['score_at_end_std']:.0f}",
                     _or_none(row["median_first_solved"]),
                     _or_none(row["core_seconds_first_solved"]),
                     f"{row['generations']:g}",
                     f"{row['core_seconds']:.0f}",
                     *("-" if figure is None else f"{figure.value:.0%}" for figure in (ever, end)),
-                    "-" if first is None else f"{first.value:g}",
+                    *("-" if figure is None else f"{figure.value:g}" for figure in (score, first)),
                 ]
             )
     head = ["task", "condition", "ever solved", "at the end", "SE handed over solves"]
-    head += ["first solved in generation", "after core seconds", "generations", "core seconds"]
-    head += ["authors: ever", "at the end", "in generation"]
+    head += ["score at the end", "first solved in generation", "after core seconds"]
+    head += ["generations", "core seconds", "authors: ever", "at the end", "score", "in generation"]
     return f"{table(head, rows)}\n\n{_commands(found)}"
 
 

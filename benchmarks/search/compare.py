@@ -4,11 +4,11 @@
 
 Each search is the study of `bilevel bohb TASK --method METHOD --seed SEED --space SPACE --prior
 none`, of so many core seconds and a third as many for its validation, with one trial at a time. It
-runs in one process, so that its results do not depend on the machine, and there are as many
-searches at a time as cores. Its recipe then runs NES with fresh seeds, the same for all recipes,
-until an SE is confirmed or the generations are over; ten fresh agents of the paper's full ranges
-score the SE. The recipe `default` is measured alike. Results are written one by one to
-`results/search_TASK.json`; the same command resumes.
+runs in one process, so that what it proposes does not depend on how trials happen to be timed, and
+there are as many searches at a time as cores. Its recipe then runs NES with fresh seeds, the same
+for all recipes, until an SE is confirmed or the generations are over; ten fresh agents of the
+paper's full ranges score the SE. The recipe `default` is measured alike. Results are written one by
+one to `results/search_TASK.json`; the same command resumes.
 """
 
 import argparse
@@ -82,13 +82,12 @@ class InProcess:
         task: Task,
         se: SESource,
         requests: Sequence[EvaluationRequest],
-        on_result: Callable[[EvaluationResult], None] = lambda result: None,
+        on_result: Callable[[EvaluationResult], None],
     ) -> list[EvaluationResult]:
         """Evaluate one request after the other."""
-        results = []
-        for request in requests:
-            results.append(evaluate(task, se, request))
-            on_result(results[-1])
+        results = [evaluate(task, se, request) for request in requests]
+        for result in results:
+            on_result(result)
         return results
 
 

@@ -162,7 +162,7 @@ class _Runner:
                 with locked_settings(run.folder, run.settings()):
                     pass  # raises InvalidInput if it was begun with other settings
             else:
-                if self.experiment.growing:
+                if self.experiment.interim:
                     self._conclude_so_far()
                 self.terminal.log(
                     f"NES run {number} of {len(self.ses)}: {title_of(made.condition)}, "

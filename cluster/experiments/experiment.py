@@ -119,7 +119,7 @@ class Experiment:
     record: Callable[[Plan, Material, Callable[[int, int], None]], None] | None = None
     #: It trains no agents, and is concluded anew from the NES runs that have ended before each
     #: further one: all of them may take days.
-    growing: bool = False
+    interim: bool = False
     #: Kinds of agents by task, and for any other task.
     agents: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     usual_agents: tuple[str, ...] = ("ddqn",)

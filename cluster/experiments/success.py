@@ -207,5 +207,5 @@ SUCCESS = Experiment(
     "Thin lines are runs; the dotted line is the return that solves the task.",
     _runs,
     _findings,
-    growing=True,
+    interim=True,
 )

@@ -84,24 +84,27 @@ def test_an_experiment_that_is_killed_and_carried_elsewhere(tmp_home: Path, addr
 
 
 def test_success_grows_with_each_nes_run(tmp_home: Path, address: str) -> None:
-    """Killed before its last NES runs, it has findings on those that have ended, and the report
-    tells of how many."""
-    success = ("experiment", "success", "CartPole-v0", "--size", "smoke", "--home", tmp_home)
-    with run_until("NES run 2 of 3", *success, "--address", address) as process:
+    """Killed before its last NES runs, which go seed by seed, it has findings on those that have
+    ended, and the report tells of how many."""
+    task = ("CartPole-v0", "--size", "smoke", "--ses", "2", "--home", tmp_home)
+    success = ("experiment", "success", *task)
+    with run_until(
+        "NES run 2 of 6: authors' rule, seed 0", *success, "--address", address
+    ) as process:
         os.killpg(process.pid, signal.SIGKILL)
     folder = tmp_home / "CartPole-v0" / "experiment-smoke-success-seed0"
     findings = StoredFindings.read(folder)
     assert findings is not None
     assert findings.runs == {"default": 1}
     assert [row["condition"] for row in findings.summary] == ["default"]
-    report = run_bilevel("experiment", "report", *success[2:])
+    report = run_bilevel("experiment", "report", *task)
     assert report.returncode == 0, report.stderr
     page = (folder.with_name("experiment-smoke-report-seed0") / REPORT_FILE).read_text()
-    assert "Under way: success (1 of 3 NES runs have ended)." in page
-    assert "1 of 1 default, 0 of 1 authors, 0 of 1 paper" in page
+    assert "Under way: success (1 of 6 NES runs have ended)." in page
+    assert "1 of 2 default, 0 of 2 authors, 0 of 2 paper" in page
 
     ended = run_bilevel(*success, "--address", address)
     assert ended.returncode == 0, ended.stderr
     findings = StoredFindings.read(folder)
     assert findings is not None
-    assert findings.runs == {"default": 1, "authors": 1, "paper": 1}
+    assert findings.runs == {"default": 2, "authors": 2, "paper": 2}
