@@ -1,4 +1,4 @@
-"""BOHB (Falkner et al., 2018): hpbandster's brackets and model under Ray Tune.
+"""BOHB (Falkner et al., 2018): hpbandster's brackets and model, and what a study is made of.
 
-Nothing is imported here: trials are processes of their own that need no hpbandster.
+The search itself knows nothing of Ray, and can be run in one process; `tune` runs it on Ray Tune.
 """

@@ -10,13 +10,13 @@ from bilevel.errors import StorageFailure
 from cluster.bohb.brackets import Schedule, configurations_to_begin
 from cluster.bohb.handover import Handover
 from cluster.bohb.journal import Journal
-from cluster.bohb.report import StudyReport
 from cluster.bohb.search import BracketSearch
-from cluster.bohb.searcher import BohbSearcher
-from cluster.bohb.stopping import StudyStopper
 from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
-from cluster.bohb.tuning import run_trials
+from cluster.bohb.tune.report import StudyReport
+from cluster.bohb.tune.searcher import BohbSearcher
+from cluster.bohb.tune.stopping import StudyStopper
+from cluster.bohb.tune.tuner import run_trials
 from cluster.bohb.validation import SHARE
 from cluster.bohb.view import StudyViews
 from cluster.nes.run import start_of

@@ -34,11 +34,11 @@ from cluster.experiments.run import (
     RUNS_FILE,
     StoredFindings,
     folder_name,
+    versions,
 )
 from cluster.experiments.sizes import Size
 from cluster.experiments.style import svg
 from cluster.experiments.table import csv_bytes, text_lines
-from cluster.experiments.versions import versions
 from cluster.experiments.view import ExperimentViews
 from cluster.nes.command import run_on
 from cluster.ray.pool import EvaluationPool

@@ -1,14 +1,14 @@
 """All experiments by name."""
 
 from bilevel.errors import one_of
-from cluster.experiments.behaviour import BEHAVIOUR
-from cluster.experiments.cost import COST
 from cluster.experiments.experiment import Experiment
+from cluster.experiments.figures.behaviour import BEHAVIOUR
+from cluster.experiments.figures.cost import COST
+from cluster.experiments.figures.sample_efficiency import SAMPLE_EFFICIENCY
+from cluster.experiments.figures.sensitivity import SENSITIVITY
+from cluster.experiments.figures.success import SUCCESS
+from cluster.experiments.figures.transfer import TRANSFER
 from cluster.experiments.run import REPORT
-from cluster.experiments.sample_efficiency import SAMPLE_EFFICIENCY
-from cluster.experiments.sensitivity import SENSITIVITY
-from cluster.experiments.success import SUCCESS
-from cluster.experiments.transfer import TRANSFER
 
 #: In the order of the paper, then those beyond it.
 EXPERIMENTS = {

@@ -8,11 +8,14 @@ findings.json     size, versions, command, and the summary of what was found
 data.csv          all values; NAME.svg: the pictures
 """
 
+import platform
 from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any, Self
 
 from bilevel.decode import decode, decode_file
+from bilevel.version import __version__
 from cluster.experiments.sizes import Size
 from cluster.experiments.table import Value
 from cluster.storage.run_folder import Settings, read_settings
@@ -25,6 +28,9 @@ REPORT = "report"
 
 RUNS_FILE, FINDINGS_FILE, DATA_FILE = "runs.jsonl", "findings.json", "data.csv"
 REPORT_FILE = "report.html"
+
+#: Packages that results may depend on.
+_PACKAGES = ("numpy", "numba", "scipy", "torch", "gymnasium", "ray", "mlflow", "matplotlib")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -71,3 +77,14 @@ def documents(folder: Path) -> list[Path]:
     """Files of an experiment's folder that MLflow shows."""
     names = {"settings.json", FINDINGS_FILE, DATA_FILE, REPORT_FILE, RUNS_FILE, "results.jsonl"}
     return sorted(path for path in folder.glob("*") if path.name in names or path.suffix == ".svg")
+
+
+def versions() -> dict[str, str]:
+    """Versions of what results rest on."""
+    found = {"bilevel": __version__, "python": platform.python_version()}
+    for package in _PACKAGES:
+        try:
+            found[package] = version(package)
+        except PackageNotFoundError:
+            found[package] = "-"
+    return found

@@ -175,7 +175,7 @@ class TestStudy:
 
 def test_a_trial_starts_without_what_proposes() -> None:
     """hpbandster's imports take longer than a trial's own."""
-    code = "import sys, cluster.bohb.trial; sys.exit('hpbandster' in sys.modules)"
+    code = "import sys, cluster.bohb.tune.trial; sys.exit('hpbandster' in sys.modules)"
     subprocess.run([sys.executable, "-c", code], check=True)
 
 

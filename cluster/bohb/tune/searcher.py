@@ -15,7 +15,7 @@ from bilevel.agents.checked import AgentMistake
 from bilevel.errors import InvalidInput, StorageFailure
 from cluster.bohb.journal import ConfigId
 from cluster.bohb.search import BracketSearch, Job
-from cluster.bohb.trial import (
+from cluster.bohb.tune.trial import (
     BUDGET_REACHED,
     FAILURE,
     KERNEL_SECONDS,

@@ -13,9 +13,9 @@ from rich.console import Console
 
 from cluster.bohb.journal import Journal
 from cluster.bohb.objective import Tally
-from cluster.bohb.report import StudyReport
 from cluster.bohb.search import Job
-from cluster.bohb.trial import BUDGET_REACHED, MESSAGES, OBJECTIVE, SPENT, TALLY
+from cluster.bohb.tune.report import StudyReport
+from cluster.bohb.tune.trial import BUDGET_REACHED, MESSAGES, OBJECTIVE, SPENT, TALLY
 from cluster.session.terminal import Terminal
 from tests.studies import make_study
 

@@ -4,7 +4,7 @@ from typing import Any
 
 from ray import tune
 
-from cluster.bohb.searcher import BohbSearcher, DriverOnly
+from cluster.bohb.tune.searcher import BohbSearcher, DriverOnly
 from cluster.session.interrupts import InterruptGuard
 
 

@@ -11,7 +11,7 @@ from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.recording import record
 from bilevel.tasks import get_task
-from cluster.experiments.behaviour import ORIGINS, _loaded, _npz, columns, histograms
+from cluster.experiments.figures.behaviour import ORIGINS, _loaded, _npz, columns, histograms
 from cluster.experiments.style import styled
 from cluster.experiments.table import Row
 from tests.ses import make_se

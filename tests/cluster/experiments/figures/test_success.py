@@ -1,15 +1,11 @@
-"""The numbers of success, cost and sensitivity."""
-
-import itertools
+"""The numbers of success."""
 
 import numpy as np
 import pytest
 
 from bilevel.tasks import Task, get_task
-from cluster.experiments.cost import Cost
-from cluster.experiments.sensitivity import grouped
+from cluster.experiments.figures.success import LearningCurve, carried_forward, findings_of
 from cluster.experiments.style import styled
-from cluster.experiments.success import LearningCurve, carried_forward, findings_of
 
 
 def course(*scores: float, condition: str = "default", final: float = 200.0) -> LearningCurve:
@@ -47,23 +43,6 @@ def test_no_run_that_solves(cartpole: Task) -> None:
         (row,) = findings_of([course(10, 20)], cartpole).summary
     assert row["ever_solved"] == 0.0
     assert row["median_first_solved"] is row["core_seconds_first_solved"] is None
-
-
-def test_when_an_se_is_paid_back() -> None:
-    real = Cost(fixed=0.0, marginal=1000.0)
-    assert Cost(50_000.0, 0.0).break_even(real) == 50.0
-    assert Cost(50_000.0, 500.0).break_even(real) == 100.0
-    assert Cost(1.0, 1000.0).break_even(real) is None
-    assert Cost(0.0, 1.0).break_even(real) == 0.0
-
-
-def test_groups_of_agents() -> None:
-    few = grouped(np.array([3.0, 1.0, 3.0, 2.0]))
-    assert [group.tolist() for group in few] == [[1], [3], [0, 2]]
-    values = np.random.default_rng(0).uniform(size=50)
-    fifths = grouped(values)
-    assert [len(group) for group in fifths] == [10] * 5
-    assert all(values[low].max() < values[high].min() for low, high in itertools.pairwise(fifths))
 
 
 def test_the_picture_shows_scores_above_the_solved_reward() -> None:

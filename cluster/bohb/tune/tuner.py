@@ -8,11 +8,11 @@ from contextlib import contextmanager
 
 from ray import tune
 
-from cluster.bohb.report import StudyReport
-from cluster.bohb.searcher import BohbSearcher
-from cluster.bohb.stopping import StudyStopper
 from cluster.bohb.study import Study
-from cluster.bohb.trial import NESTrial
+from cluster.bohb.tune.report import StudyReport
+from cluster.bohb.tune.searcher import BohbSearcher
+from cluster.bohb.tune.stopping import StudyStopper
+from cluster.bohb.tune.trial import NESTrial
 from cluster.ray.environment import environment_kept
 
 #: Folder of Tune's own files within the study's folder; the study never reads them.

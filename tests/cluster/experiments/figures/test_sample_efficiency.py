@@ -10,7 +10,12 @@ from bilevel.hyperparameters import AgentHyperparameters, DDQNHyperparameters, l
 from bilevel.tasks import Task, get_task
 from cluster.experiments.agents import Found, Place, Source, Unit
 from cluster.experiments.conditions import REAL
-from cluster.experiments.sample_efficiency import climbed, ladder, scores_at, steps_and_scores
+from cluster.experiments.figures.sample_efficiency import (
+    climbed,
+    ladder,
+    scores_at,
+    steps_and_scores,
+)
 from tests.cluster.experiments.made_up import result_of
 from tests.ses import make_se
 

@@ -14,10 +14,10 @@ from bilevel.nes import GenerationRecord
 from cluster.bohb.journal import Journal
 from cluster.bohb.objective import Tally
 from cluster.bohb.search import Job
-from cluster.bohb.searcher import BohbSearcher, DriverOnly
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
-from cluster.bohb.trial import (
+from cluster.bohb.tune.searcher import BohbSearcher, DriverOnly
+from cluster.bohb.tune.trial import (
     BUDGET_REACHED,
     FAILURE,
     MESSAGES,

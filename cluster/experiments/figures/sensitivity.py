@@ -12,10 +12,10 @@ from scipy.stats import spearmanr
 from bilevel.tasks import Task
 from cluster.experiments.agents import Place, Unit
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan
+from cluster.experiments.figures.transfer import agent_row
 from cluster.experiments.sizes import Size
 from cluster.experiments.style import SERIES, column, solved_line
 from cluster.experiments.table import Row
-from cluster.experiments.transfer import agent_row
 
 Floats = NDArray[np.float64]
 

@@ -12,8 +12,8 @@ from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal
 from cluster.bohb.objective import Tally
 from cluster.bohb.search import BracketSearch
-from cluster.bohb.searcher import DEATHS, BohbSearcher
-from cluster.bohb.trial import BUDGET_REACHED, FAILURE, MISTAKE, NO_STORAGE, OBJECTIVE, TALLY
+from cluster.bohb.tune.searcher import DEATHS, BohbSearcher
+from cluster.bohb.tune.trial import BUDGET_REACHED, FAILURE, MISTAKE, NO_STORAGE, OBJECTIVE, TALLY
 from search_spaces import search_space
 
 #: The report of a trial that has spent its budget.

@@ -11,10 +11,10 @@ from matplotlib.ticker import LogLocator, NullLocator
 from cluster.experiments.agents import Unit
 from cluster.experiments.conditions import REAL
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan
+from cluster.experiments.figures.transfer import units_on
 from cluster.experiments.sizes import Size
 from cluster.experiments.style import LOOKS, column
 from cluster.experiments.table import Row
-from cluster.experiments.transfer import units_on
 
 
 @dataclass(frozen=True)
