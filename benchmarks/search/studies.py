@@ -6,6 +6,8 @@ began with or led to, other than the defaults of today. `benchmarks.nes.seeds` r
 seeds that no choice was made on.
 """
 
+import math
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -15,7 +17,7 @@ from scipy.stats import fisher_exact, mannwhitneyu
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import mean_and_range, source, table
-from cluster.bohb.journal import Journal
+from cluster.bohb.journal import Journal, Origin, ResultLine
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 
@@ -86,19 +88,75 @@ def searches() -> str:
     return table(head, rows)
 
 
+def proposals() -> str:
+    """How the configurations of each origin did at the smallest budget, where all of them were
+    run."""
+    rows = []
+    for study in committed():
+        results = by_origin(Journal(study.folder))
+        at_random = objectives(results[Origin.RANDOM])
+        for origin, lines in results.items():
+            found_se = sum(line.info.get("confirmed", 0) > 0 for line in lines)
+            p = mannwhitneyu(objectives(lines), at_random).pvalue
+            rows.append(
+                (
+                    study.task.id,
+                    f"`{study.name}`",
+                    origin.value,
+                    f"{found_se} of {len(lines)}",
+                    quartiles(objectives(lines)),
+                    "" if origin is Origin.RANDOM else f"{p:.1g}",
+                )
+            )
+    head = [
+        "task",
+        "study",
+        "configurations",
+        "found an SE",
+        "objective, median and quartiles",
+        "p against random",
+    ]
+    return table(head, rows)
+
+
+def by_origin(journal: Journal) -> dict[Origin, list[ResultLine]]:
+    """The results at the smallest budget, by the origin of their configurations."""
+    smallest = min(line.budget for line in journal.results)
+    origins = {line.id: line.origin for line in journal.configs}
+    return {
+        origin: [
+            line
+            for line in journal.results
+            if line.budget == smallest and origins[line.id] is origin
+        ]
+        for origin in (Origin.RANDOM, Origin.AROUND_RECIPE, Origin.MODEL)
+    }
+
+
+def objectives(results: Sequence[ResultLine]) -> list[float]:
+    """Their objectives; a failure is infinite."""
+    return [math.inf if line.loss is None else line.loss for line in results]
+
+
+def quartiles(values: Sequence[float]) -> str:
+    """The median, with the quartiles."""
+    low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
+    return f"{middle:.0f} ({low:.0f} to {high:.0f})"
+
+
 def validations() -> str:
     """What became of the finalists over new seeds."""
     rows = []
     for study in committed():
         told = summary(study)
-        proposals = {line.id: line for line in told.journal.configs}
         for line in told.finalists:
-            before, proposal = told.result_of(line.id), proposals[line.id]
+            before = told.result_of(line.id)
+            recipe = line.id == told.journal.recipe
             rows.append(
                 (
                     study.task.id,
                     f"`{study.name}`",
-                    "the recipe" if proposal.of_prior else configuration_name(line.id),
+                    "the recipe" if recipe else configuration_name(line.id),
                     *(
                         f"{one.info['confirmed']} in {one.info['core_seconds']:.0f}"
                         for one in (before, line)

@@ -95,6 +95,7 @@ def _quality(searches: Sequence[Sequence[dict[str, Any]]]) -> tuple[str, str]:
 TABLES: dict[str, Callable[[], str]] = {
     "search": comparison,
     "searches": studies.searches,
+    "proposals": studies.proposals,
     "validations": studies.validations,
     "found": studies.found,
     "found-taught": studies.found_taught,

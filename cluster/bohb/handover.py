@@ -140,7 +140,7 @@ class Handover:
         return incumbent
 
     def _is_base(self, result: ResultLine) -> bool:
-        return any(line.id == result.id and line.of_prior for line in self.journal.configs)
+        return result.id == self.journal.recipe
 
     def _report_recipe(self) -> None:
         log, study = self.terminal.log, self.study

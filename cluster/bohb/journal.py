@@ -6,6 +6,7 @@ This is hpbandster's own format, so its tools read it
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -18,6 +19,15 @@ ConfigId = tuple[_Number, _Number, _Number]  # bracket, rung it entered at, numb
 Configuration = dict[str, Any]
 
 
+class Origin(StrEnum):
+    """Where a configuration comes from."""
+
+    RECIPE = "the recipe, within the space"
+    AROUND_RECIPE = "drawn around the recipe"
+    RANDOM = "drawn at random"
+    MODEL = "proposed by the model"
+
+
 class ConfigLine(NamedTuple):
     """A configuration was proposed: a line of `configs.json`."""
 
@@ -26,9 +36,13 @@ class ConfigLine(NamedTuple):
     info: dict[str, Any]  # {"model_based_pick": bool}, and "prior" where it comes from that
 
     @property
-    def of_prior(self) -> bool:
-        """Whether it is the prior itself: the recipe that the search began with."""
-        return self.info.get("prior") == "itself"
+    def origin(self) -> Origin:
+        """Where it comes from."""
+        if self.info.get("model_based_pick"):
+            return Origin.MODEL
+        if not self.info.get("prior"):
+            return Origin.RANDOM
+        return Origin.RECIPE if self.info["prior"] == "itself" else Origin.AROUND_RECIPE
 
 
 @dataclass(frozen=True)
@@ -105,6 +119,11 @@ class Journal:
     def paths(self) -> list[Path]:
         """The journal's files."""
         return [self._config_file.path, self._result_file.path]
+
+    @property
+    def recipe(self) -> ConfigId | None:
+        """The configuration of the recipe that the search began with, if it did."""
+        return next((line.id for line in self.configs if line.origin is Origin.RECIPE), None)
 
     @property
     def reached(self) -> dict[ConfigId, int]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bilevel.tasks import Task
 from cluster.bohb.importance import Importance
+from cluster.bohb.journal import Origin
 from cluster.bohb.summary import ResultPoint, ValidatedPoint
 from cluster.pictures import BLUE, GREY, ORANGE
 
@@ -39,7 +40,7 @@ def objective_against_cost(
         return figure
     smallest = min(point.budget for point in points)
     for model_based, marker, colour in ((False, "o", GREY), (True, "D", BLUE)):
-        chosen = [point for point in points if point.model_based is model_based]
+        chosen = [point for point in points if (point.origin is Origin.MODEL) is model_based]
         if chosen:
             axes.scatter(
                 [point.spent for point in chosen],
@@ -49,7 +50,7 @@ def objective_against_cost(
                 color=colour,
                 alpha=0.6,
                 lw=0,
-                label="proposed by the model" if model_based else "others",
+                label=Origin.MODEL.value if model_based else "others",
             )
     _mark_leader(axes, points)
     _mark_finalists(axes, validated)

@@ -27,7 +27,7 @@ from hpbandster.optimizers.iterations import SuccessiveHalving
 from bilevel.errors import InvalidInput
 from bilevel.seeds import Purpose, derive, split
 from cluster.bohb.brackets import Schedule
-from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, ResultLine
+from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, Origin, ResultLine
 from cluster.bohb.study import Study
 from search_spaces import around
 
@@ -43,9 +43,8 @@ class Job:
     id: ConfigId
     configuration: Configuration
     budget: int
-    model_based: bool
+    origin: Origin
     submitted: float  # unix time, seconds
-    origin: str = "drawn at random"  # of the configuration, in words
 
 
 class BracketSearch:
@@ -85,7 +84,7 @@ class BracketSearch:
         self._recorded: dict[int, deque[ConfigLine]] = {}
         for line in journal.configs:
             self._recorded.setdefault(line.id[0], deque()).append(line)
-        self._info = {line.id: line.info for line in journal.configs}
+        self._origins = {line.id: line.origin for line in journal.configs}
         self._brackets = [self._bracket(number) for number in range(brackets)]
         self._replaying = True
         self._again = self._replay()
@@ -173,8 +172,9 @@ class BracketSearch:
             if self._replaying:
                 raise self._damaged(f"{place} was never proposed, but results follow from it")
             configuration, info = self._propose(budget)
-            self._journal.add_config(ConfigLine(place, configuration, info))
-            self._info[place] = info
+            line = ConfigLine(place, configuration, info)
+            self._journal.add_config(line)
+            self._origins[place] = line.origin
             return configuration, info
 
         return sample
@@ -201,21 +201,7 @@ class BracketSearch:
         if run is None:
             return None
         config_id, configuration, budget = run
-        info = self._info[config_id]
-        model_based = bool(info.get("model_based_pick", False))
-        return Job(
-            config_id, configuration, int(budget), model_based, time.time(), self._origin(info)
-        )
-
-    @staticmethod
-    def _origin(info: dict[str, Any]) -> str:
-        if info.get("model_based_pick"):
-            return "the model proposed"
-        if not info.get("prior"):
-            return "drawn at random"
-        if info["prior"] != "itself":
-            return "drawn around the recipe"
-        return "the recipe, within the space"
+        return Job(config_id, configuration, int(budget), self._origins[config_id], time.time())
 
     def _apply(self, line: ResultLine, configuration: Configuration) -> None:
         job = _hpbandsters(line, configuration)

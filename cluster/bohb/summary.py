@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from typing import Self
 
 from cluster.bohb.brackets import Rung, core_seconds_to_run
-from cluster.bohb.journal import ConfigId, Configuration, Journal, ResultLine
+from cluster.bohb.journal import ConfigId, Configuration, Journal, Origin, ResultLine
 from cluster.bohb.study import configuration_name
 from cluster.bohb.validation import Validation
 
@@ -18,7 +18,7 @@ class ResultPoint:
     budget: int
     seconds: float  # since the first job began, pauses included
     objective: float
-    model_based: bool
+    origin: Origin
     id: ConfigId
 
 
@@ -74,7 +74,7 @@ class StudySummary:
     @property
     def model_based(self) -> int:
         """Number of configurations that the model proposed."""
-        return sum(bool(line.info.get("model_based_pick")) for line in self.journal.configs)
+        return sum(line.origin is Origin.MODEL for line in self.journal.configs)
 
     def configuration(self, config_id: ConfigId) -> Configuration:
         """The configuration with that id."""
@@ -90,7 +90,7 @@ class StudySummary:
 
     def points(self) -> list[ResultPoint]:
         """All results, with the core seconds that the search had spent by then."""
-        picks = {line.id: bool(line.info.get("model_based_pick")) for line in self.journal.configs}
+        origins = {line.id: line.origin for line in self.journal.configs}
         reached: dict[ConfigId, int] = {}
         spent = 0
         began = min((line.timestamps["submitted"] for line in self.journal.results), default=0.0)
@@ -100,8 +100,8 @@ class StudySummary:
             reached[line.id] = line.budget
             if line.loss is not None:
                 seconds = line.finished - began
-                point = ResultPoint(spent, line.budget, seconds, line.loss, picks[line.id], line.id)
-                points.append(point)
+                came = spent, line.budget, seconds
+                points.append(ResultPoint(*came, line.loss, origins[line.id], line.id))
         return points
 
     def validated_points(self) -> list[ValidatedPoint]:

@@ -17,7 +17,7 @@ _COLUMNS = (
     "budget",  # core seconds
     "objective",  # expected core seconds to a confirmed SE; empty of a failed job
     *TALLIED,
-    "model_based_pick",
+    "origin",
     "started",  # seconds since the first job was submitted
     "finished",
 )
@@ -53,7 +53,7 @@ def _row(line: ResultLine, config: ConfigLine, began: float, names: Iterable[str
         line.budget,
         "" if line.loss is None else line.loss,
         *(line.info.get(name, "") for name in TALLIED),
-        bool(config.info.get("model_based_pick")),
+        config.origin,
         *times,
         *(config.configuration.get(name, "") for name in names),
     ]

@@ -86,7 +86,7 @@ class Plan:
         core_seconds = validation_seconds(searched)
         largest = best[0].budget if best else 1
         number = min(max(int(core_seconds / largest), 2), FINALISTS)
-        chosen = {line.id for line in journal.configs if line.of_prior} & journal.reached.keys()
+        chosen = {journal.recipe} & journal.reached.keys()
         for line in best:
             if len(chosen) < number:
                 chosen.add(line.id)

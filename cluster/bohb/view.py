@@ -216,7 +216,7 @@ class StudyViews:
         tags = {
             "bilevel.kind": "configuration",
             "bilevel.bracket": str(line.id[0]),
-            "bilevel.model_based_pick": str(bool(line.info.get("model_based_pick"))).lower(),
+            "bilevel.origin": line.origin,
         }
         failure = next((r.exception for r in results if r.exception is not None), None)
         documents: list[Document] = []

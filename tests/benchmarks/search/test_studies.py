@@ -1,3 +1,4 @@
+import math
 import re
 from pathlib import Path
 from typing import Any
@@ -6,9 +7,20 @@ import pytest
 
 import benchmarks
 from benchmarks.machine import read_result
-from benchmarks.search.studies import RECIPES, _p_values, _quality, committed, summary
+from benchmarks.search.studies import (
+    RECIPES,
+    _p_values,
+    _quality,
+    by_origin,
+    committed,
+    objectives,
+    summary,
+)
 from bilevel.hyperparameters import load_recipe
+from cluster.bohb.journal import ConfigLine, Journal, Origin, ResultLine
 from cluster.bohb.study import RECIPE_FILE
+
+STAMPS = {"submitted": 0.0, "started": 0.0, "finished": 0.0}
 
 
 def test_the_committed_studies_hand_over_what_their_finalists_say() -> None:
@@ -32,6 +44,22 @@ def test_nothing_committed_names_a_folder_of_the_machine() -> None:
         found = re.findall(r'[" =](/[A-Za-z0-9._-]+)+', path.read_text())
         assert not found, f"{path}: {found[:3]}"
     assert not [*committed_by.rglob(".lock")]
+
+
+def test_proposals_are_compared_where_all_were_run(tmp_path: Path) -> None:
+    """At the smallest budget; a failure counts as the worst."""
+    journal = Journal(tmp_path)
+    infos: list[dict[str, Any]] = [{"prior": "itself"}, {}, {"model_based_pick": True}, {}]
+    for number, info in enumerate(infos):
+        journal.add_config(ConfigLine((0, 0, number), {}, info))
+    for number, budget, loss in ((0, 1, 9.0), (1, 1, None), (2, 1, 7.0), (3, 1, 8.0), (2, 3, 1.0)):
+        journal.add_result(ResultLine((0, 0, number), budget, loss, {}, STAMPS))
+    found = {origin: objectives(lines) for origin, lines in by_origin(journal).items()}
+    assert found == {
+        Origin.RANDOM: [math.inf, 8.0],
+        Origin.AROUND_RECIPE: [],
+        Origin.MODEL: [7.0],
+    }
 
 
 @pytest.mark.parametrize("task", RECIPES)

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from bilevel.nes import NESState
-from cluster.bohb.journal import Journal
+from cluster.bohb.journal import Journal, Origin
 from cluster.bohb.objective import Tally
 from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.search import Job
@@ -63,7 +63,7 @@ def test_seed_after_seed_until_the_budget_is_spent(tmp_path: Path) -> None:
     study = new_study(tmp_path / "one")
     few = replace(study.base, nes=replace(study.base.nes, generations=3))
     study = replace(study, base=few)
-    job = Job((0, 0, 0), {"nes.population_size": 4}, 1, False, 0.0)
+    job = Job((0, 0, 0), {"nes.population_size": 4}, 1, Origin.RANDOM, 0.0)
     run_job(study, job)
     parts = run_job(study, replace(job, budget=4))
     other = replace(study, folder=tmp_path / "other")
@@ -79,7 +79,7 @@ def test_seed_after_seed_until_the_budget_is_spent(tmp_path: Path) -> None:
 def test_a_damaged_run_is_run_again_before_others(tmp_path: Path) -> None:
     study = new_study(tmp_path)
     study = replace(study, base=replace(study.base, nes=replace(study.base.nes, generations=3)))
-    job = Job((0, 0, 0), {"nes.population_size": 4}, 2, False, 0.0)
+    job = Job((0, 0, 0), {"nes.population_size": 4}, 2, Origin.RANDOM, 0.0)
     before = run_job(study, job)
     (study.run(job.id, job.configuration, 0).folder / "state.safetensors").write_bytes(b"damaged")
     runs = ConfigurationRuns.open(study, job.id, job.configuration)

@@ -1,20 +1,26 @@
 """The picture of a study shows the differences between its good results."""
 
+from dataclasses import replace
+from itertools import cycle
+
 import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
 from bilevel.tasks import Task
+from cluster.bohb.journal import Origin
 from cluster.bohb.pictures import objective_against_cost
 from cluster.bohb.summary import ResultPoint, ValidatedPoint
 from cluster.pictures import png
+
+ORIGINS = (Origin.RANDOM, Origin.AROUND_RECIPE, Origin.MODEL)
 
 
 def points(*objectives: float) -> list[ResultPoint]:
     """Results of 5 core seconds each, one a minute; every third comes from the model."""
     return [
-        ResultPoint(5 * (i + 1), 5, 60.0 * (i + 1), objective, i % 3 == 2, (0, 0, i))
-        for i, objective in enumerate(objectives)
+        ResultPoint(5 * (i + 1), 5, 60.0 * (i + 1), objective, origin, (0, 0, i))
+        for i, (objective, origin) in enumerate(zip(objectives, cycle(ORIGINS), strict=False))
     ]
 
 
@@ -74,8 +80,8 @@ def test_finalists_are_within_the_axes(cartpole: Task) -> None:
 def test_a_pause_does_not_print_times_over_each_other(cartpole: Task) -> None:
     """The second half of the results comes after an hour without any."""
     late = [
-        ResultPoint(5 * i, 5, 60.0 * i + (3600 if i > 5 else 0), 10.0 + i, False, (0, 0, i))
-        for i in range(1, 11)
+        replace(point, seconds=point.seconds + (3600 if number > 5 else 0))
+        for number, point in enumerate(points(*np.arange(11.0, 21.0)), start=1)
     ]
     figure = objective_against_cost(late, [], cartpole, "study")
     figure.canvas.draw()

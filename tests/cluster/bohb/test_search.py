@@ -27,7 +27,7 @@ from cluster.bohb.brackets import (
     core_seconds_to_run,
 )
 from cluster.bohb.importance import unit_values
-from cluster.bohb.journal import Journal
+from cluster.bohb.journal import Journal, Origin
 from cluster.bohb.profiles import METHODS, get_profile, sized
 from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.study import Study
@@ -143,7 +143,7 @@ class TestStudy:
     def test_bohb_alone_asks_the_model(self, method: str, study: Study, tmp_path: Path) -> None:
         study = replace(study, method=method)
         jobs = run_to_end(BracketSearch.of(study, Journal(tmp_path), 12))
-        assert any(job.model_based for job in jobs) == (method == "bohb")
+        assert any(job.origin is Origin.MODEL for job in jobs) == (method == "bohb")
 
     def test_starts_are_each_runs_own(self, study: Study) -> None:
         """Starts depend on the study's seed, the configuration's id and the number of the run."""
@@ -160,7 +160,7 @@ class TestStudy:
 
     def test_steps_on_the_real_task_are_counted_through(self, study: Study) -> None:
         """The count includes the scale of observations and the choice of a start."""
-        job = Job((0, 0, 0), {"nes.population_size": 2}, 3, False, 0.0)
+        job = Job((0, 0, 0), {"nes.population_size": 2}, 3, Origin.RANDOM, 0.0)
         run_job(study, job)
         run = study.run(job.id, job.configuration, 0)
         state, begun = run.load(), run.nes.init()
@@ -194,8 +194,8 @@ class TestSearch:
     def test_model_based_picks_happen_and_help(self, tmp_path: Path) -> None:
         jobs = run_to_end(new_search(tmp_path, brackets=15))
         firsts = {job.id: job for job in reversed(jobs)}.values()
-        model = [loss_of(job) for job in firsts if job.model_based]
-        rand = [loss_of(job) for job in firsts if not job.model_based]
+        model = [loss_of(job) for job in firsts if job.origin is Origin.MODEL]
+        rand = [loss_of(job) for job in firsts if job.origin is not Origin.MODEL]
         assert len(model) >= 10
         assert sum(model) / len(model) < 0.7 * sum(rand) / len(rand)
 
@@ -239,7 +239,7 @@ class TestSearch:
         run_to_end(new_search(tmp_path, brackets=6))
         more = run_to_end(new_search(tmp_path, brackets=9))
         assert {job.id[0] for job in more} == {6, 7, 8}
-        assert any(job.model_based for job in more)
+        assert any(job.origin is Origin.MODEL for job in more)
 
 
 def test_a_space_with_conditions_is_searched_the_same_again(tmp_path: Path) -> None:
@@ -268,7 +268,7 @@ def test_a_space_with_conditions_is_searched_the_same_again(tmp_path: Path) -> N
         for name in ("one", "again", "resumed")
     ]
     assert found[0] == found[1] == found[2]
-    assert any(line.info.get("model_based_pick") for line in Journal(tmp_path / "one").configs)
+    assert any(line.origin is Origin.MODEL for line in Journal(tmp_path / "one").configs)
 
 
 class TestPrior:
@@ -282,8 +282,8 @@ class TestPrior:
         jobs = run_to_end(search)
         assert jobs[0].configuration == prior
         origins = {job.origin for job in jobs[1:]}
-        assert jobs[0].origin == "the recipe, within the space"
-        assert origins == {"drawn around the recipe", "drawn at random"}
+        assert jobs[0].origin is Origin.RECIPE
+        assert origins == {Origin.AROUND_RECIPE, Origin.RANDOM}
         drawn = [bool(line.info.get("prior")) for line in journal.configs]
         assert 70 < sum(drawn) < 130
 
@@ -326,7 +326,7 @@ class TestEarlierResults:
         journal = Journal(tmp_path / "later")
         search = BracketSearch(space, LADDER, 1, 7, journal, earlier=earlier)
         jobs = run_to_end(search)
-        assert any(job.model_based for job in jobs[:5])
+        assert any(job.origin is Origin.MODEL for job in jobs[:5])
         alone = run_to_end(new_search(tmp_path / "alone", brackets=1, seed=7))
         losses = [np.mean([loss_of(job) for job in found]) for found in (jobs, alone)]
         assert losses[0] < losses[1]
@@ -358,7 +358,7 @@ class TestEarlierResults:
         study.take_over_prior()
         search = BracketSearch.of(study, Journal(study.folder), 1)
         found = [search.next_job() for _ in range(9)]
-        assert any(job is not None and job.model_based for job in found)
+        assert any(job is not None and job.origin is Origin.MODEL for job in found)
 
     def test_those_that_do_not_fit_are_refused(self, study: Study) -> None:
         unknown = replace(study, prior="unknown")

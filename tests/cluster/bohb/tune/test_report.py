@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from cluster.bohb.journal import Journal
+from cluster.bohb.journal import Journal, Origin
 from cluster.bohb.objective import Tally
 from cluster.bohb.search import Job
 from cluster.bohb.tune.report import StudyReport
@@ -43,7 +43,7 @@ def test_a_result_of_an_earlier_processs_generations(
     """Nothing has been spent since the command began, so that no speed is known."""
     study = make_study(tmp_path)
     line = Journal(tmp_path).configs[0]
-    job = Job(line.id, line.configuration, 3, False, 0.0, "drawn at random")
+    job = Job(line.id, line.configuration, 3, Origin.RANDOM, 0.0)
     marks: Any = Marks(job)
     out = io.StringIO()
     terminal = Terminal(Console(file=out, width=200, soft_wrap=True))
