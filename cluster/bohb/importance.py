@@ -34,10 +34,6 @@ class Importance:
 
 def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | None:
     """The importances in a study; None while it has too few results."""
-    # Imports pandas and more, which takes a second; a study's runs do without.
-    from sklearn.ensemble import RandomForestRegressor
-    from sklearn.inspection import permutation_importance
-
     good = [line for line in journal.results if line.loss is not None]
     if not good:
         return None
@@ -50,6 +46,10 @@ def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | N
     objectives = np.log([line.loss or 1.0 for line in at_budget])
     if np.ptp(objectives) == 0:
         return None
+    # Imports pandas and more, which takes a second: only where there is a forest to fit.
+    from sklearn.ensemble import RandomForestRegressor
+    from sklearn.inspection import permutation_importance
+
     forest = RandomForestRegressor(_TREES, oob_score=True, random_state=0, n_jobs=1)
     forest.fit(inputs, objectives)
     found = permutation_importance(
