@@ -24,9 +24,9 @@ def test_the_space_is_core_without_the_length_of_episodes() -> None:
 
 def test_all_methods_have_the_same_core_time() -> None:
     for method in METHODS:
-        brackets, schedule = brackets_of(method, 840)
+        brackets, schedule = brackets_of(method, 900)
         spent = core_seconds_to_run(schedule.brackets(brackets))
-        assert abs(spent - 840) <= core_seconds_to_run(schedule.brackets(1)) / 2
+        assert abs(spent - 900) <= core_seconds_to_run(schedule.brackets(1)) / 2
 
 
 def test_a_search_in_one_process_is_validated_and_resumes(tmp_path: Path) -> None:
