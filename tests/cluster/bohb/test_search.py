@@ -310,19 +310,32 @@ class TestPrior:
         CS.Configuration(space, values=found)  # raises for one that is not in it
 
 
+@pytest.fixture(scope="module")
+def earlier(tmp_path_factory: pytest.TempPathFactory) -> Journal:
+    """Of a search of which the model can learn."""
+    folder = tmp_path_factory.mktemp("earlier")
+    run_to_end(new_search(folder, brackets=15))
+    return Journal(folder)
+
+
+@pytest.fixture(scope="module")
+def earlier_study(tmp_path_factory: pytest.TempPathFactory) -> Study:
+    """A study of which the model can learn."""
+    return make_study(tmp_path_factory.mktemp("study") / "earlier-one", brackets=12)
+
+
 class TestEarlierResults:
     """A study that begins with the results of another one."""
 
     @pytest.fixture
-    def study(self, tmp_path: Path) -> Study:
-        earlier = make_study(tmp_path / "earlier-one", brackets=12)
+    def study(self, earlier_study: Study, tmp_path: Path) -> Study:
+        shutil.copytree(earlier_study.folder, tmp_path / "earlier-one")
         return replace(
-            earlier, folder=tmp_path / "later", prior="earlier-one", seed=5, schedule=LADDER
+            earlier_study, folder=tmp_path / "later", prior="earlier-one", seed=5, schedule=LADDER
         )
 
-    def test_the_model_proposes_at_once_and_better(self, tmp_path: Path) -> None:
-        run_to_end(new_search(tmp_path / "earlier", brackets=15))
-        earlier, space = Journal(tmp_path / "earlier"), search_space("core")
+    def test_the_model_proposes_at_once_and_better(self, earlier: Journal, tmp_path: Path) -> None:
+        space = search_space("core")
         journal = Journal(tmp_path / "later")
         search = BracketSearch(space, LADDER, 1, 7, journal, earlier=earlier)
         jobs = run_to_end(search)
@@ -331,20 +344,21 @@ class TestEarlierResults:
         losses = [np.mean([loss_of(job) for job in found]) for found in (jobs, alone)]
         assert losses[0] < losses[1]
 
-    def test_a_model_of_larger_budgets_does_not_drown_the_search(self, tmp_path: Path) -> None:
+    def test_a_model_of_larger_budgets_does_not_drown_the_search(
+        self, earlier: Journal, tmp_path: Path
+    ) -> None:
         """hpbandster's model of the largest budget proposes, and takes no results of lower ones."""
-        run_to_end(new_search(tmp_path / "earlier", brackets=15))
-        earlier, space = Journal(tmp_path / "earlier"), search_space("core")
+        space = search_space("core")
         assert max(line.budget for line in earlier.results) == 9
         found = []
         for prior in (earlier, None):
             journal = Journal(tmp_path / f"later-{prior is None}")
-            search = BracketSearch(space, Schedule((1,), 1), 60, 7, journal, earlier=prior)
+            search = BracketSearch(space, Schedule((1,), 1), 30, 7, journal, earlier=prior)
             run_to_end(search)
             models = search._generator.kde_models
             assert set(models) == {1}
             found.append(search._generator.losses[1])
-        assert len(found[0]) > len(found[1]) == 60
+        assert len(found[0]) > len(found[1]) == 30
 
     def test_they_are_copied(self, study: Study) -> None:
         """What becomes of the other study does not matter then."""
