@@ -7,7 +7,7 @@ seeds that no choice was made on.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -17,7 +17,7 @@ from scipy.stats import fisher_exact, mannwhitneyu
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import mean_and_range, source, table
-from cluster.bohb.journal import Journal, Origin, ResultLine
+from cluster.bohb.journal import Journal, Origin
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 
@@ -90,24 +90,27 @@ def searches() -> str:
 
 def proposals() -> str:
     """How the configurations of each origin did at the smallest budget, where all of them were
-    run."""
-    rows = []
-    for study in committed():
-        results = by_origin(Journal(study.folder))
-        at_random = objectives(results[Origin.RANDOM])
-        for origin, lines in results.items():
-            found_se = sum(line.info.get("confirmed", 0) > 0 for line in lines)
-            p = mannwhitneyu(objectives(lines), at_random).pvalue
-            rows.append(
-                (
-                    study.task.id,
-                    f"`{study.name}`",
-                    origin.value,
-                    f"{found_se} of {len(lines)}",
-                    quartiles(objectives(lines)),
-                    "" if origin is Origin.RANDOM else f"{p:.1g}",
-                )
-            )
+    run: in each study, and in all searches by BOHB of the comparison."""
+    rows = [
+        row
+        for study in committed()
+        for row in _proposals(
+            study.task.id, f"`{study.name}`", results_by_origin(Journal(study.folder))
+        )
+    ]
+    for task in TASKS:
+        with suppress(NotMeasured):
+            compared = read_result(f"search_{task}")["rows"].values()
+            found = [
+                row["search"]["results_by_origin"]
+                for row in compared
+                if row.get("method") == "bohb" and "search" in row
+            ]
+            pooled = {
+                origin: [result for search in found for result in search[origin]]
+                for origin in (Origin.RANDOM.value, Origin.MODEL.value)
+            }
+            rows += _proposals(task, f"compared below: {len(found)} searches", pooled)
     head = [
         "task",
         "study",
@@ -119,23 +122,44 @@ def proposals() -> str:
     return table(head, rows)
 
 
-def by_origin(journal: Journal) -> dict[Origin, list[ResultLine]]:
-    """The results at the smallest budget, by the origin of their configurations."""
+#: Objective of a result, and the number of its confirmed SEs.
+Outcome = tuple[float, int]
+
+
+def results_by_origin(journal: Journal) -> dict[str, list[Outcome]]:
+    """The results at the smallest budget by the origin of their configurations, but for the recipe
+    itself; the objective of a failure is infinite."""
     smallest = min(line.budget for line in journal.results)
     origins = {line.id: line.origin for line in journal.configs}
-    return {
-        origin: [
-            line
-            for line in journal.results
-            if line.budget == smallest and origins[line.id] is origin
-        ]
-        for origin in (Origin.RANDOM, Origin.AROUND_RECIPE, Origin.MODEL)
+    found: dict[str, list[Outcome]] = {
+        origin.value: [] for origin in (Origin.RANDOM, Origin.AROUND_RECIPE, Origin.MODEL)
     }
+    for line in journal.results:
+        if line.budget == smallest and origins[line.id] is not Origin.RECIPE:
+            objective = math.inf if line.loss is None else line.loss
+            found[origins[line.id].value].append((objective, line.info.get("confirmed", 0)))
+    return found
 
 
-def objectives(results: Sequence[ResultLine]) -> list[float]:
-    """Their objectives; a failure is infinite."""
-    return [math.inf if line.loss is None else line.loss for line in results]
+def _proposals(
+    task: str, study: str, by_origin: Mapping[str, Sequence[Outcome]]
+) -> list[tuple[str, ...]]:
+    objectives = {origin: [one[0] for one in found] for origin, found in by_origin.items()}
+    at_random = objectives[Origin.RANDOM.value]
+    return [
+        (
+            task,
+            study,
+            origin,
+            f"{sum(confirmed > 0 for _, confirmed in found)} of {len(found)}",
+            quartiles(objectives[origin]),
+            ""
+            if origin == Origin.RANDOM.value
+            else f"{mannwhitneyu(objectives[origin], at_random).pvalue:.1g}",
+        )
+        for origin, found in by_origin.items()
+        if found
+    ]
 
 
 def quartiles(values: Sequence[float]) -> str:

@@ -11,9 +11,8 @@ from benchmarks.search.studies import (
     RECIPES,
     _p_values,
     _quality,
-    by_origin,
     committed,
-    objectives,
+    results_by_origin,
     summary,
 )
 from bilevel.hyperparameters import load_recipe
@@ -53,12 +52,12 @@ def test_proposals_are_compared_where_all_were_run(tmp_path: Path) -> None:
     for number, info in enumerate(infos):
         journal.add_config(ConfigLine((0, 0, number), {}, info))
     for number, budget, loss in ((0, 1, 9.0), (1, 1, None), (2, 1, 7.0), (3, 1, 8.0), (2, 3, 1.0)):
-        journal.add_result(ResultLine((0, 0, number), budget, loss, {}, STAMPS))
-    found = {origin: objectives(lines) for origin, lines in by_origin(journal).items()}
-    assert found == {
-        Origin.RANDOM: [math.inf, 8.0],
+        info = {"confirmed": 2} if loss == 8.0 else {}
+        journal.add_result(ResultLine((0, 0, number), budget, loss, info, STAMPS))
+    assert results_by_origin(journal) == {
+        Origin.RANDOM: [(math.inf, 0), (8.0, 2)],
         Origin.AROUND_RECIPE: [],
-        Origin.MODEL: [7.0],
+        Origin.MODEL: [(7.0, 0)],
     }
 
 
