@@ -216,7 +216,7 @@ class StudyViews:
         tags = {
             "bilevel.kind": "configuration",
             "bilevel.bracket": str(line.id[0]),
-            "bilevel.origin": line.origin,
+            "bilevel.origin": line.origin.value,
         }
         failure = next((r.exception for r in results if r.exception is not None), None)
         documents: list[Document] = []

@@ -15,7 +15,7 @@ import pytest
 from benchmarks.search.compare import run_in_process
 from bilevel.synthetic_env import load_se
 from cluster.bohb.handover import INCUMBENT_FILE
-from cluster.bohb.journal import Journal
+from cluster.bohb.journal import Journal, Origin
 from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.validation import Validation
@@ -137,6 +137,7 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
             "learning_curve.png",
         }
         assert child.data.tags["mlflow.source.name"] == parent.data.tags["mlflow.source.name"]
+        assert child.data.tags["bilevel.origin"] == Origin.RANDOM  # of a smoke study
         tuned = set(search_space("core", ("ddqn",)))
         assert set(child.data.params) == tuned
     assert {child.info.run_name for child in children} >= {"000-0-000", "000-0-001"}

@@ -28,6 +28,7 @@ def test_all_results_with_their_configurations(tmp_path: Path) -> None:
         config = next(c for c in journal.configs if c.id == line.id)
         assert int(row["budget"]) == line.budget
         assert row["objective"] == ("" if line.loss is None else str(line.loss))
+        assert row["origin"] == config.origin
         assert 0 <= float(row["started"]) <= float(row["finished"])
         for name, value in config.configuration.items():
             assert row[name] == str(value)
