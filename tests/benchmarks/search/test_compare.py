@@ -29,7 +29,10 @@ def test_all_methods_have_the_same_core_time() -> None:
         assert abs(spent - 900) <= core_seconds_to_run(schedule.brackets(1)) / 2
 
 
-def test_a_search_in_one_process_is_validated_and_resumes(tmp_path: Path) -> None:
+def test_a_search_in_one_process_is_validated_and_resumes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(compare, "InProcess", MadeUpPool)
     study = new_study(tmp_path / "study")
     lines: list[str] = []
     found = run_in_process(study, 2, lines.append)

@@ -6,7 +6,7 @@ import random
 import shutil
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -126,6 +126,27 @@ def run_to_end(search: BracketSearch, fail: tuple[int, ...] = ()) -> list[Job]:
     return jobs
 
 
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory: pytest.TempPathFactory) -> list[Job]:
+    """The jobs of a search that was never interrupted."""
+    return run_to_end(new_search(tmp_path_factory.mktemp("whole")))
+
+
+@dataclass(frozen=True)
+class LongSearch:
+    """A search in which the model has learned."""
+
+    journal: Journal
+    jobs: list[Job]
+
+
+@pytest.fixture(scope="module")
+def long(tmp_path_factory: pytest.TempPathFactory) -> LongSearch:
+    search = new_search(folder := tmp_path_factory.mktemp("long"), brackets=15)
+    jobs = run_to_end(search)
+    return LongSearch(Journal(folder), jobs)
+
+
 class TestStudy:
     @pytest.fixture
     def study(self, tmp_path: Path) -> Study:
@@ -180,10 +201,9 @@ def test_a_trial_starts_without_what_proposes() -> None:
 
 
 class TestSearch:
-    def test_runs_the_bracket_table(self, tmp_path: Path) -> None:
-        jobs = run_to_end(new_search(tmp_path))
+    def test_runs_the_bracket_table(self, whole: list[Job]) -> None:
         for rung in LADDER.brackets(6):
-            count = sum(job.id[0] == rung.bracket and job.budget == rung.budget for job in jobs)
+            count = sum(job.id[0] == rung.bracket and job.budget == rung.budget for job in whole)
             assert count == rung.configurations
 
     def test_promotes_the_best(self, tmp_path: Path) -> None:
@@ -191,9 +211,8 @@ class TestSearch:
         lowest = sorted((job for job in jobs if job.budget == 1), key=loss_of)
         assert {job.id for job in jobs if job.budget == 3} == {job.id for job in lowest[:3]}
 
-    def test_model_based_picks_happen_and_help(self, tmp_path: Path) -> None:
-        jobs = run_to_end(new_search(tmp_path, brackets=15))
-        firsts = {job.id: job for job in reversed(jobs)}.values()
+    def test_model_based_picks_happen_and_help(self, long: LongSearch) -> None:
+        firsts = {job.id: job for job in reversed(long.jobs)}.values()
         model = [loss_of(job) for job in firsts if job.origin is Origin.MODEL]
         rand = [loss_of(job) for job in firsts if job.origin is not Origin.MODEL]
         assert len(model) >= 10
@@ -207,18 +226,18 @@ class TestSearch:
         assert not any(job.id in failed for job in jobs if job.budget > 1)
         assert sum(line.loss is None for line in Journal(tmp_path).results) == 8
 
-    def test_seed_decides(self, tmp_path: Path) -> None:
-        one = run_to_end(new_search(tmp_path / "1"))
-        two = run_to_end(new_search(tmp_path / "2"))
-        other = run_to_end(new_search(tmp_path / "3", seed=1))
-        assert [job.configuration for job in one] == [job.configuration for job in two]
-        assert one[0].configuration != other[0].configuration
+    def test_seed_decides(self, whole: list[Job], tmp_path: Path) -> None:
+        again = run_to_end(new_search(tmp_path / "again"))
+        other = run_to_end(new_search(tmp_path / "other", brackets=1, seed=1))
+        assert [job.configuration for job in again] == [job.configuration for job in whole]
+        assert other[0].configuration != whole[0].configuration
 
     @pytest.mark.parametrize("seed", range(8))
-    def test_interrupted_anywhere_it_goes_on_the_same(self, seed: int, tmp_path: Path) -> None:
+    def test_interrupted_anywhere_it_goes_on_the_same(
+        self, seed: int, whole: list[Job], tmp_path: Path
+    ) -> None:
         """A search that is killed after any number of results, with or without a job in flight,
         resumes from its journal with the same results."""
-        whole = run_to_end(new_search(tmp_path / "whole"))
         chance = random.Random(seed)
         search = new_search(tmp_path / "parts")
         done: list[Job] = []
@@ -311,14 +330,6 @@ class TestPrior:
 
 
 @pytest.fixture(scope="module")
-def earlier(tmp_path_factory: pytest.TempPathFactory) -> Journal:
-    """Of a search of which the model can learn."""
-    folder = tmp_path_factory.mktemp("earlier")
-    run_to_end(new_search(folder, brackets=15))
-    return Journal(folder)
-
-
-@pytest.fixture(scope="module")
 def earlier_study(tmp_path_factory: pytest.TempPathFactory) -> Study:
     """A study of which the model can learn."""
     return make_study(tmp_path_factory.mktemp("study") / "earlier-one", brackets=12)
@@ -334,10 +345,9 @@ class TestEarlierResults:
             earlier_study, folder=tmp_path / "later", prior="earlier-one", seed=5, schedule=LADDER
         )
 
-    def test_the_model_proposes_at_once_and_better(self, earlier: Journal, tmp_path: Path) -> None:
-        space = search_space("core")
-        journal = Journal(tmp_path / "later")
-        search = BracketSearch(space, LADDER, 1, 7, journal, earlier=earlier)
+    def test_the_model_proposes_at_once_and_better(self, long: LongSearch, tmp_path: Path) -> None:
+        space, journal = search_space("core"), Journal(tmp_path / "later")
+        search = BracketSearch(space, LADDER, 1, 7, journal, earlier=long.journal)
         jobs = run_to_end(search)
         assert any(job.origin is Origin.MODEL for job in jobs[:5])
         alone = run_to_end(new_search(tmp_path / "alone", brackets=1, seed=7))
@@ -345,13 +355,13 @@ class TestEarlierResults:
         assert losses[0] < losses[1]
 
     def test_a_model_of_larger_budgets_does_not_drown_the_search(
-        self, earlier: Journal, tmp_path: Path
+        self, long: LongSearch, tmp_path: Path
     ) -> None:
         """hpbandster's model of the largest budget proposes, and takes no results of lower ones."""
         space = search_space("core")
-        assert max(line.budget for line in earlier.results) == 9
+        assert max(line.budget for line in long.journal.results) == 9
         found = []
-        for prior in (earlier, None):
+        for prior in (long.journal, None):
             journal = Journal(tmp_path / f"later-{prior is None}")
             search = BracketSearch(space, Schedule((1,), 1), 30, 7, journal, earlier=prior)
             run_to_end(search)
