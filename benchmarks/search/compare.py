@@ -14,13 +14,14 @@ resumes.
 
 import argparse
 import os
+import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,7 @@ from cluster.bohb.search import BracketSearch
 from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.validation import Plan, validate
+from cluster.storage.run_folder import locked_settings
 from search_spaces import Space, to_hyperparameters
 
 #: The space `core` without the SE's step limit and spread. (docs/tuning.md tells what a search of
@@ -126,7 +128,8 @@ def search(task_id: str, method: str, seed: int, core_seconds: int, home: Path) 
     space = Space.of(str(SPACE)).fitting("se.hidden_size", least_units(task))
     folder = home / task_id / f"{method}-seed{seed}"
     study = Study(folder, task, seed, space, schedule, base_of(task), method)
-    summary = run_in_process(study, brackets, partial(print, flush=True))
+    with locked_settings(folder, study.settings()):
+        summary = run_in_process(study, brackets, partial(print, flush=True))
     incumbent = summary.incumbent
     assert incumbent is not None
     return {
@@ -161,6 +164,19 @@ def fresh_run(task_id: str, configuration: dict[str, Any], number: int) -> dict[
     }
 
 
+def end_with_parent() -> None:
+    """End this process as soon as its parent has ended: it would go on with its search, beside the
+    process that resumes it."""
+    parent = parent_process()
+
+    def watch() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
 @dataclass(frozen=True)
 class Measurement:
     """A search, or a fresh run of what it found."""
@@ -189,7 +205,8 @@ class Comparison:
         cores = os.cpu_count() or 1
         left = deque(one for key in self.rows for one in self.missing(key))
         running: dict[Future[dict[str, Any]], Measurement] = {}
-        with ProcessPoolExecutor(cores, get_context("spawn")) as processes:
+        spawn = get_context("spawn")
+        with ProcessPoolExecutor(cores, spawn, initializer=end_with_parent) as processes:
             while left or running:
                 while left and len(running) < cores:
                     one = left.popleft()

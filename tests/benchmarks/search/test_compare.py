@@ -1,10 +1,17 @@
+import os
+import subprocess
+import sys
+import time
 from argparse import Namespace
+from contextlib import suppress
 from pathlib import Path
 
 import ConfigSpace as CS
+import psutil
 import pytest
 
 from benchmarks import machine
+from benchmarks.readme import ROOT
 from benchmarks.search import compare
 from benchmarks.search.compare import SPACE, Comparison, brackets_of, fresh_run, run_in_process
 from bilevel.hyperparameters import Hyperparameters
@@ -99,3 +106,37 @@ def test_a_comparison_goes_on_where_its_file_ends(
     assert second.arguments == ("CartPole-v0", {"nes.step_size": 1.0}, 1)
     begun.add(second, {"seed": 10_001})
     assert missing() == {"default": [0, 1], **searches, "bohb 3": [0]}
+
+
+WORKER = """
+import os, sys, time
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from pathlib import Path
+from benchmarks.search.compare import end_with_parent
+
+def work(path):
+    Path(path).write_text(str(os.getpid()))
+    time.sleep(600)
+
+if __name__ == "__main__":
+    with ProcessPoolExecutor(1, get_context("spawn"), initializer=end_with_parent) as processes:
+        processes.submit(work, sys.argv[1]).result()
+"""
+
+
+@pytest.mark.timeout(120)
+def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
+    script, told = tmp_path / "script.py", tmp_path / "pid"
+    script.write_text(WORKER)
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    parent = subprocess.Popen([sys.executable, script, told], env=environment)
+    while not (told.exists() and told.read_text()):
+        assert parent.poll() is None
+        time.sleep(0.05)
+    worker = psutil.Process(int(told.read_text()))
+    parent.kill()
+    parent.wait()
+    with suppress(psutil.NoSuchProcess):
+        while worker.status() != psutil.STATUS_ZOMBIE:
+            time.sleep(0.05)
