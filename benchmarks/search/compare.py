@@ -3,13 +3,12 @@
     python -m benchmarks.search.compare CartPole-v0 --seeds 0-5 --home FOLDER
 
 Each search is the study of `bilevel bohb TASK --method METHOD --seed SEED --space SPACE --prior
-none`, with budgets of its own, of so many core seconds and a third as many for its
-validation, with one trial at a time. It runs in one process, so that what it proposes does not
-depend on how trials happen to be timed, and there are as many searches at a time as cores. Its
-recipe then runs NES with fresh seeds, the same for all recipes, until an SE is confirmed or the
-generations are over; ten fresh agents of the paper's full ranges score the SE. The recipe `default`
-is measured alike. Results are written one by one to `results/search_TASK.json`; the same command
-resumes.
+none`, but with the budgets below, of so many core seconds and a third as many for its validation,
+with one trial at a time. It runs in one process, so that what it proposes does not depend on how
+trials happen to be timed, and there are as many searches at a time as cores. Its recipe then runs
+NES with fresh seeds, the same for all recipes, until an SE is confirmed or the generations are
+over; ten fresh agents of the paper's full ranges score the SE. The recipe `default` is measured
+alike. Results are written one by one to `results/search_TASK.json`; the same command resumes.
 """
 
 import argparse
@@ -60,9 +59,10 @@ from search_spaces import Space, to_hyperparameters
 #: for eight.)
 SPACE = Path(__file__).with_name("core-without-episodes.json")
 
-#: Core seconds of the lowest and the highest rung. Those of `local` leave BOHB's model a dozen
-#: configurations to propose in half an hour; with half of its smallest budget, and without its
-#: largest, whose part the validation has, they are three dozen in less time.
+#: Core seconds of the lowest and the highest rung. With those of `local`, half an hour suffices for
+#: 27 configurations, and BOHB's model has no results to propose from before the last dozen. With
+#: half of the smallest budget, and without the largest, whose part the validation has, 36 take less
+#: than half of that time.
 BUDGETS = 15, 45
 
 #: Seed of the first fresh run.

@@ -1,5 +1,3 @@
-import os
-import subprocess
 import sys
 import time
 from argparse import Namespace
@@ -108,35 +106,18 @@ def test_a_comparison_goes_on_where_its_file_ends(
     assert missing() == {"default": [0, 1], **searches, "bohb 3": [0]}
 
 
-WORKER = """
-import os, sys, time
-from concurrent.futures import ProcessPoolExecutor
-from multiprocessing import get_context
-from pathlib import Path
-from benchmarks.search.compare import end_with_parent
-
-def work(path):
-    Path(path).write_text(str(os.getpid()))
-    time.sleep(600)
-
-if __name__ == "__main__":
-    with ProcessPoolExecutor(1, get_context("spawn"), initializer=end_with_parent) as processes:
-        processes.submit(work, sys.argv[1]).result()
-"""
-
-
-@pytest.mark.timeout(120)
-def test_workers_end_with_a_killed_parent(tmp_path: Path) -> None:
-    script, told = tmp_path / "script.py", tmp_path / "pid"
-    script.write_text(WORKER)
-    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
-    parent = subprocess.Popen([sys.executable, script, told], env=environment)
-    while not (told.exists() and told.read_text()):
-        assert parent.poll() is None
+@pytest.mark.timeout(180)
+def test_searches_end_with_a_killed_command(tmp_path: Path) -> None:
+    """They would go on beside those of the command that resumes them."""
+    module = ("-m", "benchmarks.search.compare", "CartPole-v0", "--seeds", "0", "--fresh", "0")
+    command = psutil.Popen([sys.executable, *module, "--home", tmp_path], cwd=ROOT)
+    while not [*tmp_path.glob("CartPole-v0/*/settings.json")]:
+        assert command.poll() is None
         time.sleep(0.05)
-    worker = psutil.Process(int(told.read_text()))
-    parent.kill()
-    parent.wait()
-    with suppress(psutil.NoSuchProcess):
-        while worker.status() != psutil.STATUS_ZOMBIE:
-            time.sleep(0.05)
+    searches = command.children()
+    command.kill()
+    command.wait()
+    for search in searches:
+        with suppress(psutil.NoSuchProcess):
+            while search.status() != psutil.STATUS_ZOMBIE:
+                time.sleep(0.05)
