@@ -30,6 +30,7 @@ from benchmarks.machine import NotMeasured, read_result, write_result
 from benchmarks.search.studies import results_by_origin
 from benchmarks.seeds import format_seeds, parse_seeds
 from bilevel.agents.variation import draw_agent
+from bilevel.errors import InvalidInput
 from bilevel.evaluation import (
     EvaluationRequest,
     EvaluationResult,
@@ -258,7 +259,12 @@ def main() -> None:
     )
     parser.add_argument("--fresh", type=int, default=10, help="NES runs of each recipe")
     parser.add_argument("--home", type=Path, required=True)
-    Comparison(parser.parse_args()).run()
+    options = parser.parse_args()
+    try:
+        get_task(options.task)
+    except InvalidInput as error:
+        parser.error(str(error))
+    Comparison(options).run()
 
 
 if __name__ == "__main__":

@@ -106,6 +106,19 @@ def test_a_comparison_goes_on_where_its_file_ends(
     assert missing() == {"default": [0, 1], **searches, "bohb 3": [0]}
 
 
+def test_an_unknown_task_is_told_before_anything_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    home = tmp_path / "home"
+    asked = ["compare", "CartPole-v9", "--seeds", "0", "--home", str(home)]
+    monkeypatch.setattr(sys, "argv", asked)
+    with pytest.raises(SystemExit) as ended:
+        compare.main()
+    assert ended.value.code == 2
+    assert "error: unknown task 'CartPole-v9': allowed are" in capsys.readouterr().err
+    assert not home.exists()
+
+
 @pytest.mark.timeout(180)
 def test_searches_end_with_a_killed_command(tmp_path: Path) -> None:
     """They would go on beside those of the command that resumes them."""
