@@ -10,7 +10,7 @@ from cluster.storage.author import without_password
 from cluster.storage.home import Home
 from cluster.storage.run_folder import held
 from cluster.tracking import Tracker
-from cluster.tracking.tracker import check_tracking_uri
+from cluster.tracking.connection import check_tracking_uri
 from cluster.tracking.view import DocumentFailed
 
 #: Runs that MLflow refuses one after the other until it is taken to be out of order.

@@ -64,7 +64,7 @@ class SEAddress(click.ParamType[GivenSE]):
             return GivenSE.of(zoo_file(value))
         if not is_of_mlflow(value):
             return GivenSE.of(Path(value))
-        from cluster.tracking.tracker import check_tracking_uri
+        from cluster.tracking.connection import check_tracking_uri
 
         given = {} if context is None else context.params
         home = Home(given.get("home") or DEFAULT_HOME)

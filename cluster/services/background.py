@@ -26,7 +26,7 @@ from cluster.services.mlflow_server import mlflow_server, pages
 from cluster.services.ports import free_port, require_free
 from cluster.storage.home import Home
 from cluster.tracking.database import database_ready, experiments
-from cluster.tracking.tracker import HOME_PAGE
+from cluster.tracking.experiment import HOME_PAGE
 
 #: What whoever joins a service takes over of its environment.
 _JOINING = {"RAY_AUTH_MODE", "RAY_AUTH_TOKEN_PATH"}

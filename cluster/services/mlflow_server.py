@@ -14,7 +14,7 @@ from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
 from cluster.tracking.database import experiments
-from cluster.tracking.tracker import runs_page
+from cluster.tracking.experiment import runs_page
 
 
 def mlflow_server(home: Home, host: str, port: int) -> tuple[list[str], dict[str, str]]:

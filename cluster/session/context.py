@@ -21,7 +21,7 @@ from cluster.session.terminal import Terminal
 from cluster.storage.home import Home, require_writable
 from cluster.storage.run_folder import locked_settings
 from cluster.tracking import Tracker
-from cluster.tracking.tracker import check_tracking_uri, mlflow_imported_meanwhile
+from cluster.tracking.connection import check_tracking_uri, mlflow_imported_meanwhile
 
 
 @dataclass(frozen=True)

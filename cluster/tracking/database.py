@@ -95,25 +95,6 @@ def experiments(path: Path) -> dict[str, str]:
         ) from None
 
 
-def require_driver(uri: str) -> None:
-    """Raise ValueError if `uri` is no database's address, and InvalidInput if the package that
-    talks to such a database is missing."""
-    from sqlalchemy.engine import make_url
-    from sqlalchemy.exc import ArgumentError, NoSuchModuleError
-
-    try:
-        make_url(uri).get_dialect().import_dbapi()
-    except (ArgumentError, NoSuchModuleError) as error:
-        raise ValueError(str(error)) from None
-    except ImportError as error:
-        kind = uri.partition("://")[0]
-        raise InvalidInput(
-            f"a tracking URI of the kind {kind}:// needs a package that is not installed "
-            f"({error}): install it beside bilevel, or name another driver, as in "
-            "postgresql+psycopg2://"
-        ) from None
-
-
 def require_whole(uri: str) -> None:
     """Raise InvalidInput if `uri` is a SQLite database that is damaged."""
     path = _file(uri)

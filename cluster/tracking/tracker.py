@@ -13,26 +13,17 @@ holds one row for a metric, time, step and value.
 """
 
 import json
-import os
-import socket
 import tempfile
-import threading
-import warnings
-from collections.abc import Iterable, Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from urllib.parse import urlparse
 
 from bilevel.errors import InvalidInput, first_line
-from cluster.storage.author import Author, without_password
-from cluster.tracking.database import (
-    database_ready,
-    require_driver,
-    require_whole,
-    silence_mlflow,
-)
+from cluster.storage.author import Author
+from cluster.tracking.connection import connected
+from cluster.tracking.experiment import NOTE, Experiment, runs_page
 from cluster.tracking.registry import register_se
 from cluster.tracking.view import Document, DocumentFailed, Point, RunView
 
@@ -41,31 +32,6 @@ from cluster.tracking.view import Document, DocumentFailed, Point, RunView
 KEY = "mlflow.bilevel.key"
 _DOCUMENTS, _EDITION = "mlflow.bilevel.documents", "mlflow.bilevel.edition"
 _PARENT = "mlflow.parentRunId"
-_NOTE = "mlflow.note.content"
-#: Makes the UI open the experiment on its runs instead of on a page for chat traces.
-_KIND = "mlflow.experimentKind"
-#: The UI's page of all experiments. Without the workflow type it would open its pages for language
-#: models.
-HOME_PAGE = "/#/experiments?workflowType=machine_learning"
-#: Name of a view of the UI, shared by all users, and the columns of its list of runs; those of the
-#: hyperparameters that are tuned join them.
-_VIEW = "bilevel"
-_COLUMNS = (
-    "attributes.`Created`",
-    *(f"metrics.`{name}`" for name in ("objective", "budget", "score_mean", "final_score_mean")),
-)
-#: What the UI says of an experiment above its runs.
-_DESCRIPTION = (
-    "Synthetic environments (SEs) for {task}, learned by natural evolution strategies. "
-    "`bilevel nes` makes one run; `bilevel bohb` makes one run for the study, which holds the "
-    "results of the search, and below it one for each configuration; `bilevel evaluate` makes one "
-    "run for all its agents, and `bilevel experiment` one for all of its SEs and agents. "
-    "`score_mean` is the mean return on {task} of agents trained on the current SE, `objective` "
-    "the expected core seconds to an SE that fresh agents confirm (less is better), and "
-    "`final_score_mean` the mean return of fresh agents on the SE handed over."
-)
-_CONNECT_TIMEOUT = 5.0  # seconds until a server counts as unreachable
-
 #: Metrics and parameters that one request may carry.
 _BATCH = 900
 
@@ -79,61 +45,6 @@ def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
         else:
             flat[prefix + name] = value
     return flat
-
-
-def check_tracking_uri(uri: str) -> None:
-    """Raise InvalidInput if `uri` is of no known kind, its server does not answer, or its database
-    needs a package that is not installed."""
-    shown = without_password(uri)
-    not_valid = InvalidInput(
-        f"tracking URI {shown!r} is not valid: allowed are http(s)://host:port, "
-        "sqlite:///path and other database URIs"
-    )
-    try:
-        parts = urlparse(uri)
-    except ValueError:
-        raise not_valid from None
-    if parts.scheme in ("http", "https"):
-        try:
-            port = parts.port or (443 if parts.scheme == "https" else 80)
-            socket.create_connection((parts.hostname or "", port), _CONNECT_TIMEOUT).close()
-        except (OSError, ValueError) as error:
-            raise InvalidInput(f"no MLflow server at {shown!r}: {error}") from None
-        return
-    if parts.scheme == "sqlite" and uri.startswith("sqlite://"):
-        return
-    if parts.scheme.partition("+")[0] not in ("sqlite", "postgresql", "mysql", "mssql"):
-        raise not_valid
-    try:
-        with _IMPORT:
-            require_driver(uri)
-    except InvalidInput:
-        raise
-    except ValueError:
-        raise not_valid from None
-
-
-@contextmanager
-def mlflow_imported_meanwhile() -> Iterator[None]:
-    """Import MLflow in a thread during the block: the import takes seconds, in which the caller
-    waits for the processes of a Ray cluster anyway."""
-    thread = threading.Thread(target=_import_mlflow, name="import mlflow")
-    thread.start()
-    try:
-        yield
-    finally:
-        thread.join()  # the process must not end during an import
-
-
-#: Two threads that import SQLAlchemy at once see incomplete modules.
-_IMPORT = threading.Lock()
-
-
-def _import_mlflow() -> None:
-    with _IMPORT, warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        import mlflow
-        import mlflow.store.tracking.sqlalchemy_store  # noqa: F401
 
 
 @dataclass
@@ -156,63 +67,18 @@ class Tracker:
     InvalidInput if MLflow cannot be reached.
     """
 
-    def __init__(self, uri: str, experiment: str, artifacts: Path, thorough: bool = False) -> None:
-        check_tracking_uri(uri)
-        # The caller retries, without blocking the study.
-        os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")
-        os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "30")
-        os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
-        _import_mlflow()
-        import mlflow
-        from mlflow.exceptions import MlflowException
-        from sqlalchemy.exc import SQLAlchemyError
-
-        silence_mlflow()
-
+    def __init__(self, uri: str, task_id: str, artifacts: Path, thorough: bool = False) -> None:
         self.uri = uri
         self._thorough = thorough
         self._shown: dict[str, _Shown] = {}
-        self._columns: list[str] = []  # of the shared view, as far as they are known
-        server = uri.startswith("http")
-        location = None if server else (artifacts / experiment).resolve().as_uri()
-        try:
-            with database_ready(uri):
-                self._client = mlflow.MlflowClient(uri, registry_uri=uri)
-                self.experiment_id = self._experiment(experiment, location)
-                self._show_columns(())
-        except (MlflowException, SQLAlchemyError, OSError) as error:
-            require_whole(uri)
-            told = without_password(f"MLflow at {uri!r} cannot be used: {first_line(error)}")
-            raise InvalidInput(told) from None
+        location = (artifacts / task_id).resolve().as_uri() if self.server is None else None
+        with connected(uri) as self._client:
+            self._experiment = Experiment(self._client, task_id, location)
 
-    def _experiment(self, name: str, location: str | None) -> str:
-        """The id of the experiment, which is created if missing."""
-        from mlflow.exceptions import MlflowException
-
-        found = self._client.get_experiment_by_name(name)
-        if found is None:
-            tags = {_KIND: "custom_model_development", _NOTE: _DESCRIPTION.format(task=name)}
-            try:
-                return str(self._client.create_experiment(name, location, tags))
-            except MlflowException:  # another process may have created it
-                found = self._client.get_experiment_by_name(name)
-                if found is None:
-                    raise
-        return str(found.experiment_id)
-
-    def _show_columns(self, params: Iterable[str]) -> None:
-        """Let the shared view have columns for these parameters, too."""
-        wanted = [*_COLUMNS, *(f"params.`{param}`" for param in params)]
-        if set(wanted) <= set(self._columns):
-            return
-        name = f"mlflow.sharedViewState.{_VIEW}"
-        tags = self._client.get_experiment(self.experiment_id).tags
-        before = json.loads(tags.get(name, "{}")).get("selectedColumns", [])
-        self._columns = list(dict.fromkeys([*before, *wanted]))
-        if self._columns != before:
-            state = {"selectedColumns": self._columns, "orderByKey": "attributes.start_time"}
-            text = json.dumps({**state, "orderByAsc": False})
-            self._client.set_experiment_tag(self.experiment_id, name, text)
+    @property
+    def experiment_id(self) -> str:
+        """MLflow's id of the task's experiment."""
+        return self._experiment.id
 
     @property
     def server(self) -> str | None:
@@ -255,10 +121,10 @@ class Tracker:
                 self._note_document(shown, "model", view.model.version)
             except InvalidInput as error:  # its file is damaged
                 failed.append(DocumentFailed(f"its SE as a model ({error})"))
-        self._show_tags(shown, {**view.tags, _NOTE: view.note})
+        self._show_tags(shown, {**view.tags, NOTE: view.note})
         self._show_status(shown, view)
         if view.parent is not None:
-            self._show_columns(view.params)
+            self._experiment.show_columns(view.params)
         self._shown[view.key] = shown  # after a failed write, the run is read again
         if failed:
             raise failed[0]
@@ -266,7 +132,7 @@ class Tracker:
     def forget(self) -> None:
         """Read all runs again: MLflow was unreachable and may have lost data."""
         self._shown.clear()
-        self._columns = []
+        self._experiment.forget()
 
     def _open(self, view: RunView) -> _Shown:
         runs = self._client.search_runs(
@@ -277,7 +143,7 @@ class Tracker:
         for twin in runs[1:]:  # two requests created the run: the first timed out
             self._client.delete_run(twin.info.run_id)
         if not runs:
-            tags = {KEY: view.key, **_authorship(view.author), **view.tags, _NOTE: view.note}
+            tags = {KEY: view.key, **_authorship(view.author), **view.tags, NOTE: view.note}
             if view.parent is not None:
                 tags[_PARENT] = self._run_id(view.parent)
             runs = [
@@ -362,14 +228,6 @@ class Tracker:
         else:
             self._client.set_terminated(shown.run_id, status, _milliseconds(ended))
         shown.status = status
-
-
-def runs_page(experiment_id: str, run_id: str | None = None) -> str:
-    """Path of the UI's page of a run, or of all runs of an experiment."""
-    if run_id is None:
-        view = f"viewStateShareKey={_VIEW}&workflowType=machine_learning"
-        return f"/#/experiments/{experiment_id}/runs?{view}"
-    return f"/#/experiments/{experiment_id}/runs/{run_id}?workflowType=machine_learning"
 
 
 def _authorship(author: Author | None) -> dict[str, str]:

@@ -30,7 +30,8 @@ from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunIdentity, held
 from cluster.tracking import Mirror, Tracker
-from cluster.tracking.tracker import _IMPORT, KEY
+from cluster.tracking.connection import _IMPORT
+from cluster.tracking.tracker import KEY
 from cluster.tracking.view import Document, RunView
 from tests.studies import make_study
 from tests.system.mlflow_shown import Server, disagreements
