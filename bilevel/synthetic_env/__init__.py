@@ -1,12 +1,8 @@
 """Synthetic environments (SEs): three networks that stand in for a real task."""
 
 from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi
-from bilevel.synthetic_env.coordinates import (
-    Coordinates,
-    SEDistribution,
-    coordinates,
-    least_units,
-)
+from bilevel.synthetic_env.coordinates import Coordinates, coordinates, least_units
+from bilevel.synthetic_env.distribution import SEDistribution
 from bilevel.synthetic_env.storage import StoredSE, load_se, save_se, se_bytes
 
 __all__ = [

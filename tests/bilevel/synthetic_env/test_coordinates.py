@@ -138,16 +138,6 @@ def test_the_file_is_that_of_a_plain_se(tmp_path_factory: pytest.TempPathFactory
     assert loaded.architecture.step_limit == load_recipe("default", task.id).se.step_limit
 
 
-def test_perturbations_are_mirrored_and_reproducible() -> None:
-    around = distribution("CartPole-v0")
-    assert around.coordinates.size == around.mean.size
-    noise = around.noise(7)
-    np.testing.assert_array_equal(noise, around.noise(7))
-    up = around.at(around.mean + around.std_dev * noise).psi
-    np.testing.assert_allclose(around.perturbed(7, 1).psi, up, rtol=1e-6)
-    assert not np.array_equal(around.perturbed(7, -1).psi, up)
-
-
 def test_plain_coordinates_are_the_parameters() -> None:
     task = get_task("CartPole-v0")
     space = coordinates(task, load_recipe("paper", task.id).se, task.unit_scale)
