@@ -27,7 +27,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import NotMeasured, read_result, write_result
-from benchmarks.search.studies import results_by_origin
+from benchmarks.search.studies import outcomes
 from benchmarks.seeds import format_seeds, parse_seeds
 from bilevel.agents.variation import draw_agent
 from bilevel.errors import InvalidInput
@@ -137,7 +137,7 @@ def search(task_id: str, method: str, seed: int, core_seconds: int, home: Path) 
         "core_seconds": core_seconds_to_run(summary.rungs),
         "validation_core_seconds": sum(line.budget for line in summary.finalists),
         "results": len(summary.journal.results),
-        "results_by_origin": results_by_origin(summary.journal),
+        "outcomes": outcomes(summary.journal),
         "incumbent": incumbent.loss,
         "configuration": summary.configuration(incumbent.id),
     }

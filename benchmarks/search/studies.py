@@ -95,14 +95,14 @@ def proposals() -> str:
         row
         for study in committed()
         for row in _proposals(
-            study.task.id, f"`{study.name}`", results_by_origin(Journal(study.folder))
+            study.task.id, f"`{study.name}`", at_smallest(outcomes(Journal(study.folder)))
         )
     ]
     for task in TASKS:
         with suppress(NotMeasured):
             compared = read_result(f"search_{task}")["rows"].values()
             found = [
-                row["search"]["results_by_origin"]
+                at_smallest(row["search"]["outcomes"])
                 for row in compared
                 if row.get("method") == "bohb" and "search" in row
             ]
@@ -126,19 +126,32 @@ def proposals() -> str:
 Outcome = tuple[float, int]
 
 
-def results_by_origin(journal: Journal) -> dict[str, list[Outcome]]:
-    """The results at the smallest budget by the origin of their configurations, but for the recipe
-    itself; the objective of a failure is infinite."""
-    smallest = min(line.budget for line in journal.results)
+def outcomes(journal: Journal) -> dict[str, dict[str, list[Outcome]]]:
+    """The results of a search by budget, the smallest first, and by the origin of their
+    configurations, but for the recipe itself; the objective of a failure is infinite."""
     origins = {line.id: line.origin for line in journal.configs}
-    found: dict[str, list[Outcome]] = {
-        origin.value: [] for origin in (Origin.RANDOM, Origin.AROUND_RECIPE, Origin.MODEL)
+    found: dict[str, dict[str, list[Outcome]]] = {
+        str(budget): {
+            origin.value: [] for origin in (Origin.RANDOM, Origin.AROUND_RECIPE, Origin.MODEL)
+        }
+        for budget in sorted({line.budget for line in journal.results})
     }
     for line in journal.results:
-        if line.budget == smallest and origins[line.id] is not Origin.RECIPE:
+        if origins[line.id] is not Origin.RECIPE:
             objective = math.inf if line.loss is None else line.loss
-            found[origins[line.id].value].append((objective, line.info.get("confirmed", 0)))
+            outcome = objective, line.info.get("confirmed", 0)
+            found[str(line.budget)][origins[line.id].value].append(outcome)
     return found
+
+
+def at_smallest(by_budget: Mapping[str, Mapping[str, list[Outcome]]]) -> dict[str, list[Outcome]]:
+    """The outcomes at the smallest budget, which every configuration has."""
+    return dict(by_budget[min(by_budget, key=int)])
+
+
+def with_an_se(found: Sequence[Outcome]) -> int:
+    """How many of these configurations have found an SE."""
+    return sum(confirmed > 0 for _, confirmed in found)
 
 
 def _proposals(
@@ -151,7 +164,7 @@ def _proposals(
             task,
             study,
             origin,
-            f"{sum(confirmed > 0 for _, confirmed in found)} of {len(found)}",
+            f"{with_an_se(found)} of {len(found)}",
             quartiles(objectives[origin]),
             ""
             if origin == Origin.RANDOM.value

@@ -1,15 +1,17 @@
 """The tables of docs/tuning.md; here the one that compares search methods."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import permutation_test
+from scipy.stats import fisher_exact, permutation_test
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source, table
 from benchmarks.search import studies
+from cluster.bohb.journal import Origin
 from cluster.bohb.profiles import METHODS
 
 
@@ -41,6 +43,50 @@ def p_value(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
         vectorized=True,
     )
     return float(result.pvalue)
+
+
+def largest_budget() -> str:
+    """How the configurations did that each method gave the largest budget: whether rungs choose
+    better ones than chance, and a model better ones than rungs alone. Raises NotMeasured."""
+    rows: list[tuple[str, ...]] = []
+    for task in studies.TASKS:
+        with suppress(NotMeasured):
+            rows += _largest_budget(task, read_result(f"search_{task}")["rows"])
+    if not rows:
+        raise NotMeasured("`benchmarks/results/search_*.json`")
+    head = [
+        "task",
+        "method",
+        "searches",
+        "configurations",
+        "found an SE",
+        "p against the row above",
+        "of those proposed by the model",
+    ]
+    return table(head, rows)
+
+
+def _largest_budget(task: str, measured: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    before: list[int] | None = None
+    for method in ("random", "hyperband", "bohb"):
+        searches = [
+            row["search"]["outcomes"]
+            for row in measured.values()
+            if row.get("method") == method and "search" in row
+        ]
+        if not searches:
+            continue
+        at_largest = [found[max(found, key=int)] for found in searches]
+        found = [outcome for origins in at_largest for one in origins.values() for outcome in one]
+        of_model = [outcome for origins in at_largest for outcome in origins[Origin.MODEL.value]]
+        counts = [studies.with_an_se(found), len(found) - studies.with_an_se(found)]
+        p = f"{fisher_exact([before, counts]).pvalue:.2g}" if before else ""
+        share = f"{studies.with_an_se(of_model)} of {len(of_model)}" if of_model else ""
+        many = str(len(searches))
+        rows.append((task, METHODS[method], many, str(len(found)), str(counts[0]), p, share))
+        before = counts
+    return rows
 
 
 def comparison() -> str:
@@ -94,6 +140,7 @@ def _quality(searches: Sequence[Sequence[dict[str, Any]]]) -> tuple[str, str]:
 
 TABLES: dict[str, Callable[[], str]] = {
     "search": comparison,
+    "largest-budget": largest_budget,
     "searches": studies.searches,
     "proposals": studies.proposals,
     "validations": studies.validations,

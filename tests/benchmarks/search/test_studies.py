@@ -11,8 +11,9 @@ from benchmarks.search.studies import (
     RECIPES,
     _p_values,
     _quality,
+    at_smallest,
     committed,
-    results_by_origin,
+    outcomes,
     summary,
 )
 from bilevel.hyperparameters import load_recipe
@@ -54,7 +55,9 @@ def test_proposals_are_compared_where_all_were_run(tmp_path: Path) -> None:
     for number, budget, loss in ((0, 1, 9.0), (1, 1, None), (2, 1, 7.0), (3, 1, 8.0), (2, 3, 1.0)):
         info = {"confirmed": 2} if loss == 8.0 else {}
         journal.add_result(ResultLine((0, 0, number), budget, loss, info, STAMPS))
-    assert results_by_origin(journal) == {
+    found = outcomes(journal)
+    assert found["3"][Origin.MODEL] == [(1.0, 0)]
+    assert at_smallest(found) == {
         Origin.RANDOM: [(math.inf, 0), (8.0, 2)],
         Origin.AROUND_RECIPE: [],
         Origin.MODEL: [(7.0, 0)],

@@ -3,7 +3,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.search.tables import _rows, expected_core_seconds, p_value
+from benchmarks.search.tables import _largest_budget, _rows, expected_core_seconds, p_value
+from cluster.bohb.journal import Origin
 from cluster.bohb.profiles import METHODS
 
 
@@ -37,3 +38,28 @@ def test_a_method_is_compared_over_the_seeds_that_both_have() -> None:
     assert bohb[2:] == ["3", "6 of 6", "20 (10 to 30)", "-"]
     assert hyperband[2:] == ["3", "6 of 6", "40 (20 to 60)", "0.25"]
     assert random[2:] == ["2", "4 of 4", "60 (40 to 80)", "0.50"]
+
+
+def test_what_reaches_the_largest_budget_is_told_by_method() -> None:
+    def searched(method: str, at_random: list[int], of_model: list[int]) -> dict[str, Any]:
+        outcomes = {
+            budget: {
+                Origin.RANDOM: [(9.0, confirmed) for confirmed in at_random],
+                Origin.AROUND_RECIPE: [],
+                Origin.MODEL: [(9.0, confirmed) for confirmed in of_model],
+            }
+            for budget in ("9", "27")
+        }
+        outcomes["9"][Origin.RANDOM].append((9.0, 1))  # not one that goes on
+        return {"method": method, "seed": 0, "search": {"outcomes": outcomes}}
+
+    measured: dict[str, Any] = {
+        "default": {"fresh": []},
+        "bohb 0": searched("bohb", [0], [1, 2, 1]),
+        "bohb 1": searched("bohb", [2], []),
+        "bohb 2": {"method": "bohb", "seed": 2},  # is not over
+        "random 0": searched("random", [0, 0, 0, 0, 1], []),
+    }
+    random, bohb = _largest_budget("CartPole-v0", measured)
+    assert random == ("CartPole-v0", "random search", "1", "5", "1", "", "")
+    assert bohb == ("CartPole-v0", "BOHB", "2", "5", "4", "0.21", "3 of 3")
