@@ -16,9 +16,9 @@ import gymnasium
 import numpy as np
 
 import bilevel  # noqa: F401  (registers the environments)
+from benchmarks.arguments import format_seeds, parse_seeds
 from benchmarks.machine import read_result, write_result
 from benchmarks.markdown import mean_and_range, source, table
-from benchmarks.seeds import format_seeds, parse_seeds
 from bilevel.tasks import get_task
 from bilevel.zoo import ENTRIES, env_id, get_entry
 

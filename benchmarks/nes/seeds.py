@@ -23,8 +23,8 @@ import gymnasium
 import numpy as np
 
 from benchmarks.agents import sb3
+from benchmarks.arguments import format_seeds, known_task, parse_seeds
 from benchmarks.machine import NotMeasured, read_result, write_result
-from benchmarks.seeds import format_seeds, parse_seeds
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import load_recipe
@@ -138,7 +138,7 @@ def taught(path: Path, agents: int, others: int, known: Mapping[str, Any]) -> di
 def main() -> None:
     """Measure the missing results."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("task")
+    parser.add_argument("task", type=known_task)
     parser.add_argument("--seeds", type=parse_seeds, required=True, help="such as 0-4,9")
     parser.add_argument("--recipe", default="default")
     parser.add_argument(

@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
+from benchmarks.arguments import parse_seeds
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import mean_and_range, source, table
-from benchmarks.seeds import parse_seeds
 
 #: Target mean score of each kind of agent on an SE, by task; `sb3` is for agents of
 #: Stable-Baselines3.

@@ -26,11 +26,10 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.arguments import format_seeds, known_task, parse_seeds
 from benchmarks.machine import NotMeasured, read_result, write_result
 from benchmarks.search.studies import outcomes
-from benchmarks.seeds import format_seeds, parse_seeds
 from bilevel.agents.variation import draw_agent
-from bilevel.errors import InvalidInput
 from bilevel.evaluation import (
     EvaluationRequest,
     EvaluationResult,
@@ -252,19 +251,14 @@ class Comparison:
 def main() -> None:
     """Measure what is missing."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("task")
+    parser.add_argument("task", type=known_task)
     parser.add_argument("--seeds", type=parse_seeds, required=True, help="such as 0-5")
     parser.add_argument(
         "--core-seconds", type=int, default=900, help="of a search, without validation"
     )
     parser.add_argument("--fresh", type=int, default=10, help="NES runs of each recipe")
     parser.add_argument("--home", type=Path, required=True)
-    options = parser.parse_args()
-    try:
-        get_task(options.task)
-    except InvalidInput as error:
-        parser.error(str(error))
-    Comparison(options).run()
+    Comparison(parser.parse_args()).run()
 
 
 if __name__ == "__main__":

@@ -115,7 +115,7 @@ def test_an_unknown_task_is_told_before_anything_is_written(
     with pytest.raises(SystemExit) as ended:
         compare.main()
     assert ended.value.code == 2
-    assert "error: unknown task 'CartPole-v9': allowed are" in capsys.readouterr().err
+    assert "argument task: unknown task 'CartPole-v9': allowed" in capsys.readouterr().err
     assert not home.exists()
 
 

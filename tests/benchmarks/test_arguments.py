@@ -2,7 +2,7 @@ import argparse
 
 import pytest
 
-from benchmarks.seeds import format_seeds, parse_seeds
+from benchmarks.arguments import format_seeds, known_task, parse_seeds
 
 
 @pytest.mark.parametrize(
@@ -23,3 +23,9 @@ def test_lists_of_seeds_are_read_and_written(text: str, seeds: list[int]) -> Non
 def test_other_text_is_refused(text: str) -> None:
     with pytest.raises(argparse.ArgumentTypeError, match="a list such as"):
         parse_seeds(text)
+
+
+def test_an_unknown_task_is_refused() -> None:
+    assert known_task("CartPole-v0") == "CartPole-v0"
+    with pytest.raises(argparse.ArgumentTypeError, match="unknown task 'CartPole-v9': allowed are"):
+        known_task("CartPole-v9")

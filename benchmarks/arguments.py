@@ -1,8 +1,20 @@
-"""Lists of seeds on the command line: `0-4,9` is 0, 1, 2, 3, 4 and 9."""
+"""What several benchmarks take on the command line: a task, and lists of seeds, of which `0-4,9` is
+0, 1, 2, 3, 4 and 9."""
 
 import argparse
 from collections.abc import Sequence
 from itertools import pairwise
+
+from bilevel.errors import InvalidInput
+from bilevel.tasks import get_task
+
+
+def known_task(text: str) -> str:
+    """The id of a task. Raises ArgumentTypeError for one that is not known."""
+    try:
+        return get_task(text).id
+    except InvalidInput as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
 
 
 def parse_seeds(text: str) -> list[int]:
