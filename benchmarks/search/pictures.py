@@ -6,6 +6,7 @@ python -m benchmarks.search.pictures
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
@@ -22,8 +23,8 @@ _COLOURS = {"bohb": BLUE, "hyperband": ORANGE, "random": GREY}
 
 
 def compared(task: str, measured: dict[str, Any]) -> Figure:
-    """The rows of `benchmarks.search.compare`: a point for every search, and a line that joins
-    those of a seed."""
+    """The rows of `benchmarks.search.compare`: a point for every search, a line that joins those of
+    a seed, and the median of each method."""
     figure = Figure(figsize=(5, 3.2), layout="constrained")
     axes = figure.subplots()
     found = {method: by_method(measured, method) for method in METHODS}
@@ -33,11 +34,14 @@ def compared(task: str, measured: dict[str, Any]) -> Figure:
     for place, (method, of) in enumerate(found.items()):
         costs = [expected_core_seconds(fresh) for fresh in of.values()]
         axes.scatter([place] * len(costs), costs, color=_COLOURS[method])
+        if costs:
+            ends = place - 0.2, place + 0.2
+            axes.hlines(float(np.median(costs)), *ends, color=_COLOURS[method], lw=2)
     if "default" in measured:
         default = expected_core_seconds(measured["default"]["fresh"])
         axes.axhline(default, color="black", lw=0.8, ls="--", label="the recipe default")
-        axes.legend(frameon=False, fontsize="small")
-    axes.set_yscale("log")
+        axes.legend(frameon=False, fontsize="small", loc="lower right")
+    axes.set_ylim(bottom=0)
     axes.set_xticks(range(len(METHODS)), [*METHODS.values()])
     axes.set_xlim(-0.5, len(METHODS) - 0.5)
     axes.set_ylabel("core seconds a solved run")
