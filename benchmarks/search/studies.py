@@ -124,13 +124,15 @@ def proposals() -> str:
 
 #: Objective of a result, and the number of its confirmed SEs.
 Outcome = tuple[float, int]
+#: The outcomes of configurations by their origin.
+ByOrigin = dict[str, list[Outcome]]
 
 
-def outcomes(journal: Journal) -> dict[str, dict[str, list[Outcome]]]:
+def outcomes(journal: Journal) -> dict[str, ByOrigin]:
     """The results of a search by budget, the smallest first, and by the origin of their
     configurations, but for the recipe itself; the objective of a failure is infinite."""
     origins = {line.id: line.origin for line in journal.configs}
-    found: dict[str, dict[str, list[Outcome]]] = {
+    found: dict[str, ByOrigin] = {
         str(budget): {
             origin.value: [] for origin in (Origin.RANDOM, Origin.AROUND_RECIPE, Origin.MODEL)
         }
@@ -144,9 +146,14 @@ def outcomes(journal: Journal) -> dict[str, dict[str, list[Outcome]]]:
     return found
 
 
-def at_smallest(by_budget: Mapping[str, Mapping[str, list[Outcome]]]) -> dict[str, list[Outcome]]:
-    """The outcomes at the smallest budget, which every configuration has."""
-    return dict(by_budget[min(by_budget, key=int)])
+def at_smallest(by_budget: Mapping[str, ByOrigin]) -> ByOrigin:
+    """The outcomes at the smallest budget, which every configuration gets."""
+    return by_budget[min(by_budget, key=int)]
+
+
+def at_largest(by_budget: Mapping[str, ByOrigin]) -> ByOrigin:
+    """The outcomes at the largest budget, which all but random search give to the best only."""
+    return by_budget[max(by_budget, key=int)]
 
 
 def with_an_se(found: Sequence[Outcome]) -> int:

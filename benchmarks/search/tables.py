@@ -11,6 +11,7 @@ from scipy.stats import fisher_exact, permutation_test
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source, table
 from benchmarks.search import studies
+from benchmarks.search.studies import at_largest, with_an_se
 from cluster.bohb.journal import Origin
 from cluster.bohb.profiles import METHODS
 
@@ -68,23 +69,33 @@ def largest_budget() -> str:
 
 def _largest_budget(task: str, measured: Mapping[str, Any]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
-    before: list[int] | None = None
+    before: tuple[int, int] | None = None
     for method in ("random", "hyperband", "bohb"):
         searches = [
-            row["search"]["outcomes"]
+            at_largest(row["search"]["outcomes"])
             for row in measured.values()
             if row.get("method") == method and "search" in row
         ]
         if not searches:
             continue
-        at_largest = [found[max(found, key=int)] for found in searches]
-        found = [outcome for origins in at_largest for one in origins.values() for outcome in one]
-        of_model = [outcome for origins in at_largest for outcome in origins[Origin.MODEL.value]]
-        counts = [studies.with_an_se(found), len(found) - studies.with_an_se(found)]
-        p = f"{fisher_exact([before, counts]).pvalue:.2g}" if before else ""
-        share = f"{studies.with_an_se(of_model)} of {len(of_model)}" if of_model else ""
-        many = str(len(searches))
-        rows.append((task, METHODS[method], many, str(len(found)), str(counts[0]), p, share))
+        by_origin = {
+            origin: [one for search in searches for one in search[origin]] for origin in searches[0]
+        }
+        every = [one for found in by_origin.values() for one in found]
+        of_model = by_origin[Origin.MODEL.value]
+        with_one = with_an_se(every)
+        counts = with_one, len(every) - with_one
+        rows.append(
+            (
+                task,
+                METHODS[method],
+                str(len(searches)),
+                str(len(every)),
+                str(with_one),
+                f"{fisher_exact([before, counts]).pvalue:.2g}" if before else "",
+                f"{with_an_se(of_model)} of {len(of_model)}" if of_model else "",
+            )
+        )
         before = counts
     return rows
 
