@@ -33,12 +33,9 @@ def machine() -> dict[str, Any]:
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:
-    """Median, lowest and highest value."""
-    return {
-        "median": round(statistics.median(values), 2),
-        "low": round(min(values), 2),
-        "high": round(max(values), 2),
-    }
+    """Median, lowest and highest value, of four significant digits."""
+    told = {"median": statistics.median(values), "low": min(values), "high": max(values)}
+    return {name: float(f"{value:.4g}") for name, value in told.items()}
 
 
 def write_result(name: str, command: str, values: dict[str, Any]) -> Path:

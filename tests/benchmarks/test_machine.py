@@ -24,3 +24,4 @@ def test_results_are_read_as_they_were_written(
 
 def test_spread_is_median_and_range() -> None:
     assert spread([4.0, 1.0, 2.0]) == {"median": 2.0, "low": 1.0, "high": 4.0}
+    assert spread([12345.6, 0.072768]) == {"median": 6173.0, "low": 0.07277, "high": 12350.0}
