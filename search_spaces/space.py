@@ -12,7 +12,8 @@ import yaml
 
 from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters import Hyperparameters
-from search_spaces.bohb import SPACES, search_space, to_hyperparameters
+from search_spaces.bohb import SPACES, search_space
+from search_spaces.translation import to_hyperparameters
 
 #: Configurations of a space from a file that are tried before it is used.
 _TRIED = 256

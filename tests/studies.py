@@ -21,7 +21,7 @@ from cluster.bohb.study import Study
 from cluster.nes.selection import FinalScore, export_best
 from cluster.ray.pool import EvaluationPool
 from cluster.storage.run_folder import RunStatus, locked_settings
-from search_spaces import Space
+from search_spaces.space import Space
 from tests.results import made_up_result
 
 

@@ -52,7 +52,8 @@ from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.validation import Plan, validate
 from cluster.storage.run_folder import locked_settings
-from search_spaces import Space, to_hyperparameters
+from search_spaces.space import Space
+from search_spaces.translation import to_hyperparameters
 
 #: The space `core` without the SE's step limit and spread. (docs/tuning.md tells what a search of
 #: the episodes' length exploits; and BOHB's model needs fewer results for six hyperparameters than

@@ -17,7 +17,7 @@ from cluster.bohb.validation import validation_seconds
 from cluster.session.terminal import Terminal, count, duration
 from cluster.storage.home import require_writable
 from cluster.storage.run_folder import check_settings
-from search_spaces import to_hyperparameters
+from search_spaces.translation import to_hyperparameters
 
 #: Random configurations, and the evaluations of each, that are timed.
 _SAMPLES, _EVALUATIONS = 6, 8

@@ -29,7 +29,7 @@ from bilevel.seeds import Purpose, derive, split
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, Origin, ResultLine
 from cluster.bohb.study import Study
-from search_spaces import around
+from search_spaces.prior import around
 
 #: Share of the random configurations that are drawn around the prior, if there is one. The others
 #: keep the search from believing a wrong one.

@@ -17,7 +17,10 @@ from cluster.bohb.journal import ConfigId, Configuration, Journal
 from cluster.bohb.profiles import METHODS, get_method
 from cluster.nes.run import NESRun
 from cluster.storage.run_folder import Settings, read_settings
-from search_spaces import SPACES, Space, nearest, of_hyperparameters, to_hyperparameters
+from search_spaces.bohb import SPACES
+from search_spaces.prior import nearest
+from search_spaces.space import Space
+from search_spaces.translation import of_hyperparameters, to_hyperparameters
 
 #: The kind of run that `settings.json` tells.
 KIND = "study"

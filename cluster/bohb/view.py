@@ -30,7 +30,7 @@ from cluster.pictures import png
 from cluster.session.terminal import last_line
 from cluster.storage.run_folder import Lifetime, RunIdentity, Status, finals
 from cluster.tracking import Document, Point, Progress, RunView
-from search_spaces import of_hyperparameters
+from search_spaces.translation import of_hyperparameters
 
 
 @dataclass(frozen=True)

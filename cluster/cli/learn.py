@@ -133,7 +133,7 @@ def bohb(
     from bilevel.nes import NES
     from bilevel.synthetic_env import least_units
     from cluster.bohb.profiles import SET_BY_SEARCH, get_method, get_profile, sized
-    from search_spaces import Space
+    from search_spaces.space import Space
 
     common = RunOptions(**options)
     task = common.the_task()

@@ -150,7 +150,7 @@ class RunOptions:
         """The recipe's hyperparameters, as `sized` changes them, with the options' replacements.
         Raises InvalidInput."""
         from bilevel.hyperparameters import load_recipe
-        from search_spaces import to_hyperparameters
+        from search_spaces.translation import to_hyperparameters
 
         name, file = self._recipe(task, usual_recipe)
         hp = sized(replace(load_recipe(file, task.id, self.the_agents()), recipe=name))

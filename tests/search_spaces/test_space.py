@@ -9,7 +9,8 @@ from bilevel import InvalidInput
 from bilevel.hyperparameters import load_recipe
 from bilevel.nes import NES
 from bilevel.tasks import get_task
-from search_spaces import Space, search_space
+from search_spaces.bohb import search_space
+from search_spaces.space import Space
 
 BASE = load_recipe("default", "CartPole-v0")
 

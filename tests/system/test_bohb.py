@@ -19,7 +19,7 @@ from cluster.bohb.journal import Journal, Origin
 from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.validation import Validation
-from search_spaces import search_space
+from search_spaces.bohb import search_space
 from tests.commands import BILEVEL, run_bilevel
 from tests.system.conftest import client, run_until
 

@@ -17,7 +17,7 @@ from cluster.bohb.brackets import core_seconds_to_run
 from cluster.bohb.journal import Journal
 from cluster.bohb.profiles import METHODS
 from cluster.bohb.validation import VALIDATION_FILE
-from search_spaces import search_space
+from search_spaces.bohb import search_space
 from tests.studies import MadeUpPool, new_study
 
 

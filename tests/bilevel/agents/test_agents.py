@@ -27,7 +27,7 @@ from bilevel.nes import NES
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task, get_task
 from cluster.ray.agent_files import load_agent_file
-from search_spaces import search_space
+from search_spaces.bohb import search_space
 from tests.documents import documented_agent
 
 AGENTS = ("ddqn", "dueling-ddqn", "td3", "reinforce")

@@ -33,7 +33,10 @@ from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
 from cluster.storage.run_folder import locked_settings
-from search_spaces import Space, nearest, of_hyperparameters, search_space
+from search_spaces.bohb import search_space
+from search_spaces.prior import nearest
+from search_spaces.space import Space
+from search_spaces.translation import of_hyperparameters
 from tests.studies import make_study, run_job
 
 #: Hyperband's brackets.

@@ -12,7 +12,7 @@ from bilevel.tasks import get_task
 from cluster.bohb.journal import Journal
 from cluster.bohb.study import RECIPE_FILE, SPACE_FILE, Study
 from cluster.bohb.view import study_progress
-from search_spaces import search_space
+from search_spaces.bohb import search_space
 from tests.commands import run_bilevel
 from tests.studies import make_study, new_study
 

@@ -14,7 +14,7 @@ from cluster.bohb.objective import Tally
 from cluster.bohb.search import BracketSearch
 from cluster.bohb.tune.searcher import DEATHS, BohbSearcher
 from cluster.bohb.tune.trial import BUDGET_REACHED, FAILURE, MISTAKE, NO_STORAGE, OBJECTIVE, TALLY
-from search_spaces import search_space
+from search_spaces.bohb import search_space
 
 #: The report of a trial that has spent its budget.
 DONE = {OBJECTIVE: 6.0, TALLY: Tally(12.0, 2, 2, 0.0), BUDGET_REACHED: True}

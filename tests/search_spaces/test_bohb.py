@@ -11,7 +11,9 @@ from bilevel.hyperparameters import (
 )
 from bilevel.nes import NES
 from bilevel.tasks import get_task
-from search_spaces import SPACES, nearest, of_hyperparameters, search_space, to_hyperparameters
+from search_spaces.bohb import SPACES, search_space
+from search_spaces.prior import nearest
+from search_spaces.translation import of_hyperparameters, to_hyperparameters
 from tests.conftest import ddqn
 
 SAMPLES = 300
@@ -98,26 +100,9 @@ def test_every_sample_is_a_run(space: str, task: str) -> None:
         NES(get_task(task), to_hyperparameters(recipe, dict(sample)))
 
 
-def test_numpy_scalars_are_taken() -> None:
-    values = {
-        "se.activation": np.str_("tanh"),
-        "nes.mirrored_sampling": np.bool_(True),
-        "ddqn.batch_size": np.int64(70),
-        "ddqn.1-discount": np.float64(0.02),
-    }
-    hp = to_hyperparameters(base("full"), values)
-    assert (hp.se.activation, ddqn(hp).batch_size) == ("tanh", 70)
-    assert ddqn(hp).discount == pytest.approx(0.98)
-    assert type(hp.nes.mirrored_sampling) is bool
-
-
-def test_unknown_names_and_values() -> None:
+def test_an_unknown_space_is_told() -> None:
     with pytest.raises(InvalidInput, match="unknown search space 'huge'"):
         search_space("huge")
-    with pytest.raises(InvalidInput, match=r"unknown hyperparameter 'ddqn\.width'"):
-        to_hyperparameters(base("core"), {"ddqn.width": 1})
-    with pytest.raises(InvalidInput, match="batch_size"):
-        to_hyperparameters(base("core"), {"ddqn.batch_size": -1})
 
 
 class TestOtherAgents:
@@ -139,15 +124,3 @@ class TestOtherAgents:
         for sample in search_space(space, agents, seed=0).sample_configuration(50):
             built = to_hyperparameters(hp, dict(sample))
             assert Hyperparameters.from_dict(built.to_dict()) == built
-
-
-@pytest.mark.parametrize("name", ["core", "full"])
-def test_values_of_hyperparameters_are_the_inverse(name: str) -> None:
-    space = search_space(name)
-    hp = load_recipe("paper", "CartPole-v0")
-    for configuration in (dict(c) for c in space.sample_configuration(20)):
-        values = of_hyperparameters(to_hyperparameters(hp, configuration), space)
-        for dimension, value in configuration.items():
-            assert values[dimension] == pytest.approx(value)
-    with pytest.raises(InvalidInput, match=r"has no hyperparameter 'td3\.policy_delay'"):
-        of_hyperparameters(hp, ["td3.policy_delay"])

@@ -1,0 +1,73 @@
+"""Hyperparameters from a configuration's values, and back.
+
+A dimension is named after the hyperparameter that it sets, `section.field`, where the section is
+`nes`, `se` or an agent's name. A dimension that the paper marks "True (inv.)" is named
+`section.1-field`: one minus the value is sampled on the log scale.
+"""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import fields, replace
+from typing import Any
+
+from bilevel.errors import InvalidInput, one_of
+from bilevel.hyperparameters import Hyperparameters
+
+#: What precedes the field in the name of an inverted dimension.
+INVERSE = "1-"
+
+
+def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) -> Hyperparameters:
+    """`base` with the values of a configuration.
+
+    Values may be numpy scalars, as ConfigSpace and Ray Tune return them.
+    Raises InvalidInput for a name or a value that is not allowed.
+    """
+    changes: dict[str, dict[str, Any]] = {}
+    sections: dict[str, Any] = {
+        "nes": base.nes,
+        "se": base.se,
+        **{hp.agent: hp for hp in base.agents},
+    }
+    for name, value in configuration.items():
+        section, _, field = name.partition(".")
+        plain = value.item() if hasattr(value, "item") else value
+        if field.startswith(INVERSE):
+            if not isinstance(plain, float):
+                raise InvalidInput(f"hyperparameter {name!r} must be a float; got {plain!r}")
+            field, plain = field.removeprefix(INVERSE), 1.0 - plain
+        if isinstance(plain, str):
+            plain = str(plain)  # np.str_ is a subclass of str
+        known = (
+            [f"{section}.{s.name}" for s in fields(sections[section])]
+            if section in sections
+            else []
+        )
+        if f"{section}.{field}" not in known:
+            allowed = known or [f"{other}.*" for other in sections]
+            raise one_of("hyperparameter", name, allowed)
+        changes.setdefault(section, {})[field] = plain
+    return replace(
+        base,
+        nes=replace(base.nes, **changes.get("nes", {})),
+        se=replace(base.se, **changes.get("se", {})),
+        agents=tuple(replace(hp, **changes.get(hp.agent, {})) for hp in base.agents),
+    )
+
+
+def of_hyperparameters(hp: Hyperparameters, names: Iterable[str]) -> dict[str, Any]:
+    """The values that `hp` has in the dimensions with these names, the inverse of
+    `to_hyperparameters`. Raises InvalidInput for a name that `hp` does not have."""
+    sections: dict[str, Any] = {
+        "nes": hp.nes,
+        "se": hp.se,
+        **{agent.agent: agent for agent in hp.agents},
+    }
+    values = {}
+    for name in names:
+        section, _, field = name.partition(".")
+        plain = field.removeprefix(INVERSE)
+        if section not in sections or not hasattr(sections[section], plain):
+            raise InvalidInput(f"the recipe {hp.recipe!r} has no hyperparameter {name!r}")
+        value = getattr(sections[section], plain)
+        values[name] = 1.0 - value if field.startswith(INVERSE) else value
+    return values
