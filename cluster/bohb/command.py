@@ -96,7 +96,7 @@ def run_study(command: StudyCommand) -> int:
     study, workers = command.study, max(command.workers_per_trial, 1)
     with (
         command.context.connected(workers, command.concurrent_trials or 1) as driver,
-        scaled_to(command.cores_wanted),
+        scaled_to(command.cores_wanted, command.context.address),
         driver.session(study.folder, study.task.id, study.settings()) as session,
     ):
         return _Runner(command.placed(Capacity.of_cluster()), session).run()

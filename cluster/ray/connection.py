@@ -13,7 +13,6 @@ from typing import Any, Self
 import ray
 import ray.exceptions
 from loky import cpu_count
-from ray.autoscaler.sdk import request_resources
 from ray.util.placement_group import (
     placement_group,
     placement_group_table,
@@ -148,10 +147,13 @@ class Capacity:
 
 
 @contextlib.contextmanager
-def scaled_to(cores: int) -> Iterator[None]:
-    """Ask the cluster's autoscaler, if it has one, for so many cores during the block. Ray keeps
-    the request of the driver that asked last.
+def scaled_to(cores: int, address: str | None) -> Iterator[None]:
+    """Ask the autoscaler of the cluster at `address`, if it has one, for so many cores during the
+    block. Ray keeps the request of the driver that asked last.
     """
+    if is_own(address):  # without an autoscaler; to ask takes a second
+        yield
+        return
     _request(cores)
     try:
         yield
@@ -161,9 +163,14 @@ def scaled_to(cores: int) -> Iterator[None]:
 
 def _request(cores: int) -> None:
     """In a task, because a driver that is Ray's client (ray://) cannot ask itself."""
-    ask = ray.remote(num_cpus=0)(lambda number: request_resources(num_cpus=number))
+
+    def ask() -> None:
+        from ray.autoscaler.sdk import request_resources  # slow, and no actor needs it
+
+        request_resources(num_cpus=cores)
+
     with contextlib.suppress(ray.exceptions.RayError):  # the cluster may be gone
-        ray.get(ask.remote(cores), timeout=60)
+        ray.get(ray.remote(num_cpus=0)(ask).remote(), timeout=60)
 
 
 @contextlib.contextmanager

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import psutil
 import pytest
+import ray
 from ray.util import get_node_ip_address
 
 from cluster.ray.connection import Capacity, ray_cluster, scaled_to
@@ -81,8 +82,14 @@ def autoscaling(tmp_path: Path) -> Iterator[str]:
 def test_it_adds_the_cores_that_a_study_asks_for(autoscaling: str) -> None:
     with ray_cluster(autoscaling):
         assert Capacity.of_cluster().cores == 1
-        with scaled_to(3):
+        with scaled_to(3, autoscaling):
             _until(lambda: Capacity.of_cluster().cores >= 3)
+
+
+def test_a_cluster_of_ones_own_has_none() -> None:
+    with scaled_to(3, None):
+        assert not ray.is_initialized()  # as it would be, had a task been run
+    assert not ray.is_initialized()
 
 
 def _until(reached: Callable[[], bool]) -> None:

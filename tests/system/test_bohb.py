@@ -32,6 +32,10 @@ SMOKE = (
 )
 
 
+#: One process less for a trial, and one for its actor, where their number does not matter.
+ONE_BY_ONE = ("--concurrent-trials", "1")
+
+
 def results(home: Path, study: str = "smoke") -> dict[object, float | None]:
     journal = Journal(home / "CartPole-v0" / study)
     return {(line.id, line.budget): line.loss for line in journal.results}
@@ -153,7 +157,7 @@ def test_the_same_command_adds_brackets(
     """There are then enough of them for a validation."""
     home = tmp_home
     shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
-    result = run_bilevel(*SMOKE, "--home", home, "--address", address)
+    result = run_bilevel(*SMOKE, *ONE_BY_ONE, "--home", home, "--address", address)
     assert result.returncode == 0, result.stderr
     assert "resuming with the 4 results of this study so far" in result.stdout
     before, after = results(study_home[0]), results(home)
@@ -228,7 +232,7 @@ def test_time_budget_ends_the_search(
     stopped before its first result."""
     shutil.copytree(study_home[0] / "CartPole-v0", tmp_home / "CartPole-v0")
     (tmp_home / "CartPole-v0" / "smoke" / "results.json").unlink()
-    args = ("--brackets", "99", "--time-budget", "16s", "--address", address)
+    args = ("--brackets", "99", "--time-budget", "10s", "--address", address)
     result = run_bilevel(*SMOKE, *args, "--home", tmp_home)
     assert "resuming 3 configurations of this study from checkpoints" in result.stdout
     assert "the time for the search is over" in result.stdout
@@ -251,7 +255,7 @@ def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(
     in_the_way = tmp_home / "CartPole-v0" / "smoke" / "configurations" / "000-0-001"
     in_the_way.parent.mkdir(parents=True)
     in_the_way.touch()
-    result = run_bilevel(*SMOKE, "--home", tmp_home, "--address", address)
+    result = run_bilevel(*SMOKE, *ONE_BY_ONE, "--home", tmp_home, "--address", address)
     assert result.returncode == 0, result.stderr
     assert "000-0-001 failed: " in result.stdout
     losses = results(tmp_home)
@@ -266,7 +270,7 @@ def test_a_study_whose_trials_all_fail_ends_with_1(tmp_home: Path, address: str)
     in_the_way = tmp_home / "CartPole-v0" / "smoke" / "configurations"
     in_the_way.parent.mkdir(parents=True)
     in_the_way.touch()
-    result = run_bilevel(*SMOKE, "--home", tmp_home, "--address", address)
+    result = run_bilevel(*SMOKE, *ONE_BY_ONE, "--home", tmp_home, "--address", address)
     assert result.returncode == 1
     assert result.stdout.count(" failed: ") == 4
     assert "no configuration finished a generation" in result.stdout

@@ -143,7 +143,8 @@ def test_a_mistake_in_the_users_own_agent_is_one_line(tmp_path: Path, address: s
         "--address",
         address,
     )
-    for command in (("evaluate", "--real"), ("bohb", "--profile", "smoke")):
+    smoke = ("bohb", "--profile", "smoke", "--concurrent-trials", "1")
+    for command in (("evaluate", "--workers", "1", "--real"), smoke):
         name, *options = command
         result = run_bilevel(name, *options, "CartPole-v0", *chosen)
         assert result.returncode == 2, result.stdout

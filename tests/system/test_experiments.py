@@ -36,7 +36,7 @@ def test_an_experiment_that_is_killed_and_carried_elsewhere(tmp_home: Path, addr
     elsewhere = tmp_home / "elsewhere"
     shutil.copytree(tmp_home / "CartPole-v0", elsewhere / "CartPole-v0")
     shutil.copy(tmp_home / "mlflow.db", elsewhere)
-    first = run_bilevel(*TRANSFER, *joined, "--home", elsewhere, "--agents", "1")
+    first = run_bilevel(*TRANSFER, *joined, "--home", elsewhere, "--agents", "1", "--workers", "1")
     assert first.returncode == 0, first.stderr
     assert "data:" in first.stdout
     before = agents(elsewhere)
@@ -103,7 +103,7 @@ def test_success_grows_with_each_nes_run(tmp_home: Path, address: str) -> None:
     assert "Under way: success (1 of 6 NES runs have ended)." in page
     assert "1 of 2 default, 0 of 2 authors, 0 of 2 paper" in page
 
-    ended = run_bilevel(*success, "--address", address)
+    ended = run_bilevel(*success, "--address", address, "--workers", "1")
     assert ended.returncode == 0, ended.stderr
     findings = StoredFindings.read(folder)
     assert findings is not None

@@ -38,8 +38,8 @@ def assert_nothing_can_be_told(row: Row) -> None:
 
 def test_a_driver_killed_again_and_again(stage: Stage, whole: Outcome) -> None:
     """At random moments of one study; `python -m benchmarks.faults` does it twenty times."""
-    row = processes.driver(stage, whole, 3, latest=5.0)
-    assert row.injected >= 2  # the last one may come after the study's end
+    row = processes.driver(stage, whole, 2, latest=5.0)
+    assert row.injected >= 1  # the last one may come after the study's end
     assert_nothing_can_be_told(row)
 
 

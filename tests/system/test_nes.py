@@ -28,6 +28,10 @@ SMALL = (
 )
 
 
+#: One actor, where their number does not matter: each takes two core seconds to start.
+ALONE = ("--workers", "1")
+
+
 def state_of(home: Path) -> NESState:
     """The run's checkpoint."""
     state = NESRun.read(home / "CartPole-v0" / "run").load()
@@ -48,7 +52,7 @@ def test_a_run_its_tracking_and_its_continuation(
     assert "generation   1  score" in result.stdout
     assert "10 fresh agents trained on the best SE score" in result.stdout
     joined = (*SMALL, "--home", tmp_home, "--address", address)
-    longer = run_bilevel(*joined, "--generations", "3", "--workers", "1")
+    longer = run_bilevel(*joined, "--generations", "3", *ALONE)
     assert longer.returncode == 0, longer.stderr
     assert "resuming after generation 1" in longer.stdout
     assert "generation   0" not in longer.stdout
@@ -147,7 +151,7 @@ def test_stopped_and_then_killed_it_goes_on(whole: Path, tmp_home: Path, address
     os.killpg(killed.pid, signal.SIGKILL)
     killed.communicate(timeout=60)
     assert killed.returncode == -signal.SIGKILL
-    again = run_bilevel(*command, "--workers", "1")
+    again = run_bilevel(*command, *ALONE)
     assert again.returncode == 0, again.stderr
     assert scores(parts) == scores(whole)
     np.testing.assert_array_equal(state_of(whole).se.mean, state_of(parts).se.mean)
@@ -179,7 +183,7 @@ EASY = (
 
 
 def test_it_stops_early_once_solved_and_confirmed(tmp_home: Path, address: str) -> None:
-    result = run_bilevel(*SMALL, *EASY, "--home", tmp_home, "--address", address)
+    result = run_bilevel(*SMALL, *EASY, *ALONE, "--home", tmp_home, "--address", address)
     assert result.returncode == 0, result.stderr
     assert re.search(
         "4 fresh agents score .* on the current SE; the mean of any 10 ", result.stdout
@@ -192,7 +196,7 @@ def test_it_stops_early_once_solved_and_confirmed(tmp_home: Path, address: str) 
 def test_it_begins_again_from_other_starts(tmp_home: Path, address: str) -> None:
     """If no agent solves the task, one generation without a new best SE causes a restart."""
     hard = ("--solved-reward", "999", "--set", "nes.restart_after=1", "--generations", "6")
-    result = run_bilevel(*SMALL, *hard, "--home", tmp_home, "--address", address)
+    result = run_bilevel(*SMALL, *hard, *ALONE, "--home", tmp_home, "--address", address)
     assert result.returncode == 0, result.stderr
     attempts = [int(record["attempt"]) for record in scores(tmp_home)]
     assert attempts == sorted(attempts)
@@ -206,7 +210,7 @@ def test_the_default_name_tells_recipe_agents_and_variation(tmp_home: Path, addr
     small = [word for word in SMALL if word not in ("--name", "run")]
     chosen = ("--recipe", "paper", "--agent", "td3", "--vary-hp", "small")
     few = ("--generations", "1", "--set", "td3.max_episodes=12", "--seed", "3")
-    ended = ("--solved-for", "1")
+    ended = ("--solved-for", "1", *ALONE)
     words = [word.replace("ddqn", "td3") for word in small]
     result = run_bilevel(*words, *chosen, *few, *ended, "--home", tmp_home, "--address", address)
     assert result.returncode == 0, result.stderr

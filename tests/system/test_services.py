@@ -88,7 +88,7 @@ def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> No
     """Studies in the services' home join them without an address."""
     study = (
         *("bohb", "CartPole-v0", "--profile", "smoke", "--brackets", "1", "--home", str(up.home)),
-        *("--method", "random", "--vary-hp", "no"),
+        *("--method", "random", "--vary-hp", "no", "--set", "nes.centre_agents=2"),
         *("--set", "ddqn.hidden_size=16", "--set", "ddqn.batch_size=16"),
     )
     environment = {k: v for k, v in os.environ.items() if k != "RAY_ADDRESS"}
@@ -113,8 +113,8 @@ def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> No
     command += [
         *("nes", "CartPole-v0", "--population", "2", "--generations", "1", "--home", str(up.home)),
         *("--set", "nes.start_candidates=2", "--set", "ddqn.max_episodes=13"),
-        *("--set", "se.step_limit=20"),
-        *("--name", "submitted"),
+        *("--set", "se.step_limit=20", "--set", "nes.centre_agents=2"),
+        *("--name", "submitted", "--workers", "1"),
     ]
     (head,) = (service for service in services(Home(up.home)) if service.name == "ray")
     submitted = subprocess.run(
