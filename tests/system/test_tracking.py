@@ -116,7 +116,7 @@ def test_the_first_runs_of_a_home_may_start_at_once(new_home: Home) -> None:
     command = [sys.executable, "-W", "ignore", "-c", code, str(new_home.folder)]
     processes = [
         subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        for _ in range(4)
+        for _ in range(2)
     ]
     for process in processes:
         assert process.stdout is not None
