@@ -11,6 +11,7 @@ import ConfigSpace as CS
 
 from bilevel.errors import one_of
 from bilevel.hyperparameters import ACTIVATIONS, SCORE_TRANSFORMS, agent_hyperparameters
+from search_spaces import SPACES
 from search_spaces.translation import INVERSE
 
 Dimension = CS.hyperparameters.Hyperparameter[Any, Any]
@@ -68,10 +69,6 @@ def _core() -> list[Dimension]:
         CS.Integer("se.step_limit", (20, 200), log=True),
         CS.Float("se.spread", (1.04, 1.3)),
     ]
-
-
-#: Spaces by name, each with the recipe that its ranges of step sizes are meant for.
-SPACES = {"full": "paper", "core": "default"}
 
 
 def search_space(

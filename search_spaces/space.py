@@ -1,19 +1,24 @@
-"""A search space: one that comes with the package, or one of the user's from a file."""
+"""A search space: one that comes with the package, or one of the user's from a file.
+
+A trial knows its space, but does not build it: ConfigSpace is imported by whoever does.
+"""
 
 import json
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
-import ConfigSpace as CS
 import yaml
 
 from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters import Hyperparameters
-from search_spaces.bohb import SPACES, search_space
+from search_spaces import SPACES
 from search_spaces.translation import to_hyperparameters
+
+if TYPE_CHECKING:
+    from ConfigSpace import ConfigurationSpace
 
 #: Configurations of a space from a file that are tried before it is used.
 _TRIED = 256
@@ -52,9 +57,13 @@ class Space:
 
     def build(
         self, agents: Sequence[str] = ("ddqn",), seed: int | None = None
-    ) -> CS.ConfigurationSpace:
+    ) -> "ConfigurationSpace":
         """The space for these agents; one from a file is for those that it names. Raises
         InvalidInput for content that is no space."""
+        import ConfigSpace as CS
+
+        from search_spaces.bohb import search_space
+
         if self.content is None:
             return search_space(self.name, agents, seed)
         try:
@@ -79,6 +88,8 @@ class Space:
     def fitting(self, name: str, least: int) -> Self:
         """The space; one that comes with the package with a whole-numbered dimension that begins at
         `least` or above, and ends at twice as much or above."""
+        import ConfigSpace as CS
+
         if self.content is not None:
             return self
         space = self.build()

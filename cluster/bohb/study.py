@@ -17,8 +17,7 @@ from cluster.bohb.journal import ConfigId, Configuration, Journal
 from cluster.bohb.profiles import METHODS, get_method
 from cluster.nes.run import NESRun
 from cluster.storage.run_folder import Settings, read_settings
-from search_spaces.bohb import SPACES
-from search_spaces.prior import nearest
+from search_spaces import SPACES
 from search_spaces.space import Space
 from search_spaces.translation import of_hyperparameters, to_hyperparameters
 
@@ -116,6 +115,8 @@ class Study:
         """The configuration that the search begins with, if its prior is the recipe: the recipe's
         values, moved into the space where they lie outside. Raises InvalidInput if the space
         forbids it."""
+        from search_spaces.prior import nearest
+
         if self.prior != "recipe":
             return None
         return nearest(self.space.build(self.agents), self._of_recipe)

@@ -11,7 +11,8 @@ from bilevel.hyperparameters import (
 )
 from bilevel.nes import NES
 from bilevel.tasks import get_task
-from search_spaces.bohb import SPACES, search_space
+from search_spaces import SPACES
+from search_spaces.bohb import search_space
 from search_spaces.prior import nearest
 from search_spaces.translation import of_hyperparameters, to_hyperparameters
 from tests.conftest import ddqn
