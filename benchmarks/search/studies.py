@@ -110,7 +110,8 @@ def proposals() -> str:
                 origin: [result for search in found for result in search[origin]]
                 for origin in (Origin.RANDOM.value, Origin.MODEL.value)
             }
-            rows += _proposals(task, f"compared below: {len(found)} searches", pooled)
+            noun = "search" if len(found) == 1 else "searches"
+            rows += _proposals(task, f"compared below: {len(found)} {noun}", pooled)
     head = [
         "task",
         "study",
