@@ -1,6 +1,7 @@
 """BOHB's search spaces, in ConfigSpace.
 
-Names, files and translation are told without ConfigSpace, whose import takes a second.
+ConfigSpace, whose import takes a second, is imported by whoever builds a space or draws from it; a
+trial, and a command that searches nothing, only translate hyperparameters.
 """
 
 #: Spaces by name, each with the recipe that its ranges of step sizes are meant for.

@@ -1,6 +1,6 @@
 """A search space: one that comes with the package, or one of the user's from a file.
 
-A trial knows its space, but does not build it: ConfigSpace is imported by whoever does.
+ConfigSpace is imported where a space is built: trials know theirs without.
 """
 
 import json

@@ -69,7 +69,8 @@ def main() -> None:
             measured = read_result(f"search_{task}")["rows"]
         except NotMeasured:
             continue
-        _save(compared(task, measured), f"comparison-{task}")
+        if any(by_method(measured, method) for method in METHODS):
+            _save(compared(task, measured), f"comparison-{task}")
 
 
 if __name__ == "__main__":

@@ -118,6 +118,7 @@ def comparison() -> str:
         "searches",
         "fresh runs solved",
         "core seconds a solved run",
+        "BOHB's less, equal, more",
         "p against BOHB",
     ]
     return f"{table(head, rows)}\n\n{source(*results)}"
@@ -126,7 +127,7 @@ def comparison() -> str:
 def _rows(task: str, measured: dict[str, Any]) -> list[list[str]]:
     found = {method: by_method(measured, method) for method in METHODS}
     default = measured["default"]["fresh"]
-    rows = [[task, "the recipe `default`", "-", *_quality([default]), "-"]]
+    rows = [[task, "the recipe `default`", "-", *_quality([default]), "-", "-"]]
     for method, title in METHODS.items():
         if not found[method]:
             continue
@@ -135,9 +136,16 @@ def _rows(task: str, measured: dict[str, Any]) -> list[list[str]]:
             np.array([expected_core_seconds(of[seed]) for seed in both])
             for of in (found[method], found["bohb"])
         )
+        pairs = [
+            int((bohbs < costs).sum()),
+            int((bohbs == costs).sum()),
+            int((bohbs > costs).sum()),
+        ]
+        told = ", ".join(map(str, pairs)) if method != "bohb" else "-"
         enough = method != "bohb" and len(both) > 1 and np.isfinite([*costs, *bohbs]).all()
         p = f"{p_value(costs, bohbs):.2f}" if enough else "-"
-        rows.append([task, title, str(len(found[method])), *_quality([*found[method].values()]), p])
+        quality = _quality([*found[method].values()])
+        rows.append([task, title, str(len(found[method])), *quality, told, p])
     return rows
 
 

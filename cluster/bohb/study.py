@@ -115,10 +115,10 @@ class Study:
         """The configuration that the search begins with, if its prior is the recipe: the recipe's
         values, moved into the space where they lie outside. Raises InvalidInput if the space
         forbids it."""
-        from search_spaces.prior import nearest
-
         if self.prior != "recipe":
             return None
+        from search_spaces.prior import nearest  # with ConfigSpace, which trials do without
+
         return nearest(self.space.build(self.agents), self._of_recipe)
 
     @property

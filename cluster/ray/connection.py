@@ -148,10 +148,11 @@ class Capacity:
 
 @contextlib.contextmanager
 def scaled_to(cores: int, address: str | None) -> Iterator[None]:
-    """Ask the autoscaler of the cluster at `address`, if it has one, for so many cores during the
-    block. Ray keeps the request of the driver that asked last.
+    """Ask the autoscaler of the connected cluster, if it has one, for so many cores during the
+    block. Ray keeps the request of the driver that asked last. `address` is what the cluster was
+    joined by: one of a command's own has no autoscaler.
     """
-    if is_own(address):  # without an autoscaler; to ask takes a second
+    if is_own(address):  # to ask takes a second
         yield
         return
     _request(cores)

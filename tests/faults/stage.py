@@ -21,6 +21,9 @@ STUDY = "study"
 
 #: Brackets of a study: one has four results, two have six, and last twice as long.
 BRACKETS = 2
+
+#: A trial, which has an actor, takes five core seconds to start: one, where their number does not
+#: matter.
 ONE_BY_ONE = ("--concurrent-trials", "1")
 
 #: Arguments of a head node without the services that only show what happens.

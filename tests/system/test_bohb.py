@@ -21,6 +21,7 @@ from cluster.bohb.study import RECIPE_FILE, SPACE_FILE, Study, configuration_nam
 from cluster.bohb.validation import Validation
 from search_spaces.bohb import search_space
 from tests.commands import BILEVEL, run_bilevel
+from tests.faults.stage import ONE_BY_ONE
 from tests.system.conftest import client, run_until
 
 pytestmark = pytest.mark.timeout(290)
@@ -30,10 +31,6 @@ SMOKE = (
     *("--set", "nes.centre_agents=2", "--set", "nes.patient_episodes=0", "--vary-hp", "no"),
     *("--set", "ddqn.hidden_size=16", "--set", "ddqn.batch_size=16"),
 )
-
-
-#: One process less for a trial, and one for its actor, where their number does not matter.
-ONE_BY_ONE = ("--concurrent-trials", "1")
 
 
 def results(home: Path, study: str = "smoke") -> dict[object, float | None]:
@@ -212,7 +209,7 @@ def test_ctrl_c_stops_orderly_and_the_same_command_goes_on(
     (parent,) = [r for r in runs if "mlflow.parentRunId" not in r.data.tags]
     assert parent.data.tags["mlflow.note.content"].startswith("**Stopped, and nothing is lost:**")
 
-    args = ("--workers-per-trial", "2", "--concurrent-trials", "1", "--address", address)
+    args = ("--workers-per-trial", "2", *ONE_BY_ONE, "--address", address)
     result = run_bilevel(*SMOKE, *args, "--home", tmp_home)
     assert result.returncode == 0, result.stderr
     assert results(tmp_home) == results(study_home[0])

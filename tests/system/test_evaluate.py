@@ -17,6 +17,7 @@ from bilevel.tasks import get_task
 from cluster.nes.run import STATE_FILE
 from tests.commands import run_bilevel
 from tests.documents import documented_agent
+from tests.faults.stage import ONE_BY_ONE
 from tests.system.conftest import client, run_until
 
 pytestmark = pytest.mark.timeout(280)
@@ -143,7 +144,7 @@ def test_a_mistake_in_the_users_own_agent_is_one_line(tmp_path: Path, address: s
         "--address",
         address,
     )
-    smoke = ("bohb", "--profile", "smoke", "--concurrent-trials", "1")
+    smoke = ("bohb", "--profile", "smoke", *ONE_BY_ONE)
     for command in (("evaluate", "--workers", "1", "--real"), smoke):
         name, *options = command
         result = run_bilevel(name, *options, "CartPole-v0", *chosen)

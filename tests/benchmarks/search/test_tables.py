@@ -31,13 +31,14 @@ def test_a_method_is_compared_over_the_seeds_that_both_have() -> None:
         for method, cost in zip(METHODS, (10, 20, 40), strict=True):
             row = {"method": method, "seed": seed, "fresh": fresh(cost * (seed + 1))}
             measured[f"{method} {seed}"] = row
+    measured["random 0"]["fresh"] = fresh(10)  # the recipe that BOHB found too
     measured["random 2"]["fresh"].pop()  # its search is over, its fresh runs are not
     measured["random 3"] = {"method": "random", "seed": 3, "search": {}}
     default, bohb, hyperband, random = _rows("CartPole-v0", measured)
-    assert default[2:] == ["-", "2 of 2", "30", "-"]
-    assert bohb[2:] == ["3", "6 of 6", "20 (10 to 30)", "-"]
-    assert hyperband[2:] == ["3", "6 of 6", "40 (20 to 60)", "0.25"]
-    assert random[2:] == ["2", "4 of 4", "60 (40 to 80)", "0.50"]
+    assert default[2:] == ["-", "2 of 2", "30", "-", "-"]
+    assert bohb[2:] == ["3", "6 of 6", "20 (10 to 30)", "-", "-"]
+    assert hyperband[2:] == ["3", "6 of 6", "40 (20 to 60)", "3, 0, 0", "0.25"]
+    assert random[2:] == ["2", "4 of 4", "45 (10 to 80)", "1, 1, 0", "1.00"]
 
 
 def test_what_reaches_the_largest_budget_is_told_by_method() -> None:
