@@ -8,6 +8,7 @@ Both take the same number of steps with the same actions, one after the other, R
 import tempfile
 import time
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -19,13 +20,19 @@ from bilevel.synthetic_env import SEDistribution, StoredSE, coordinates, save_se
 from bilevel.tasks import get_task
 
 COPIES, STEPS, REPEATS = (8, 64), 400, 7
+BATCHED, LOOPED = "vector_entry_point", "sync"
+
+
+def copies_of(path: Path, copies: int, mode: str) -> gymnasium.vector.VectorEnv[Any, Any, Any]:
+    """Copies of an SE that take their steps together."""
+    return gymnasium.make_vec(
+        "bilevel/SyntheticEnv-v0", num_envs=copies, vectorization_mode=mode, path=path
+    )
 
 
 def rate(path: Path, copies: int, mode: str) -> float:
     """Steps per second of all copies together."""
-    env = gymnasium.make_vec(
-        "bilevel/SyntheticEnv-v0", num_envs=copies, vectorization_mode=mode, path=path
-    )
+    env = copies_of(path, copies, mode)
     actions = np.random.default_rng(0).integers(2, size=(STEPS, copies))
     env.reset(seed=0)
     began = time.perf_counter()
@@ -45,10 +52,10 @@ def main() -> None:
         path = Path(folder) / "se.safetensors"
         save_se(StoredSE(se, task.id, task.step_limit, task.solved_reward), path)
         for copies in COPIES:
-            rate(path, copies, "sync")  # loads the kernels
+            for mode in (BATCHED, LOOPED):
+                rate(path, copies, mode)  # loads the kernels
             pairs = [
-                (rate(path, copies, "vector_entry_point"), rate(path, copies, "sync"))
-                for _ in range(REPEATS)
+                (rate(path, copies, BATCHED), rate(path, copies, LOOPED)) for _ in range(REPEATS)
             ]
             rows[str(copies)] = {
                 "batched": spread([one for one, _ in pairs]),
