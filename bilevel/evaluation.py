@@ -282,14 +282,7 @@ class _Run:
         if reason == NOT_FINITE or not all(np.isfinite(p).all() for p in parameters):
             return self._diverged(steps, episodes)
         returns, tested = real_returns(task, agent, hp.test_episodes, self.test_seed)
-        if not np.isfinite(returns).all():
-            return self._diverged(steps, episodes, tested)
-        real = tested + self._real_steps(steps)
-        return self._outcome(tuple(returns.tolist()), steps, episodes, real, True)
-
-    def _real_steps(self, train_steps: int) -> int:
-        """Steps of the training that were made on the real task."""
-        return train_steps if self.se is None else 0
+        return self._tested(steps, episodes, returns, tested)
 
     def interpreted(self) -> Outcome:
         """Train and test the agent's definition: slower, but works for every agent and task."""
@@ -302,18 +295,24 @@ class _Run:
             if not finite:
                 return self._diverged(steps, episodes)
             returns, tested = _returns(greedy_episodes(task, agent.greedy, n, self.test_seed))
+        return self._tested(steps, episodes, returns, tested)
+
+    def _tested(
+        self, steps: int, episodes: int, returns: NDArray[np.float64], tested: int
+    ) -> Outcome:
+        """The outcome with the returns of tests that took `tested` steps."""
         if not np.isfinite(returns).all():
             return self._diverged(steps, episodes, tested)
-        real = tested + self._real_steps(steps)
-        return self._outcome(tuple(returns.tolist()), steps, episodes, real, True)
+        return self._outcome(tuple(returns.tolist()), steps, episodes, tested, True)
 
     def _diverged(self, steps: int, episodes: int, tested: int = 0) -> Outcome:
         worst = (self.task.worst_score,) * self.hp.test_episodes
-        return self._outcome(worst, steps, episodes, tested + self._real_steps(steps), False)
+        return self._outcome(worst, steps, episodes, tested, False)
 
     def _outcome(
-        self, returns: tuple[float, ...], steps: int, episodes: int, real: int, finite: bool
+        self, returns: tuple[float, ...], steps: int, episodes: int, tested: int, finite: bool
     ) -> Outcome:
+        real = tested + (steps if self.se is None else 0)
         cost = estimated_core_seconds(self.hp, steps, real)
         return Outcome(returns, steps, episodes, real, finite, cost)
 

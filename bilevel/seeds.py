@@ -1,6 +1,6 @@
 """Derivation of seeds from a run's seed, a purpose, and a path of numbers within that purpose.
 
-No other module derives seeds. An evaluation splits its seed into independent parts.
+What is given a seed may split it further, as an evaluation does.
 """
 
 import operator

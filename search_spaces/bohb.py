@@ -1,4 +1,5 @@
-"""BOHB's search spaces: the paper's Table 1, and a smaller space for short searches.
+"""BOHB's search spaces: the paper's (Table "Optimized hyperparameters"), and a smaller one for
+short searches.
 
 `search_spaces.translation` tells how dimensions are named.
 """
@@ -18,7 +19,7 @@ Dimension = CS.hyperparameters.Hyperparameter[Any, Any]
 
 
 def _full() -> list[Dimension]:
-    """Dimensions of NES and SE in Table 1, with its ranges and scales."""
+    """The paper's dimensions of NES and SE, with its ranges and scales."""
     return [
         CS.Float("nes.step_size", (0.1, 1.0), log=True),
         CS.Float("nes.std_dev", (0.01, 1.0), log=True),
@@ -31,8 +32,8 @@ def _full() -> list[Dimension]:
 
 
 def _full_agent(agent: str) -> list[Dimension]:
-    """Dimensions of the agent in Table 1, and of TD3's hyperparameters, which the table lacks: from
-    about a third to three times their defaults."""
+    """The paper's dimensions of the agent, and those of TD3, which its table lacks: from about a
+    third to three times their defaults."""
     return [
         CS.Integer(f"{agent}.init_episodes", (1, 20), log=True),
         CS.Integer(f"{agent}.batch_size", (64, 256)),
@@ -75,7 +76,7 @@ def search_space(
     name: str, agents: Sequence[str] = ("ddqn",), seed: int | None = None
 ) -> CS.ConfigurationSpace:
     """The space `core` for NES and SE, or `full`, in which each of `agents` has the dimensions of
-    its own fields too. For DDQN, `full` has the 18 dimensions of Table 1.
+    its own fields too. For DDQN, `full` has the 18 dimensions of the paper's table.
 
     Raises InvalidInput for another name.
     """

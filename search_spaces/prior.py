@@ -11,7 +11,7 @@ from bilevel.errors import InvalidInput, first_line
 
 #: Standard deviation of a draw, in units of a dimension's range (of its logarithm, if it has one).
 SPREAD = 0.15
-#: Chance of a category to be another one.
+#: Chance of a category to be drawn anew, from all of its choices.
 OTHER = 0.3
 
 

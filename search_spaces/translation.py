@@ -16,6 +16,11 @@ from bilevel.hyperparameters import Hyperparameters
 INVERSE = "1-"
 
 
+def native(value: Any) -> Any:
+    """A value as Python's own, where it is a numpy scalar."""
+    return value.item() if hasattr(value, "item") else value
+
+
 def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) -> Hyperparameters:
     """`base` with the values of a configuration.
 
@@ -23,20 +28,14 @@ def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) 
     Raises InvalidInput for a name or a value that is not allowed.
     """
     changes: dict[str, dict[str, Any]] = {}
-    sections: dict[str, Any] = {
-        "nes": base.nes,
-        "se": base.se,
-        **{hp.agent: hp for hp in base.agents},
-    }
+    sections = base.sections
     for name, value in configuration.items():
         section, _, field = name.partition(".")
-        plain = value.item() if hasattr(value, "item") else value
+        plain = native(value)
         if field.startswith(INVERSE):
             if not isinstance(plain, float):
                 raise InvalidInput(f"hyperparameter {name!r} must be a float; got {plain!r}")
             field, plain = field.removeprefix(INVERSE), 1.0 - plain
-        if isinstance(plain, str):
-            plain = str(plain)  # np.str_ is a subclass of str
         known = (
             [f"{section}.{s.name}" for s in fields(sections[section])]
             if section in sections
@@ -57,11 +56,7 @@ def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) 
 def of_hyperparameters(hp: Hyperparameters, names: Iterable[str]) -> dict[str, Any]:
     """The values that `hp` has in the dimensions with these names, the inverse of
     `to_hyperparameters`. Raises InvalidInput for a name that `hp` does not have."""
-    sections: dict[str, Any] = {
-        "nes": hp.nes,
-        "se": hp.se,
-        **{agent.agent: agent for agent in hp.agents},
-    }
+    sections = hp.sections
     values = {}
     for name in names:
         section, _, field = name.partition(".")

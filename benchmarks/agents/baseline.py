@@ -13,23 +13,25 @@ from pathlib import Path
 from benchmarks.machine import write_result
 from bilevel.evaluation import RealTask
 from bilevel.hyperparameters import AgentHyperparameters, load_recipe
-from bilevel.tasks import get_task
+from bilevel.tasks import BUILT_IN_TASKS, get_task
 from cluster.evaluate.command import EvaluateCommand, run_evaluate
 from cluster.evaluate.report import Group, as_json
+from cluster.experiments.authors import authors_figures
 from cluster.session.context import RunContext
 from cluster.storage.home import Home
 
-#: Mean and standard deviation of train steps and mean test return on the real task, 40
-#: times 10 agents: constants of the plotting scripts in the authors' repository
-#: (automl/learning_environments).
-AUTHORS: dict[str, dict[str, tuple[int, int, float | None]]] = {
-    "CartPole-v0": {
-        "ddqn": (16888, 24925, 190.67),
-        "dueling-ddqn": (12745, 14972, 179.07),
-        "td3": (17875, 17835, 187.86),
-    },
-    "Acrobot-v1": {"ddqn": (15389, 12820, None), "dueling-ddqn": (29531, 79219, None)},
-}
+
+def authors(task_id: str, agent: str) -> dict[str, float | None]:
+    """Mean and standard deviation of train steps, and mean test return (None: not published), of
+    the authors' 40 times 10 agents on the real task."""
+    row = {"agent": agent, "source": "real"}
+    found = {one.what: one for one in authors_figures() if (one.task, one.row) == (task_id, row)}
+    steps, score = found["train_steps"], found.get("test_return")
+    return {
+        "train_steps_mean": steps.value,
+        "train_steps_std": steps.spread,
+        "score": None if score is None else score.value,
+    }
 
 
 def worst_by_layers(
@@ -48,7 +50,7 @@ def worst_by_layers(
 def main() -> None:
     """Train the agents, write `results/baseline_TASK.json`."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("task", choices=AUTHORS)
+    parser.add_argument("task", choices=[*BUILT_IN_TASKS])
     parser.add_argument("--agents", type=int, default=40)
     parser.add_argument("--kinds", default="ddqn,dueling-ddqn,td3")
     parser.add_argument("--home", type=Path, required=True)
@@ -70,8 +72,7 @@ def main() -> None:
     rows = as_json(groups)
     for row, hp, group in zip(rows, command.kinds, groups, strict=True):
         row["worst_by_layers"] = worst_by_layers(command, hp, group)
-        steps, spread, score = AUTHORS[task.id][row["agent"]]
-        row["authors"] = {"train_steps_mean": steps, "train_steps_std": spread, "score": score}
+        row["authors"] = authors(task.id, row["agent"])
     arguments = [argument for argument in sys.argv[1:] if argument != str(options.home)]
     line = f"python -m benchmarks.agents.baseline {' '.join(arguments)} FOLDER"
     print(f"written to {write_result(f'baseline_{task.id}', line, {'groups': rows})}")

@@ -17,6 +17,7 @@ from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
+from shutil import rmtree
 from typing import Any
 
 import gymnasium
@@ -65,6 +66,7 @@ def run_seed(
         command += ["--set", change]
     if generations is not None:
         command += ["--generations", str(generations)]
+    rmtree(folder, ignore_errors=True)  # a run that was interrupted would be too fast
     began = time.time()
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     seconds = time.time() - began

@@ -29,7 +29,6 @@ import numpy as np
 from benchmarks.arguments import format_seeds, known_task, parse_seeds
 from benchmarks.machine import NotMeasured, read_result, write_result
 from benchmarks.search.studies import outcomes
-from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import (
     EvaluationRequest,
     EvaluationResult,
@@ -40,7 +39,8 @@ from bilevel.evaluation import (
 from bilevel.hyperparameters import Hyperparameters, load_recipe
 from bilevel.nes import NES
 from bilevel.nes.confirmation import FINAL_AGENTS
-from bilevel.seeds import Purpose, derive
+from bilevel.nes.requests import fresh_agent
+from bilevel.seeds import Purpose
 from bilevel.synthetic_env import least_units
 from bilevel.tasks import Task, get_task
 from cluster.bohb.brackets import Schedule, core_seconds_to_run
@@ -152,8 +152,7 @@ def fresh_run(task_id: str, configuration: dict[str, Any], number: int) -> dict[
     )
     scores = []
     for agent in range(FINAL_AGENTS):
-        drawn = draw_agent(hp.agents, "all", derive(seed, Purpose.AGENT, int(Purpose.FINAL), agent))
-        trial = derive(seed, Purpose.FINAL, agent)
+        trial, drawn = fresh_agent(hp.agents, "all", seed, Purpose.FINAL, agent)
         scores.append(train_and_test(task, state.best.se, drawn, trial).score)
     return {
         "seed": seed,

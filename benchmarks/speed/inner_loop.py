@@ -43,12 +43,12 @@ class Case:
 
 
 def cases() -> dict[str, Case]:
-    """The cases by their labels. "Table 1" are the paper's optimized hyperparameters for the
-    task, "default" its default table; a label with sizes is the default with these. The last
-    ones lie in the ranges of varied hyperparameters."""
+    """The cases by their labels. "optimized" are the paper's optimized hyperparameters for the
+    task, "default" those of its default table; a label with sizes is the default with these. The
+    last ones lie in the ranges of varied hyperparameters."""
     found = {
-        "CartPole, DDQN, Table 1": _case("CartPole-v0", "CartPole-v0", "ddqn"),
-        "Acrobot, DDQN, Table 1": _case("Acrobot-v1", "Acrobot-v1", "ddqn"),
+        "CartPole, DDQN, optimized": _case("CartPole-v0", "CartPole-v0", "ddqn"),
+        "Acrobot, DDQN, optimized": _case("Acrobot-v1", "Acrobot-v1", "ddqn"),
         "CartPole, DDQN, default (2 x 128)": _case("CartPole-v0", "", "ddqn"),
         "CartPole, Dueling DDQN, default": _case("CartPole-v0", "", "dueling-ddqn"),
         "CartPole, TD3, default": _case("CartPole-v0", "", "td3"),
@@ -82,7 +82,7 @@ def _assert_labelled(label: str, case: Case) -> None:
     name = agent.lower().replace(" ", "-")
     assert case.task_id.startswith(f"{task}-"), label
     assert case.agent.agent == name, label
-    column = case.task_id if sizes == ["Table 1"] else ""
+    column = case.task_id if sizes == ["optimized"] else ""
     recipe = load_recipe("paper", column, (name,))
     expected: Any = recipe.agents[0]
     if " x " in sizes[0]:

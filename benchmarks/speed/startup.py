@@ -76,7 +76,7 @@ def se_load_milliseconds() -> float:
 
 
 def real_task_milliseconds(task_id: str) -> float:
-    """Time of ten test episodes of the Table 1 agent on the real task at maximum length; it is
+    """Time of ten test episodes of the optimized agent on the real task at maximum length; it is
     measured per step, because episodes of the untrained agent are shorter."""
     task, hp = get_task(task_id), load_recipe("paper", task_id)
     (agent_hp,) = hp.agents
@@ -122,12 +122,12 @@ def actor_mebibytes() -> dict[str, float]:
 
     from cluster.ray.connection import ray_cluster
 
-    table_1, large = load_recipe("paper", "CartPole-v0"), load_recipe("paper", "")
+    optimized, large = load_recipe("paper", "CartPole-v0"), load_recipe("paper", "")
     (agent,) = large.agents
     assert isinstance(agent, DDQNHyperparameters)
     widest = replace(agent, hidden_layers=3, hidden_size=384, batch_size=384, max_episodes=15)
     cases = {
-        "CartPole, Table 1": (table_1, 4),
+        "CartPole, optimized": (optimized, 4),
         "CartPole, 3 x 384, batch 384": (replace(large, agents=(widest,)), 1),
     }
     with ray_cluster("local"):

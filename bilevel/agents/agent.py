@@ -128,7 +128,6 @@ def get_agent(name: str) -> RegisteredAgent:
         load_plugins()
     if name not in _AGENTS:
         raise one_of("agent", name, registered_agents())
-    agent_hyperparameters(name)
     return _AGENTS[name]
 
 

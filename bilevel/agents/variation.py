@@ -1,4 +1,5 @@
-"""Hyperparameter variation of the inner loop's agents (paper, Table "HP variation").
+"""Hyperparameter variation of the inner loop's agents (paper, Table "Ranges used for sampling
+random agent HP config.").
 
 NES draws fresh agents from these ranges, so that the SE does not overfit to one agent. Two
 variations avoid the cost of large agents: `small` draws small ones only, and `narrowed` draws from
@@ -51,8 +52,6 @@ def draw_agent(
     """
     if vary not in VARIATIONS:
         raise one_of("variation of agents", vary, VARIATIONS)
-    if len(agents) == 1 and vary == "no":
-        return agents[0]
     rng = np.random.default_rng(seed)
     agent = agents[int(rng.integers(len(agents)))] if len(agents) > 1 else agents[0]
     if vary == "no":

@@ -1,6 +1,7 @@
 """Recorded steps on a real task."""
 
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass, fields, replace
 from typing import Any, Self
 
@@ -39,23 +40,22 @@ class Transitions:
         With probability `exploration` such a random action replaces the policy's.
         """
         rng = np.random.default_rng(seed)
-        env = task.make()
-        first = env.action_space.start  # type: ignore[attr-defined]
         rows: list[tuple[Any, ...]] = []
         state, left, action = None, 0, 0
-        while len(rows) < steps:
-            if state is None:
-                state, left = env.reset(seed=int(rng.integers(2**31)))[0], 0
-            if left:
-                left -= 1
-            elif policy is None or rng.random() < exploration:
-                action, left = int(rng.integers(task.n_actions)), int(rng.integers(REPEATS))
-            else:
-                action = policy(state)
-            following, reward, terminated, truncated, _ = env.step(first + action)
-            rows.append((state, action, following, float(reward), terminated))
-            state = None if terminated or truncated else following
-        env.close()
+        with closing(task.make()) as env:
+            first = env.action_space.start  # type: ignore[attr-defined]
+            while len(rows) < steps:
+                if state is None:
+                    state, left = env.reset(seed=int(rng.integers(2**31)))[0], 0
+                if left:
+                    left -= 1
+                elif policy is None or rng.random() < exploration:
+                    action, left = int(rng.integers(task.n_actions)), int(rng.integers(REPEATS))
+                else:
+                    action = policy(state)
+                following, reward, terminated, truncated, _ = env.step(first + action)
+                rows.append((state, action, following, float(reward), terminated))
+                state = None if terminated or truncated else following
         states, actions, next_states, rewards, ends = zip(*rows, strict=True)
         return cls(
             np.array(states, np.float32),
@@ -78,9 +78,8 @@ class Transitions:
     def of_continuing_task(self) -> Self:
         """The continuing form of the task, in which each end leads to a new initial state (Sutton
         and Barto, 2018, section 3.3)."""
-        starts = np.roll(
-            self.states, -1, axis=0
-        )  # the step after an end, or the first one, begins an episode
+        # The step after an end begins an episode, and so does the first one.
+        starts = np.roll(self.states, -1, axis=0)
         ended = self.ends[:, None] > 0
         next_states = np.where(ended, starts, self.next_states)
         return replace(self, next_states=next_states, ends=np.zeros_like(self.ends))

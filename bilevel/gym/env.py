@@ -33,26 +33,27 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     metadata: dict[str, Any] = {"render_modes": list(MODES), "render_fps": 30}  # noqa: RUF012
 
     def __init__(self, path: str | Path, render_mode: str | None = None) -> None:
+        from bilevel.kernels.synthetic_env import work_space
         from bilevel.synthetic_env import load_se
 
         self.se = se = load_se(se_file(path))
         self._task = se.task()
         self.step_limit, self.n_actions = se.architecture.step_limit, se.architecture.n_actions
         self.kernel = se.se.kernel
-        self._work = np.zeros((2, 3 * se.architecture.hidden_size), np.float32)
+        self._work = work_space(self.kernel)
         self._state: NDArray[np.float32] | None = None
         self._steps = 0
         shape = (se.architecture.state_size,)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
+        self.render_mode = render_mode
+        self._renderer = None if render_mode is None else Renderer(self._task, render_mode)
+        if self._renderer is not None:
+            self.metadata = {**self.metadata, "render_fps": self._renderer.fps}
         # gymnasium draws initial states of a task that is not compiled, in an environment that is
         # made once.
         self._real = None if self._task.compiled else self._task.make()
         self.first_action = 0 if self._real is None else int(self._real.action_space.start)  # type: ignore[attr-defined]
         self.action_space = gymnasium.spaces.Discrete(self.n_actions, start=self.first_action)
-        self.render_mode = render_mode
-        self._renderer = None if render_mode is None else Renderer(self._task, render_mode)
-        if self._renderer is not None:
-            self.metadata = {**self.metadata, "render_fps": self._renderer.fps}
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -76,7 +77,7 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         The action may be an integer of any kind, torch's too. Raises InvalidInput for another one,
         and ResetNeeded before the first reset.
         """
-        from bilevel.kernels.synthetic_env import step
+        from bilevel.kernels.synthetic_env import DONE, step
         from bilevel.tasks import checked_action
 
         if self._state is None:
@@ -88,7 +89,7 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         self._steps += 1
         self._shown()
         truncated = self._steps >= self.step_limit
-        return next_state.copy(), float(reward), bool(done > 0.5), truncated, {"done": float(done)}
+        return next_state.copy(), float(reward), bool(done > DONE), truncated, {"done": float(done)}
 
     def render(self) -> Any:
         """The current state as the real task draws it: an image (height, width, 3), or None in the

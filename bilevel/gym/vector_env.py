@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bilevel.errors import InvalidInput
 from bilevel.gym.env import SyntheticEnv
-from bilevel.kernels.synthetic_env import step_all
+from bilevel.kernels.synthetic_env import DONE, step_all, work_space
 from bilevel.tasks import checked_action
 
 
@@ -39,7 +39,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(single.action_space, num_envs)
         self._single = single
         self._sources = [np.random.default_rng() for _ in range(num_envs)]
-        self._work = np.zeros((2, 3 * single.se.architecture.hidden_size), np.float32)
+        self._work = work_space(single.kernel)
         self._states = np.zeros((num_envs, single.se.architecture.state_size), np.float32)
         self._steps = np.zeros(num_envs, np.int64)
         self._over = np.zeros(num_envs, bool)
@@ -99,7 +99,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         step_all(self._single.kernel, self._states, numbers, states, rewards, dones, self._work)
         self._states = states
         self._steps += 1
-        terminated = (dones > 0.5) & ~resetting
+        terminated = (dones > DONE) & ~resetting
         truncated = (self._steps >= self._single.step_limit) & ~resetting
         self._begin(np.flatnonzero(resetting))
         self._over = terminated | truncated

@@ -138,6 +138,11 @@ class Hyperparameters:
                 f"replace by a random one; got {self.nes.restart_after}"
             )
 
+    @property
+    def sections(self) -> dict[str, Any]:
+        """NES, SE and agents by the names that recipes and searches give them."""
+        return {"nes": self.nes, "se": self.se, **{hp.agent: hp for hp in self.agents}}
+
     def to_dict(self) -> dict[str, Any]:
         """Nested dictionary of plain values, for JSON."""
         return {

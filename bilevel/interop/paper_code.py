@@ -74,7 +74,9 @@ def read_paper_se(path: Path | str, task_id: str | None = None) -> StoredSE:
     )
     architecture = Architecture.of(task, hp)
     psi = np.concatenate(parts)
-    if psi.size != architecture.parameter_count or not np.isfinite(psi).all():
+    if not np.isfinite(psi).all():
+        raise InvalidInput(f"{str(path)!r} holds parameters that are not finite")
+    if psi.size != architecture.parameter_count:
         raise InvalidInput(
             f"{str(path)!r} holds {psi.size} parameters: an SE of {task.id} with "
             f"{hp.hidden_layers} hidden layer(s) of {hp.hidden_size} units has "

@@ -21,7 +21,7 @@ class Environment(NamedTuple):
     solved_reward: float  # read only if not synthetic
     initial_physics: NDArray[np.float64]  # (rows, p); episode e starts in row e mod rows
     physics: NDArray[np.float64]  # (p,) of the current episode
-    work: NDArray[np.float32]  # (2, 3H) of the SE's networks
+    work: NDArray[np.float32]  # of the SE's networks
 
 
 def environment(
@@ -43,7 +43,7 @@ def environment(
         solved_reward,
         initial_physics,
         np.zeros(initial_physics.shape[1]),
-        np.zeros((2, se.action_biases.shape[1]), np.float32),
+        synthetic_env.work_space(se),
     )
 
 
@@ -60,7 +60,7 @@ def step(env, state, action, next_state):
     for a real task) and whether the episode is over."""
     if env.synthetic:
         reward, done = synthetic_env.step(env.se, state, action, next_state, env.work)
-        return reward, done, done > 0.5
+        return reward, done, done > synthetic_env.DONE
     real_reward, over = dynamics.step(env.dynamics, env.physics, action)
     dynamics.observe(env.dynamics, env.physics, next_state)
     return np.float32(real_reward), np.float32(1) if over else np.float32(0), over

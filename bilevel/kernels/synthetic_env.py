@@ -20,6 +20,9 @@ from bilevel.kernels.jit import compiled
 from bilevel.kernels.mlp import layer_biases, layer_weights
 from bilevel.networks import Network
 
+#: The done output above which an episode ends.
+DONE = 0.5
+
 
 class SEKernel(NamedTuple):
     """Parameters of an SE, arranged for `step`."""
@@ -62,10 +65,15 @@ def prepare(
     )
 
 
+def work_space(se: SEKernel) -> NDArray[np.float32]:
+    """Memory (2, 3H) for the hidden layers of `step`."""
+    return np.zeros((2, se.action_biases.shape[1]), np.float32)
+
+
 @compiled
 def step(se, state, action, next_state, work):
     """Write the next state into `next_state` (S,); return reward and raw done (an episode ends
-    above 0.5). `work` is (2, 3H) float32."""
+    above DONE). `work` is a `work_space`."""
     h = work[0]
     for j in range(h.size):
         h[j] = se.action_biases[action, j]

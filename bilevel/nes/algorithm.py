@@ -208,11 +208,9 @@ class NES:
             finalists=admitted(state.finalists, Finalist.of(se.average, record)),
             records=(*state.records, record),
         )
-        if state.solved_for_long(nes):
-            agents, confirmation = nes.confirming_agents, None
-            if agents:
-                confirmation = Confirmation(agents, state.refuted)
-            state = replace(state, confirmation=confirmation, confirmed=not agents)
+        if nes.confirming_agents and state.solved_for_long(nes):
+            confirmation = Confirmation(nes.confirming_agents, state.refuted)
+            state = replace(state, confirmation=confirmation)
         return self._restarted(self._ended(state))
 
     def _judged(self, state: NESState, confirmation: Confirmation) -> NESState:
@@ -226,10 +224,12 @@ class NES:
         return self._ended(state)
 
     def _ended(self, state: NESState) -> NESState:
-        """The state, finished if it is confirmed, or if its generations are over and no
-        confirmation is under way."""
-        over = state.generation >= self.hp.nes.generations and state.confirmation is None
-        return replace(state, finished=state.confirmed or over)
+        """The state, finished if it is confirmed, or solved where nothing confirms it, or if its
+        generations are over and no confirmation is under way."""
+        nes = self.hp.nes
+        solved = not nes.confirming_agents and state.solved_for_long(nes)
+        over = state.generation >= nes.generations and state.confirmation is None
+        return replace(state, finished=state.confirmed or solved or over)
 
     def _member_scores(self, ordered: Sequence[EvaluationResult]) -> MemberScores:
         centre, members = np.split(scores_of(ordered), [self.hp.nes.centre_agents])

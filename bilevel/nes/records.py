@@ -23,7 +23,7 @@ class GenerationRecord:
     train_episodes_mean: float
     solved_fraction: float  #: of the agents trained on the unperturbed SE
     non_finite: int  #: evaluations of the generation that diverged
-    real_env_steps: int  #: steps on the real task so far: tests, and the scale of observations
+    real_env_steps: int  #: real steps so far: tests, scale of observations, distilled start
     cost: float  #: core seconds so far, estimated (`bilevel.cost`), of all evaluations
     psi_norm: float
     update_norm: float

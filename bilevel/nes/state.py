@@ -35,9 +35,9 @@ class NESState:
     real_env_steps: int = 0  # steps on the real task so far
     cost: float = 0.0  # core seconds of all evaluations so far, estimated (`bilevel.cost`)
     confirmation: Confirmation | None = None  # while one is under way
-    confirmed: bool = False  # solved for long enough, and confirmed
+    confirmed: bool = False  # solved for long enough, and confirmed by fresh agents
     refuted: int = 0  # confirmations that failed, in this attempt
-    finished: bool = False  # confirmed, or out of generations
+    finished: bool = False  # confirmed (solved, where nothing confirms), or out of generations
     finalists: tuple[Finalist, ...] = ()  # best first
     records: tuple[GenerationRecord, ...] = ()
 

@@ -22,12 +22,10 @@ from bilevel.decode import decode, decode_json
 from bilevel.durable import checksum, write_aside
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
+from bilevel.kernels.synthetic_env import DONE
 from bilevel.networks import layer_biases, layer_weights
 from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi
 from bilevel.tasks import MAX_STEP_LIMIT, Task, get_task
-
-#: The done output above which an episode ends.
-DONE = 0.5
 
 #: Maximum numbers of state dimensions and actions in a file.
 MAX_SPACE = 65536

@@ -8,6 +8,7 @@ the real task.
 
 import math
 import warnings
+from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from typing import Any
 
@@ -83,14 +84,11 @@ class Task:
             return rng.uniform(-0.05, 0.05, (n, 4))
         if self.dynamics == dynamics.ACROBOT:
             return rng.uniform(-0.1, 0.1, (n, 4)).astype(np.float32).astype(np.float64)
-        resetting = env or self.make()
         rows = min(n, GYMNASIUM_INITIAL_STATES)
         seed = int(rng.integers(2**31))
-        first = [resetting.reset(seed=seed)[0]]
-        states = np.array(first + [resetting.reset()[0] for _ in range(rows - 1)], np.float64)
-        if env is None:
-            resetting.close()
-        return states
+        with closing(self.make()) if env is None else nullcontext(env) as resetting:
+            first = [resetting.reset(seed=seed)[0]]
+            return np.array(first + [resetting.reset()[0] for _ in range(rows - 1)], np.float64)
 
     def observe(self, physics: NDArray[np.float64]) -> NDArray[np.float32]:
         """The observation (S,) of one row of `initial_physics`."""
@@ -116,16 +114,15 @@ class Task:
     def observation_scale(self, seed: int) -> ObservationScale:
         """Measure the scale of observations over SCALE_STEPS random actions; the standard deviation
         of a constant observation is set to 1."""
-        env = self.make()
-        env.action_space.seed(seed % 2**31)
-        state, _ = env.reset(seed=seed % 2**31)
         seen = []
-        for _ in range(SCALE_STEPS):
-            seen.append(state)
-            state, _, terminated, truncated, _ = env.step(env.action_space.sample())
-            if terminated or truncated:
-                state, _ = env.reset()
-        env.close()
+        with closing(self.make()) as env:
+            env.action_space.seed(seed % 2**31)
+            state, _ = env.reset(seed=seed % 2**31)
+            for _ in range(SCALE_STEPS):
+                seen.append(state)
+                state, _, terminated, truncated, _ = env.step(env.action_space.sample())
+                if terminated or truncated:
+                    state, _ = env.reset()
         mean, deviation = np.mean(seen, axis=0), np.std(seen, axis=0)
         # The computed deviation of a constant need not be 0.
         constant = np.ptp(seen, axis=0) <= _CONSTANT * np.maximum(np.abs(mean), 1.0)
@@ -157,12 +154,12 @@ def get_task(
     if built_in is not None and solved_reward is None and step_limit is None:
         return built_in
     env, spec = _inspect(task_id)
+    env.close()
     if spec.id != task_id.rpartition(":")[2]:  # gymnasium completes an id without a version
         ours = {name for name in BUILT_IN_TASKS if name.rpartition("-v")[0] == task_id}
         allowed = ", ".join(sorted({*ours, spec.id}))
         raise InvalidInput(f"task {task_id!r} has no version: allowed are {allowed}")
     observations, actions = env.observation_space, env.action_space
-    env.close()
     if not isinstance(observations, gymnasium.spaces.Box) or len(observations.shape) != 1:
         raise InvalidInput(
             f"{task_id} has observations {observations}: allowed is a Box of one dimension"

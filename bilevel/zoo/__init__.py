@@ -20,7 +20,7 @@ _FOLDER = Path(__file__).parent
 @dataclass(frozen=True)
 class Taught:
     """Results of fresh agents of one kind, trained on the SE with hyperparameters drawn from the
-    paper's ranges (Table "HP variation")."""
+    paper's ranges (`bilevel.agents.variation`)."""
 
     agent: str
     agents: int

@@ -1,7 +1,7 @@
 """The end of a study: its recipe and its best SE are chosen and written."""
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
@@ -24,7 +24,7 @@ from cluster.nes.selection import (
 )
 from cluster.ray.pool import EvaluationPool
 from cluster.session.session import Session
-from cluster.session.terminal import count
+from cluster.session.terminal import Terminal, count
 from cluster.tracking.registry import model_address
 
 #: File with the incumbent's best SE, of a search that was interrupted.
@@ -47,7 +47,8 @@ class Handover:
         study, log = self.study, self.terminal.log
         self._validate(pool, is_over)
         incumbent = self._report_incumbent()
-        contenders = self._contenders(pool)
+        every = list(self._all_runs(pool))
+        contenders = _contenders(every)
         if not contenders:
             log(
                 "no configuration finished a generation: see the errors above"
@@ -57,14 +58,17 @@ class Handover:
             return False
         if len(contenders) > 1:
             log(f"retesting the {len(contenders)} best SEs with fresh agents")
-        rounds = race(final_agents)
+        before, rounds = pool.real_env_steps, race(final_agents)
         self.terminal.bar("retesting", 0, agents_needed(len(contenders), rounds), "tests")
         step, seed = self.terminal.step, (study.seed,)
         best = choose_best(study.task, contenders, seed, pool, step, in_time(rounds, is_over))
         score = evaluate_holdout(study.task, best, final_agents, seed, pool)
-        path = export_best(best.se, score, study.folder, len(self.journal.results))
+        learned = sum(state.real_env_steps for runs in every for state in runs.states)
+        real_steps = learned + pool.real_env_steps - before
+        path = export_best(best.se, score, study.folder, len(self.journal.results), real_steps)
         (study.folder / INCUMBENT_FILE).unlink(missing_ok=True)  # of an interruption before
         log(str(score))
+        log(f"{real_steps} steps on the real task in all runs, nearly all of them in tests")
         if incumbent is not None:
             self._report_recipe()
         model = model_address(study.task.id, "newest")
@@ -95,11 +99,7 @@ class Handover:
         if plan is None:
             return
         log(f"validating {len(plan.finalists)} configurations with new seeds")
-        started = time.monotonic()
-
-        def progress(spent: float, total: float) -> None:
-            seconds = (time.monotonic() - started) * (total / spent - 1) if spent else 0.0
-            self.terminal.bar("validating", spent, total, "core s", eta=seconds)
+        progress = _Progress(self.terminal)
 
         found = validate(self.study, self.journal, plan, pool, log, progress, is_over)
         if found is None:
@@ -158,23 +158,9 @@ class Handover:
 
     # -- the best SE -------------------------------------------------------------
 
-    def _contenders(self, pool: EvaluationPool) -> list[Contender]:
-        """The SEs of all configurations that were confirmed, then those that scored highest in
-        their own runs. A damaged or lost checkpoint is recomputed."""
-        found = []
-        for runs in self._all_runs(pool):
-            hp = runs.run(0).hp
-            for state in runs.states:
-                ses = [state.best] if state.confirmed else state.candidates
-                found += [
-                    ((state.confirmed, finalist.rank), Contender(se, hp))
-                    for finalist, se in zip(state.finalists, ses, strict=False)
-                ]
-        found.sort(key=lambda pair: pair[0], reverse=True)
-        return [contender for _, contender in found[:RACERS]]
-
     def _all_runs(self, pool: EvaluationPool) -> Iterator[ConfigurationRuns]:
-        """The runs of every configuration, and those of its validation."""
+        """The runs of every configuration, and those of its validation. A damaged or lost
+        checkpoint is recomputed."""
         reached, log = self.journal.reached, self.terminal.log
         failed = {line.id for line in self.journal.results if line.loss is None}
         for line in self.journal.configs:
@@ -189,3 +175,36 @@ class Handover:
                     log(f"{configuration_name(line.id)} is left out: {error}")
                 continue
             yield from (runs, validated)
+
+
+class _Progress:
+    """Shows how far a validation is. What an earlier process has spent tells nothing of the speed
+    of this one."""
+
+    def __init__(self, terminal: Terminal) -> None:
+        self.terminal = terminal
+        self.started = time.monotonic()
+        self.first: float | None = None
+
+    def __call__(self, spent: float, total: float) -> None:
+        """Core seconds spent so far, and those of all finalists."""
+        if self.first is None:
+            self.first = spent
+        done = spent - self.first
+        seconds = (time.monotonic() - self.started) * (total - spent) / done if done else 0.0
+        self.terminal.bar("validating", spent, total, "core s", eta=seconds)
+
+
+def _contenders(every: Sequence[ConfigurationRuns]) -> list[Contender]:
+    """The SEs of all runs that were confirmed, then those that scored highest in their own runs."""
+    found = []
+    for runs in every:
+        hp = runs.run(0).hp
+        for state in runs.states:
+            ses = [state.best] if state.confirmed else state.candidates
+            found += [
+                ((state.confirmed, finalist.rank), Contender(se, hp))
+                for finalist, se in zip(state.finalists, ses, strict=False)
+            ]
+    found.sort(key=lambda pair: pair[0], reverse=True)
+    return [contender for _, contender in found[:RACERS]]

@@ -43,7 +43,7 @@ def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | N
     if len(at_budget) < _PER_HYPERPARAMETER * len(space) + _BESIDES:
         return None
     inputs = np.array([unit_values(space, values[line.id]) for line in at_budget])
-    objectives = np.log([line.loss or 1.0 for line in at_budget])
+    objectives = np.log([line.objective for line in at_budget])
     if np.ptp(objectives) == 0:
         return None
     # Imports pandas and more, which takes a second: only where there is a forest to fit.

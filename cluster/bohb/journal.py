@@ -57,6 +57,12 @@ class ResultLine:
     exception: str | None = None
 
     @property
+    def objective(self) -> float:
+        """The objective of a result that is no failure."""
+        assert self.loss is not None
+        return self.loss
+
+    @property
     def finished(self) -> float:
         """When it came; unix time, seconds."""
         return self.timestamps["finished"]

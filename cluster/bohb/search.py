@@ -30,6 +30,7 @@ from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, Origin, ResultLine
 from cluster.bohb.study import Study
 from search_spaces.prior import around
+from search_spaces.translation import native
 
 #: Share of the random configurations that are drawn around the prior, if there is one. The others
 #: keep the search from believing a wrong one.
@@ -194,7 +195,7 @@ class BracketSearch:
             with suppress(InvalidInput):  # a draw that the space forbids
                 configuration = around(self._space, self._prior, rng)
                 info = {**info, "prior": True}
-        return {name: _native(value) for name, value in configuration.items()}, dict(info)
+        return {name: native(value) for name, value in configuration.items()}, dict(info)
 
     def _next_of(self, bracket: SuccessiveHalving) -> Job | None:
         run = bracket.get_next_run()
@@ -263,8 +264,3 @@ def _hpbandsters_warnings_ignored() -> Iterator[None]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         yield
-
-
-def _native(value: Any) -> Any:
-    plain = value.item() if hasattr(value, "item") else value
-    return str(plain) if isinstance(plain, str) else plain

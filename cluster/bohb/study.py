@@ -16,7 +16,7 @@ from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, Configuration, Journal
 from cluster.bohb.profiles import METHODS, get_method
 from cluster.nes.run import NESRun
-from cluster.storage.run_folder import Settings, read_settings
+from cluster.storage.run_folder import SETTINGS_FILE, Settings, read_settings
 from search_spaces import SPACES
 from search_spaces.space import Space
 from search_spaces.translation import of_hyperparameters, to_hyperparameters
@@ -119,20 +119,21 @@ class Study:
             return None
         from search_spaces.prior import nearest  # with ConfigSpace, which trials do without
 
-        return nearest(self.space.build(self.agents), self._of_recipe)
+        return nearest(self.space.build(self.agents), self.of_recipe)
 
     @property
     def moved(self) -> dict[str, tuple[Any, Any]]:
         """The recipe's values outside of the space, and those that the search begins with."""
         begun = self.prior_configuration or {}
         return {
-            name: (self._of_recipe[name], value)
+            name: (self.of_recipe[name], value)
             for name, value in begun.items()
-            if value != self._of_recipe[name]
+            if value != self.of_recipe[name]
         }
 
-    @property
-    def _of_recipe(self) -> Configuration:
+    @cached_property
+    def of_recipe(self) -> Configuration:
+        """The recipe's values in the dimensions of the space, in which they may lie outside."""
         values = of_hyperparameters(self.base, self.space.build(self.agents))
         if values.get("se.step_limit") == 0:  # which stands for
             values["se.step_limit"] = self.task.step_limit
@@ -153,7 +154,7 @@ class Study:
                 "bohb has a model that begins with results"
             )
         folder = self.folder.parent / self.prior
-        if not (folder / "settings.json").exists():
+        if not (folder / SETTINGS_FILE).exists():
             allowed = (*PRIORS, "and studies on the same task")
             raise one_of("prior", self.prior, allowed)
         other = Study.read(folder)

@@ -112,7 +112,7 @@ class StudySummary:
         known = self.points()[: sum(line.loss is not None for line in before)]
         points = {point.id: point for point in known}  # the last of each, at its largest budget
         spent = known[-1].spent + sum(line.budget for line in self.finalists)
-        return [ValidatedPoint(points[line.id], spent, line.loss or 0.0) for line in self.finalists]
+        return [ValidatedPoint(points[line.id], spent, line.objective) for line in self.finalists]
 
     def core_seconds_left(self) -> int:
         """Core seconds left until all brackets are done, by their budgets."""

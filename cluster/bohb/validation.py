@@ -145,8 +145,6 @@ def validate(
         ResultLine(one.id, round(one.tally.cost), one.tally.objective, one.tally.info, stamps)
         for one in runs
     ]
-    found = Validation(
-        len(journal.results), tuple(sorted(lines, key=lambda line: line.loss or 0.0))
-    )
+    found = Validation(len(journal.results), tuple(sorted(lines, key=lambda line: line.objective)))
     found.save(study.folder)
     return found

@@ -30,7 +30,6 @@ from cluster.pictures import png
 from cluster.session.terminal import last_line
 from cluster.storage.run_folder import Lifetime, RunIdentity, Status, finals
 from cluster.tracking import Document, Point, Progress, RunView
-from search_spaces.translation import of_hyperparameters
 
 
 @dataclass(frozen=True)
@@ -89,7 +88,7 @@ class StudyViews:
             tags["bilevel.incumbent"] = configuration_name(incumbent.id)
         points = [
             Point(
-                {"objective": line.loss or 0.0, "budget": line.budget},
+                {"objective": line.objective, "budget": line.budget},
                 number,
                 journal.results[number - 1].finished,
             )
@@ -97,7 +96,7 @@ class StudyViews:
         ]
         if summary.validation is not None:
             winner = summary.validation.winner
-            validated = {"validated_objective": winner.loss or 0.0}
+            validated = {"validated_objective": winner.objective}
             points.append(Point(validated, summary.validation.results, winner.finished))
         points += [
             Point({"core_utilisation": line.info["core_utilisation"]}, number, line.finished)
@@ -184,7 +183,7 @@ class StudyViews:
             np.array([values[line.id] for line in good]).reshape(-1, width),
             np.array([line.loss for line in good], np.float64),
             np.array([values[one] for one in _way(summary)]).reshape(-1, width),
-            unit_values(space, of_hyperparameters(study.base, space)),
+            unit_values(space, study.of_recipe),
             tuple(space),
             importance(space, journal),
             f"{study.name}, {study.task.id}",

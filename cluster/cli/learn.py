@@ -131,6 +131,7 @@ def bohb(
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
     from bilevel.errors import InvalidInput
     from bilevel.nes import NES
+    from bilevel.nes.rules import RULES
     from bilevel.synthetic_env import least_units
     from cluster.bohb.profiles import SET_BY_SEARCH, get_method, get_profile, sized
     from search_spaces.space import Space
@@ -154,14 +155,16 @@ def bohb(
             )
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
     searched = Space.of(size.space)
+    unread = RULES[hp.nes.update].needs_pairs  # mirrored_sampling and score_transform
+    if searched == Space("full") and (unread or hp.se.structure != "plain"):
+        raise InvalidInput(
+            "the space 'full' needs plain SEs and the rule paper or authors (--recipe paper or "
+            f"authors); the recipe {hp.recipe!r} has {hp.se.structure} SEs and the rule "
+            f"{hp.nes.update}"
+        )
     if hp.se.structure == "exogenous":
         searched = searched.fitting("se.hidden_size", least_units(task))
     searched.check(hp, SET_BY_SEARCH, lambda tried: NES(task, tried))
-    if searched == Space("full") and hp.se.structure != "plain":
-        raise InvalidInput(
-            "the space 'full' needs plain SEs (--recipe paper, authors or distilled); "
-            f"the recipe {hp.recipe!r} has {hp.se.structure} SEs"
-        )
     context = common.the_context()
     name = (
         study or f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"

@@ -69,7 +69,7 @@ class SEAddress(click.ParamType[GivenSE]):
         given = {} if context is None else context.params
         home = Home(given.get("home") or DEFAULT_HOME)
         uri = the_tracking_uri(given.get("tracking_uri"), home)
-        if uri == home.database_uri and not (home.folder / "mlflow.db").exists():
+        if uri == home.database_uri and not home.database.exists():
             raise InvalidInput(f"MLflow has no SE at {value!r}: no runs in {str(home.folder)!r}")
         check_tracking_uri(uri)
         address = pinned(value, uri)
@@ -83,8 +83,10 @@ _USUAL = {"best_se", "last_se", "incumbent_se"}
 def label_of(path: Path) -> str:
     """What an SE is called by its file: the name of the file or, if every run has one of that name,
     of the run's folder."""
+    from cluster.storage.run_folder import SETTINGS_FILE
+
     folder = path.resolve().parent
-    usual = path.stem in _USUAL and (folder / "settings.json").exists()
+    usual = path.stem in _USUAL and (folder / SETTINGS_FILE).exists()
     return folder.name if usual else path.stem
 
 

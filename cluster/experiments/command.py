@@ -26,7 +26,7 @@ from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import Task
 from cluster.experiments.agents import AgentResults, Unit
 from cluster.experiments.conditions import title_of
-from cluster.experiments.experiment import Experiment, Findings, MadeSE, Material, Plan, made_ses
+from cluster.experiments.experiment import Experiment, Findings, Material, Plan, SERun, se_runs
 from cluster.experiments.run import (
     DATA_FILE,
     FINDINGS_FILE,
@@ -121,7 +121,7 @@ class _Runner:
         self.folder = session.folder
         self.pool = pool
         runs, size = experiment.runs(plan.size), plan.size
-        self.ses = made_ses(runs, plan.task, size, plan.seed, driver.context.home)
+        self.ses = se_runs(runs, plan.task, size, plan.seed, driver.context.home)
 
     def run(self) -> Findings:
         """Make the SEs and agents that are missing, then report."""
@@ -147,7 +147,7 @@ class _Runner:
             self._report(findings, len(results.found))
             return findings
 
-    def _material(self, ses: Sequence[MadeSE], results: AgentResults) -> Material:
+    def _material(self, ses: Sequence[SERun], results: AgentResults) -> Material:
         """What has been gathered on these SEs, which have ended."""
         return Material(ses, [made.source for made in ses], results.found, self.folder)
 

@@ -34,8 +34,8 @@ class Plan:
 
 
 @dataclass(frozen=True)
-class MadeSE:
-    """The SE of a condition's NES run that has ended."""
+class SERun:
+    """A condition's NES run, which learns one SE."""
 
     condition: str
     number: int
@@ -60,12 +60,10 @@ class MadeSE:
         return finals(self.run.folder)[-1].metrics
 
 
-def made_ses(
-    runs: Mapping[str, int], task: Task, size: Size, seed: int, home: Home
-) -> list[MadeSE]:
+def se_runs(runs: Mapping[str, int], task: Task, size: Size, seed: int, home: Home) -> list[SERun]:
     """The SEs, so many of each condition: number i of a condition has the run seed `seed` + i."""
     return [
-        MadeSE(name, number, CONDITIONS[name].run(task, size, seed + number, home))
+        SERun(name, number, CONDITIONS[name].run(task, size, seed + number, home))
         for name, ses in runs.items()
         for number in range(ses)
     ]
@@ -75,7 +73,7 @@ def made_ses(
 class Material:
     """All that an experiment has gathered."""
 
-    ses: Sequence[MadeSE]
+    ses: Sequence[SERun]
     sources: Sequence[Source]  # of these SEs, in the same order
     found: Found
     folder: Path  # of the experiment

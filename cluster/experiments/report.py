@@ -13,7 +13,7 @@ from cluster.experiments.page import Picture, Section, page
 from cluster.experiments.registry import EXPERIMENTS
 from cluster.experiments.run import REPORT, REPORT_FILE, ExperimentSettings, StoredFindings
 from cluster.experiments.view import ExperimentViews
-from cluster.storage.run_folder import Final, add_final
+from cluster.storage.run_folder import SETTINGS_FILE, Final, add_final
 
 
 @dataclass(frozen=True)
@@ -27,7 +27,7 @@ class Reported:
     @classmethod
     def read(cls, folder: Path) -> "Reported | None":
         """Read it from its folder; None if nothing has been found yet. Raises InvalidInput."""
-        if not (folder / "settings.json").exists():
+        if not (folder / SETTINGS_FILE).exists():
             return None
         settings, findings = ExperimentSettings.read(folder), StoredFindings.read(folder)
         if findings is None:

@@ -18,7 +18,7 @@ from bilevel.decode import decode, decode_file
 from bilevel.version import __version__
 from cluster.experiments.sizes import Size
 from cluster.experiments.table import Value
-from cluster.storage.run_folder import Settings, read_settings
+from cluster.storage.run_folder import SETTINGS_FILE, Settings, read_settings
 
 #: The kind of run in the settings.
 KIND = "experiment"
@@ -75,7 +75,7 @@ def folder_name(prefix: str, experiment: str, agents: tuple[str, ...] | None, se
 
 def documents(folder: Path) -> list[Path]:
     """Files of an experiment's folder that MLflow shows."""
-    names = {"settings.json", FINDINGS_FILE, DATA_FILE, REPORT_FILE, RUNS_FILE, "results.jsonl"}
+    names = {SETTINGS_FILE, FINDINGS_FILE, DATA_FILE, REPORT_FILE, RUNS_FILE, "results.jsonl"}
     return sorted(path for path in folder.glob("*") if path.name in names or path.suffix == ".svg")
 
 

@@ -2,11 +2,11 @@
 
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationResult, scores_of
-from bilevel.nes import NESState
+from bilevel.nes import GenerationRecord, NESState
 from bilevel.nes.confirmation import FINAL_AGENTS, Confirmation, solving_share
 from bilevel.nes.start import StartRace
 from bilevel.synthetic_env import save_se
@@ -14,17 +14,19 @@ from cluster.nes import pictures
 from cluster.nes.run import NESRun, start_of
 from cluster.nes.selection import (
     LAST_FILE,
+    RETEST,
     Contender,
+    agents_needed,
     choose_best,
     evaluate_holdout,
     export_best,
 )
-from cluster.nes.view import NESViews
+from cluster.nes.view import CURVE_FILE, NESViews
 from cluster.pictures import png
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import Driver, RunContext
 from cluster.session.session import Session
-from cluster.session.terminal import count, duration, generation_line
+from cluster.session.terminal import count, duration
 from cluster.tracking.registry import model_address
 
 
@@ -155,30 +157,29 @@ class _Runner:
         ses = [state.current, *state.candidates]
         contenders = [Contender(se, self.run.hp) for se in ses]
         self.terminal.log(f"retesting the {len(contenders)} best SEs with fresh agents")
-        self.terminal.bar("retesting", 0, 1, "")
+        self.terminal.bar("retesting", 0, agents_needed(len(contenders), RETEST), "tests")
         seed = (self.run.seed, state.generation)
-        return choose_best(self.run.task, contenders, seed, self.pool)
+        return choose_best(self.run.task, contenders, seed, self.pool, self.terminal.step)
 
     def _finish(self, state: NESState) -> None:
         run, log = self.run, self.terminal.log
-        # A run without a confirmation ends as one that was confirmed.
-        confirmed = state.confirmed and run.hp.nes.confirming_agents > 0
         reason = "all generations done"
         if state.confirmed:
-            reason = "solved and confirmed" if confirmed else "solved"
+            reason = "solved and confirmed"
+        elif state.solved_for_long(run.hp.nes):
+            reason = "solved"
         elapsed = duration(time.monotonic() - self.terminal.started)
         log(f"{reason}: {count(state.generation, 'generation')}, {elapsed} after the command began")
         before = self.pool.real_env_steps
-        best = Contender(state.best, run.hp) if confirmed else self._best(state)
+        best = Contender(state.best, run.hp) if state.confirmed else self._best(state)
         score = evaluate_holdout(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
         real_steps = state.real_env_steps + self.pool.real_env_steps - before
         log(f"{real_steps} steps on the real task, nearly all of them in tests")
-        se = replace(best.se, info={**best.se.info, "real_env_steps": real_steps})
         save_se(state.current, run.folder / LAST_FILE)
         title = f"{run.folder.name} on {run.task.id}"
         figure = pictures.learning_curve(state.records, run.task, title)
-        write_aside(run.folder / "learning_curve.png", png(figure))
-        path = export_best(se, score, run.folder, state.generation)
+        write_aside(run.folder / CURVE_FILE, png(figure))
+        path = export_best(best.se, score, run.folder, state.generation, real_steps)
         log(str(score))
         model = model_address(run.task.id, "newest")
         log(f"best SE: {path}  ({model} in MLflow's model registry)")
@@ -187,3 +188,9 @@ class _Runner:
         log(
             f'  import bilevel, gymnasium; gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")'
         )
+
+
+def generation_line(record: GenerationRecord, best: float) -> str:
+    """Summary of a generation in one line of 80 columns."""
+    scores, train_steps = record.in_words()
+    return f"{scores}  best {best:7.1f}  {train_steps}  {record.generation_seconds:5.1f}s"

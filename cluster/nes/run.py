@@ -150,8 +150,8 @@ class NESRun:
         pool: Pool,
         on_result: Callable[[EvaluationResult], None] = lambda result: None,
     ) -> NESState:
-        """Run one round of the choice of a start, or one generation; it is on disk when this
-        returns. Raises StorageFailure."""
+        """Run one generation, or one round of the choice of a start or of a confirmation; it is on
+        disk when this returns. Raises StorageFailure."""
         nes, before = self.nes, state.generation
         started = time.perf_counter()
         results = pool.run(self.task, state.se, nes.ask(state), on_result)

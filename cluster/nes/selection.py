@@ -32,7 +32,6 @@ class FinalScore:
     scores: NDArray[np.float64]
     train_steps: NDArray[np.int64]
     solved_reward: float
-    real_env_steps: int = 0  # made in the tests
 
     @property
     def solved(self) -> bool:
@@ -154,7 +153,6 @@ def evaluate_holdout(
         scores_of(results),
         np.array([result.train_steps for result in results]),
         task.solved_reward,
-        sum(result.real_env_steps for result in results),
     )
 
 
@@ -183,12 +181,16 @@ def _tested(
     return sorted(results, key=lambda result: result.index)
 
 
-def export_best(se: StoredSE, score: FinalScore, folder: Path, step: int) -> Path:
+def export_best(
+    se: StoredSE, score: FinalScore, folder: Path, step: int, real_env_steps: int
+) -> Path:
     """Save the SE with its final score in a run's folder; return the file's path.
 
-    `step` is the number of generations, or of a study's results. Raises StorageFailure.
+    `step` is the number of generations, or of a study's results; `real_env_steps` counts all that
+    were made on the real task until the SE was there. Raises StorageFailure.
     """
     path = folder / BEST_FILE
-    save_se(replace(se, info={**se.info, **score.metrics()}), path)
+    told = {"real_env_steps": real_env_steps, **score.metrics()}
+    save_se(replace(se, info={**se.info, **told}), path)
     add_final(folder, Final(step, time.time(), score.metrics()))
     return path

@@ -11,7 +11,7 @@ from bilevel.nes import NESState
 from bilevel.nes.checkpoint import load_state
 from bilevel.synthetic_env import se_bytes
 from cluster.nes import pictures
-from cluster.nes.run import STATE_FILE, NESRun, NESSettings, start_of
+from cluster.nes.run import KIND, STATE_FILE, NESRun, NESSettings, start_of
 from cluster.nes.selection import BEST_FILE, LAST_FILE
 from cluster.pictures import png
 from cluster.storage.run_folder import Final, Lifetime, RunIdentity, finals
@@ -39,7 +39,7 @@ def run_documents(
     return [
         best,
         Document(LAST_FILE, version, lambda: se_bytes(states[-1].current)),
-        Document("learning_curve.png", version, curve),
+        Document(CURVE_FILE, version, curve),
         Document.of_text("configuration.json", json.dumps(hp.to_dict(), indent=2)),
     ]
 
@@ -50,6 +50,10 @@ def registered(folder: Path, task_id: str, last: Final) -> RegisteredSE:
     content = Document.of_file(folder / BEST_FILE).content()
     tags = {name: f"{value:.6g}" for name, value in last.metrics.items()}
     return RegisteredSE(content, task_id, last.time, tags)
+
+
+#: File of a run's learning curve, which is also an artifact.
+CURVE_FILE = "learning_curve.png"
 
 
 @dataclass(frozen=True)
@@ -98,7 +102,7 @@ class NESViews:
             self.name,
             lifetime,
             self._params(),
-            {"bilevel.kind": "nes", "bilevel.generations": str(run.hp.nes.generations)},
+            {"bilevel.kind": KIND, "bilevel.generations": str(run.hp.nes.generations)},
             tuple(points),
             tuple(documents),
             edition=None if state is None else edition([state]),

@@ -122,7 +122,7 @@ def up(
     for service in known:
         log(f"{service.name} is up already: {service.page}")
         starts.pop(service.name, None)
-    database = home.folder / "mlflow.db"
+    database = home.database
     if "mlflow" in starts and database.exists():
         experiments(database)
     for name in starts:

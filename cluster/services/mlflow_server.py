@@ -39,7 +39,7 @@ def mlflow_server(home: Home, host: str, port: int) -> tuple[list[str], dict[str
 def pages(home: Home, server: str) -> list[str]:
     """Each task of a home, with the address of its runs on a server. Raises InvalidInput if the
     database is damaged."""
-    found = experiments(home.folder / "mlflow.db")
+    found = experiments(home.database)
     return [f"{name}: {server}{runs_page(number)}" for number, name in found.items()]
 
 
@@ -48,7 +48,7 @@ def serve_ui(home: Home, host: str, port: int) -> int:
 
     Raises InvalidInput if there are no runs yet, the database is damaged, or the port is taken.
     """
-    database = home.folder / "mlflow.db"
+    database = home.database
     if not database.exists():
         start = home.hint("nes CartPole-v0", "nes-cartpole")
         raise InvalidInput(f"no runs in {str(home.folder)!r} yet: start with {start}")

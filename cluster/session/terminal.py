@@ -12,8 +12,6 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, ProgressColumn, Task, TextColumn, TimeElapsedColumn
 from rich.text import Text
 
-from bilevel.nes import GenerationRecord
-
 
 def duration(seconds: float) -> str:
     """Seconds as `42s`, `3m20s` or `2h05m`."""
@@ -147,9 +145,3 @@ class Terminal:
         """Advance the bar by one."""
         with contextlib.suppress(OSError):
             self._bar.advance(self._task)
-
-
-def generation_line(record: GenerationRecord, best: float) -> str:
-    """Summary of a generation in one line of 80 columns."""
-    scores, train_steps = record.in_words()
-    return f"{scores}  best {best:7.1f}  {train_steps}  {record.generation_seconds:5.1f}s"

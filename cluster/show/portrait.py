@@ -1,6 +1,7 @@
 """The numbers behind a picture of an SE, beside those of the real task: fields over two of the
 observations, and episodes."""
 
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -11,12 +12,13 @@ from numpy.typing import NDArray
 from bilevel.distilled.transitions import Transitions
 from bilevel.errors import InvalidInput
 from bilevel.kernels import dynamics
+from bilevel.kernels.synthetic_env import DONE
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
-from bilevel.synthetic_env.storage import DONE
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task
 from bilevel.tasks.names import action_names, observation_names
+from bilevel.tasks.task import RealEnv
 
 Floats = NDArray[np.float32]
 
@@ -179,20 +181,20 @@ class Portrait:
     @cached_property
     def real(self) -> list[Episode]:
         """Episodes on the real task, taking the action that the SE rewards most."""
-        env, found = self.se.task().make(), []
-        for number in range(EPISODES):
-            state, _ = env.reset(seed=number)
-            states, actions, total, over = [state], [], 0.0, False
-            while not over:
-                actions.append(self.rewarded(np.asarray(state, np.float32)))
-                start = int(env.action_space.start)  # type: ignore[attr-defined]
-                state, reward, terminated, truncated, _ = env.step(np.int64(start + actions[-1]))
-                states.append(state)
-                total += float(reward)
-                over = terminated or truncated
-            found.append(Episode(np.array(states, np.float32), np.array(actions), total))
-        env.close()
-        return found
+        with closing(self.se.task().make()) as env:
+            return [self._real_episode(env, number) for number in range(EPISODES)]
+
+    def _real_episode(self, env: RealEnv, seed: int) -> Episode:
+        start = int(env.action_space.start)  # type: ignore[attr-defined]
+        state, _ = env.reset(seed=seed)
+        states, actions, total, over = [state], [], 0.0, False
+        while not over:
+            actions.append(self.rewarded(np.asarray(state, np.float32)))
+            state, reward, terminated, truncated, _ = env.step(np.int64(start + actions[-1]))
+            states.append(state)
+            total += float(reward)
+            over = terminated or truncated
+        return Episode(np.array(states, np.float32), np.array(actions), total)
 
     @property
     def sentences(self) -> list[str]:

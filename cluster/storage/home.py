@@ -43,9 +43,14 @@ class Home:
         return f"`{program} {command}{'' if usual else f' --home {shlex.quote(str(self.folder))}'}`"
 
     @property
+    def database(self) -> Path:
+        """File of the home's own MLflow database."""
+        return self.folder / "mlflow.db"
+
+    @property
     def database_uri(self) -> str:
         """Tracking URI of the home's SQLite database, the default for tracking."""
-        return f"sqlite:///{self.folder / 'mlflow.db'}"
+        return f"sqlite:///{self.database}"
 
     @property
     def artifacts(self) -> Path:

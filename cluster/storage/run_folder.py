@@ -28,6 +28,8 @@ from bilevel.version import RUN_FORMAT
 from cluster.storage.author import Author
 from cluster.storage.jsonl_log import JsonlLog
 
+SETTINGS_FILE = "settings.json"
+
 #: Status of a run; the names are MLflow's.
 Status = Literal["RUNNING", "FINISHED", "KILLED", "FAILED"]
 
@@ -133,7 +135,7 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdent
     Raises InvalidInput if another process holds the folder, or if the run was begun
     with other settings; StorageFailure if the folder cannot be written.
     """
-    path = folder / "settings.json"
+    path = folder / SETTINGS_FILE
     with held(folder):
         if not path.exists():
             identity = RunIdentity(uuid.uuid4().hex, time.time(), Author.of_this_process())
@@ -144,7 +146,7 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdent
 
 def check_settings(folder: Path, settings: dict[str, Any]) -> None:
     """Raise InvalidInput if a run in the folder was begun with other settings."""
-    if (folder / "settings.json").exists():
+    if (folder / SETTINGS_FILE).exists():
         _unchanged(folder, settings)
 
 
@@ -216,7 +218,7 @@ def is_held(folder: Path) -> bool:
 def read_settings(folder: Path) -> dict[str, Any]:
     """Read a run's settings. Raises InvalidInput if they are missing or damaged, OtherVersion if
     they have another format."""
-    path, damaged = folder / "settings.json", "damaged settings"
+    path, damaged = folder / SETTINGS_FILE, "damaged settings"
     if not path.exists():
         raise InvalidInput(f"no run in {str(folder)!r}")
     settings = decode_file(dict[str, Any], path, damaged)

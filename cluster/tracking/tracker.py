@@ -32,7 +32,8 @@ from cluster.tracking.view import Document, DocumentFailed, Point, RunView
 KEY = "mlflow.bilevel.key"
 _DOCUMENTS, _EDITION = "mlflow.bilevel.documents", "mlflow.bilevel.edition"
 _PARENT = "mlflow.parentRunId"
-#: Metrics and parameters that one request may carry.
+#: Metrics after which a request is sent. MLflow takes 1000 and would divide more, so that a point
+#: could be torn.
 _BATCH = 900
 
 

@@ -8,7 +8,7 @@ from rich.table import Table
 from bilevel.zoo import Card
 
 
-def print_zoo(cards: Iterable[Card], console: Console | None = None) -> None:
+def print_zoo(cards: Iterable[Card]) -> None:
     """Print, for each SE, how each kind of agents does that it taught."""
     table = Table(box=None, pad_edge=False, header_style="bold")
     for title in ("gymnasium id", "agents", "mean return", "solved", "train steps"):
@@ -24,4 +24,4 @@ def print_zoo(cards: Iterable[Card], console: Console | None = None) -> None:
                 f"{taught.solved_fraction:.0%}",
                 f"{taught.train_steps:.0f}",
             )
-    (console or Console(highlight=False)).print(table)
+    Console(highlight=False).print(table)

@@ -19,8 +19,8 @@ from tests.conftest import ddqn
 
 SAMPLES = 300
 
-#: The paper's Table 1: low, high, scale.
-TABLE_1 = {
+#: The paper's optimized hyperparameters: low, high, scale.
+OPTIMIZED = {
     "nes.step_size": (0.1, 1, "log"),
     "nes.std_dev": (0.01, 1, "log"),
     "se.hidden_layers": (1, 2, "linear"),
@@ -53,10 +53,10 @@ def test_every_sample_builds_valid_hyperparameters_of_plain_types(space: str) ->
         assert Hyperparameters.from_dict(json.loads(json.dumps(hp.to_dict()))) == hp
 
 
-def test_full_is_table_1() -> None:
+def test_full_is_the_papers_table() -> None:
     assert len(search_space("full")) == 18
     hps = drawn("full")
-    for name, (low, high, scale) in TABLE_1.items():
+    for name, (low, high, scale) in OPTIMIZED.items():
         section, field = name.split(".")
         parts = [ddqn(hp) if section == "ddqn" else getattr(hp, section) for hp in hps]
         values = np.array([float(getattr(part, field)) for part in parts])

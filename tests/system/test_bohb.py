@@ -19,6 +19,7 @@ from cluster.bohb.journal import Journal, Origin
 from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.validation import Validation
+from cluster.nes.selection import BEST_FILE
 from search_spaces.bohb import search_space
 from tests.commands import BILEVEL, run_bilevel
 from tests.faults.stage import ONE_BY_ONE
@@ -69,6 +70,10 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     runs = [ConfigurationRuns.read(study, line.id, line.configuration) for line in journal.configs]
     spent = sorted(round(one.tally.cost) for one in runs)
     assert spent == [1, 1, 3]
+    learned = sum(state.real_env_steps for one in runs for state in one.states)
+    counted = load_se(home / "CartPole-v0" / "smoke" / BEST_FILE).info["real_env_steps"]
+    assert counted > learned > 0  # with the retests
+    assert f"{counted} steps on the real task in all runs" in output
 
 
 def test_a_terminal_shows_what_has_begun(

@@ -105,9 +105,7 @@ def recipe_text(hp: Hyperparameters, heading: str) -> str:
     """The file of a recipe with these hyperparameters; `heading` is its first line, a comment."""
     agents = ", ".join(f'"{agent.agent}"' for agent in hp.agents)
     lines = [f"# {heading}", "", f"agents = [{agents}]", f'vary_agent = "{hp.vary_agent}"']
-    sections: dict[str, Any] = {"nes": hp.nes, "se": hp.se}
-    sections |= {agent.agent: agent for agent in hp.agents}
-    for name, section in sections.items():
+    for name, section in hp.sections.items():
         # JSON writes strings, numbers and booleans as TOML does.
         lines += ["", f"[{name}]"]
         given = {field: value for field, value in asdict(section).items() if value is not None}

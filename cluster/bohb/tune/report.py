@@ -73,7 +73,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._jobs[trial.trial_id] = job
         self._live.add(configuration_name(job.id))
         self._mark(job)
-        self._show(job, f"{configuration_name(job.id)} begins")
+        self._show(f"{configuration_name(job.id)} begins")
 
     def on_trial_result(
         self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **info: Any
@@ -89,7 +89,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         if result["record"] is not None:
             score = GenerationRecord(**result["record"]).score_mean
             done = f"{configuration_name(job.id)} {result[TALLY].cost:.0f}/{job.budget}s"
-            self._show(job, f"{done}: {score:.1f}")
+            self._show(f"{done}: {score:.1f}")
 
     def on_trial_complete(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
         """Show a job that is done, stopped or failed; the journal already holds its result."""
@@ -133,7 +133,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     def _failed(self, job: Job, reason: str) -> None:
         self._terminal.log(f"{configuration_name(job.id)} failed: {last_line(reason)}")
 
-    def _show(self, job: Job, now: str) -> None:
+    def _show(self, now: str) -> None:
         # Kept short, so that the bar fits into 80 columns.
         results, seconds = len(self._journal.results), self._seconds_left()
         if self._time_decides():

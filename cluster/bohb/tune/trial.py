@@ -19,6 +19,7 @@ from bilevel.errors import StorageFailure
 from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import Study
 from cluster.ray.pool import EvaluationPool
+from cluster.storage.run_folder import SETTINGS_FILE
 
 #: Keys of a trial's reports.
 OBJECTIVE, BUDGET_REACHED, FAILURE = "objective", "budget_reached", "failure"
@@ -66,7 +67,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
 
     def _generation(self) -> dict[str, Any]:
         study, job = self._study, self._job
-        if not (study.folder / "settings.json").exists():
+        if not (study.folder / SETTINGS_FILE).exists():
             node = socket.gethostname()
             raise StorageFailure(f"node {node} does not see the folder {str(study.folder)!r}")
         messages: list[str] = []

@@ -30,7 +30,7 @@ from cluster.experiments.table import Row
 TESTS = "real task, tests"
 ORIGINS = ("SE, training", TESTS, "SE's answer to the real task")
 
-#: Bins of a histogram, and the share of values at either end that lies outside them.
+#: Bins of a histogram, and the share of values at either end that may lie outside them.
 _BINS, _OUTSIDE = 50, 0.002
 
 Arrays = dict[str, NDArray[np.float32]]
@@ -101,17 +101,17 @@ def _findings(plan: Plan, material: Material) -> Findings:
     se = units[0].source.se
     assert se is not None
     each = [_loaded(_file(material.folder, unit)) for unit in units]
-    arrays = {name: np.concatenate([one[name] for one in each]) for name in each[0]}
-    seen = _seen(arrays, se)
-    rows: list[Row] = []
-    summary: list[Row] = []
-    figure = histograms(seen, _names(plan.task), rows)
     tested = sum(one["test_rewards"].size > 0 for one in each)  # agents that have not diverged
     if not tested:
         raise InvalidInput(
             f"all {len(units)} agents have diverged on the SE with seed {plan.seed}: there are no "
             "tests to show; take another --seed"
         )
+    arrays = {name: np.concatenate([one[name] for one in each]) for name in each[0]}
+    seen = _seen(arrays, se)
+    rows: list[Row] = []
+    summary: list[Row] = []
+    figure = histograms(seen, _names(plan.task), rows)
     episodes = tested * units[0].hp.test_episodes
     returns = float(arrays["test_rewards"].sum()) / episodes
     for origin, values in seen.items():
@@ -131,7 +131,8 @@ def _findings(plan: Plan, material: Material) -> Findings:
             f"the SE with seed {plan.seed}, which was not chosen; their mean test return is "
             f"{returns:.1f}. Values are next states and rewards."
             + ("" if tested == len(units) else f" {len(units) - tested} diverged, without tests."),
-            f"The lowest and highest {_OUTSIDE:.1%} of the values are outside the histograms.",
+            f"At most the lowest and highest {_OUTSIDE:.1%} of the values are outside the "
+            "histograms.",
         ),
     )
 

@@ -82,7 +82,7 @@ def _findings(plan: Plan, material: Material) -> Findings:
             f"{steps.marginal:.0f} steps and {core.marginal:.1f} core seconds on average; on an SE "
             "an agent makes no real step before its tests.",
             "Real steps of making an SE are all that its run made: tests of every evaluation, the "
-            "scale of observations, and the last tests. Core seconds are estimated from gradient "
+            "scale of observations, and the last tests. Core seconds are estimated from training "
             "steps, real steps and network sizes, and leave out the retest at the end.",
         ),
     )

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from bilevel.nes import GenerationRecord
 from bilevel.tasks import Task
 from cluster.experiments.conditions import title_of
-from cluster.experiments.experiment import Experiment, Findings, MadeSE, Material, Plan
+from cluster.experiments.experiment import Experiment, Findings, Material, Plan, SERun
 from cluster.experiments.sizes import Size
 from cluster.experiments.style import LOOKS, column, solved_line
 from cluster.experiments.table import Row
@@ -32,7 +32,7 @@ class LearningCurve:
     final_score: float  # of fresh agents on the best SE
 
     @classmethod
-    def of(cls, made: MadeSE) -> "LearningCurve":
+    def of(cls, made: SERun) -> "LearningCurve":
         """The curve of a run that has ended."""
         records: Sequence[GenerationRecord] = made.state.records
         return cls(

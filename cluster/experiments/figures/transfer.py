@@ -6,6 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.figure import Figure
 
+from bilevel.agents.variation import VARIED
 from bilevel.tasks import Task
 from cluster.evaluate.report import Group
 from cluster.experiments.agents import Place, Source, Unit
@@ -81,7 +82,7 @@ def _findings(plan: Plan, material: Material) -> Findings:
             f"{PICKED} best SEs are picked by the returns shown, as the authors did: such a "
             "number is too high for a new SE.",
             "The SE of every NES run counts, whether or not the run solved the task; the authors' "
-            "SEs all come from runs that had (paper, section on CartPole).",
+            "SEs all come from runs that had.",
         ),
     )
 
@@ -89,13 +90,12 @@ def _findings(plan: Plan, material: Material) -> Findings:
 def agent_row(unit: Unit, material: Material) -> Row:
     """An agent's line of the data: who it is, its hyperparameters, and how it did."""
     result, hp = material.found[unit.key], unit.hp
-    varied = ("learning_rate", "batch_size", "hidden_size", "hidden_layers")
     return {
         "agent": hp.agent,
         "source": unit.source.condition,
         "se": None if unit.source.se is None else unit.source.number,
         "position": f"{unit.place.se}-{unit.place.agent}",
-        **{name: getattr(hp, name, None) for name in varied},
+        **{name: getattr(hp, name, None) for name in VARIED},
         "score": result.score,
         "train_steps": result.train_steps,
         "train_episodes": result.train_episodes,

@@ -13,8 +13,8 @@ def test_the_labels_are_those_of_their_cases() -> None:
 @pytest.mark.parametrize(
     ("label", "other"),
     [
-        ("CartPole, DDQN, Table 1", "Acrobot, DDQN, Table 1"),
-        ("CartPole, DDQN, Table 1", "CartPole, DDQN, default (2 x 128)"),
+        ("CartPole, DDQN, optimized", "Acrobot, DDQN, optimized"),
+        ("CartPole, DDQN, optimized", "CartPole, DDQN, default (2 x 128)"),
         ("CartPole, DDQN, 1 x 42, batch 42", "CartPole, DDQN, 1 x 384"),
         ("CartPole, TD3, default", "CartPole, Dueling DDQN, default"),
     ],

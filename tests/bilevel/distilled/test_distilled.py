@@ -47,7 +47,12 @@ def test_rewarded_survival_makes_a_continuing_task(cartpole: Task, acrobot: Task
     data = Transitions.recorded(cartpole, 200, 0)
     assert data.reward_survival
     assert data.ends.sum() > 0
-    assert data.of_continuing_task().ends.sum() == 0
+    continuing, ends = data.of_continuing_task(), np.flatnonzero(data.ends[:-1])
+    assert continuing.ends.sum() == 0
+    np.testing.assert_array_equal(continuing.next_states[ends], data.states[ends + 1])
+    others = np.flatnonzero(data.ends == 0)
+    np.testing.assert_array_equal(continuing.next_states[others], data.next_states[others])
     assert not Transitions.recorded(acrobot, 200, 0).reward_survival
-    both = data + Transitions.recorded(cartpole, 100, 1)
-    assert len(both.states) == 300
+    more = Transitions.recorded(cartpole, 100, 1)
+    for name, column in vars(data + more).items():
+        np.testing.assert_array_equal(column, [*getattr(data, name), *getattr(more, name)])

@@ -53,7 +53,7 @@ def test_a_file_is_complete(file: str, tmp_path: Path) -> None:
             load_recipe(str(path), "CartPole-v0")
 
 
-def test_paper_holds_table_1() -> None:
+def test_paper_holds_the_optimized_hyperparameters() -> None:
     cartpole, acrobot = (load_recipe("paper", task) for task in TASKS[:2])
     assert (cartpole.nes.step_size, cartpole.nes.std_dev) == (0.148, 0.0124)
     assert (cartpole.se.hidden_size, cartpole.agents[0].batch_size) == (83, 199)  # type: ignore[attr-defined]

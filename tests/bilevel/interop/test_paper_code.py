@@ -91,6 +91,10 @@ def test_what_it_cannot_represent_is_refused(tmp_path: Path) -> None:
     other = Saved(chosen(settings()))
     with pytest.raises(InvalidInput, match="parameters: an SE of Acrobot-v1 with 1 hidden"):
         read_paper_se(other.write(tmp_path / "se.pt", settings()), "Acrobot-v1")
+    with torch.no_grad():
+        next(other.parameters()).fill_(torch.nan)
+    with pytest.raises(InvalidInput, match="holds parameters that are not finite"):
+        read_paper_se(other.write(tmp_path / "se.pt", settings()))
 
 
 class Bomb:

@@ -77,6 +77,17 @@ def test_antithetic_is_the_mean_over_members_of_centred_ranks(z: NDArray[np.floa
     np.testing.assert_allclose(step, 0.5 * np.mean([[1.0], [0.6], [0.2]] * z, axis=0), rtol=1e-5)
 
 
+def test_snes_is_scaled_by_sigma_and_adds_utilities(z: NDArray[np.float32]) -> None:
+    sigma = np.array([0.1, 0.2, 0.3, 0.4, 0.5], np.float32)
+    members = scores([6.0, 5.0, 3.0], [1.0, 2.0, 4.0])
+    # The best three of six have the utilities log 4 - log rank, over their sum; 1/6 cancels.
+    best, second, third = np.log([4.0, 2.0, 4 / 3]) / np.log(4 * 2 * 4 / 3)
+    step = RULES["snes"].step(hyperparameters(update="snes"), sigma, z, members)
+    np.testing.assert_allclose(
+        step, 0.5 * sigma * (np.array([best, second, -third]) @ z), rtol=1e-5
+    )
+
+
 @pytest.mark.parametrize("name", UPDATES)
 def test_scores_that_are_not_finite_rank_last(name: str, z: NDArray[np.float32]) -> None:
     hp = hyperparameters(update=name)

@@ -169,6 +169,15 @@ def test_help(command: list[str], tmp_path: Path) -> None:
             ["bohb", "CartPole-v0", "--space", "x"],
             "unknown search space 'x': allowed are full, core",
         ),
+        (
+            ["bohb", "CartPole-v0", "--space", "full"],
+            "needs plain SEs and the rule paper or authors (--recipe paper or authors); the "
+            "recipe 'default' has exogenous SEs and the rule snes",
+        ),
+        (
+            ["bohb", "CartPole-v0", "--space", "full", "--recipe", "distilled"],
+            "the recipe 'distilled' has plain SEs and the rule antithetic",
+        ),
         (["bohb", "CartPole-v0", "--space", "x.json"], "cannot read the search space 'x.json': No"),
         (["nes", "CartPole-v0", "--seed", "one"], "'--seed': 'one' is not a whole number"),
         (["nes", "CartPole-v0", "--seed", "0.5"], "allowed are 0 or more"),

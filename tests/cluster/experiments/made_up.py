@@ -10,7 +10,7 @@ from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import Task, get_task
 from cluster.experiments.agents import AgentResults, Unit
-from cluster.experiments.experiment import Experiment, Findings, Material, Plan, made_ses
+from cluster.experiments.experiment import Experiment, Findings, Material, Plan, se_runs
 from cluster.experiments.sizes import get_size
 from cluster.nes.run import NESRun
 from cluster.nes.selection import FinalScore, export_best
@@ -29,8 +29,7 @@ def end_run(run: NESRun) -> None:
         while not state.finished:
             state = run.advance(state, MadeUpPool())
         final = FinalScore(np.array([150.0, 200.0]), np.array([400, 600]), 195.0)
-        se = replace(state.best, info={**state.best.info, "real_env_steps": state.real_env_steps})
-        export_best(se, final, run.folder, state.generation)
+        export_best(state.best, final, run.folder, state.generation, state.real_env_steps)
         RunStatus("FINISHED", time.time(), run.hp.nes.generations).save(run.folder)
 
 
@@ -49,7 +48,7 @@ def result_of(unit: Unit) -> EvaluationResult:
 
 def material_of(experiment: Experiment, plan: Plan, home: Home) -> Material:
     """All that the experiment needs, made up; its NES runs are in the home."""
-    ses = made_ses(experiment.runs(plan.size), plan.task, plan.size, plan.seed, home)
+    ses = se_runs(experiment.runs(plan.size), plan.task, plan.size, plan.seed, home)
     for made in ses:
         if not made.run.ended:
             end_run(made.run)

@@ -5,14 +5,11 @@ import io
 import math
 import re
 import time
-from dataclasses import replace
-from typing import get_type_hints
 
 import pytest
 from rich.console import Console
 
-from bilevel.nes import GenerationRecord
-from cluster.session.terminal import Terminal, duration, generation_line
+from cluster.session.terminal import Terminal, duration
 
 
 def terminal(width: int, is_terminal: bool, silence: float = 60.0) -> tuple[Terminal, io.StringIO]:
@@ -86,20 +83,6 @@ def test_nothing_is_added_to_the_lines_of_a_terminal() -> None:
         time.sleep(0.2)
         shown.log("all is told")
     assert "..." not in out.getvalue()
-
-
-def test_a_generation_fits_80_columns() -> None:
-    zero = {name: kind(0) for name, kind in get_type_hints(GenerationRecord).items()}
-    record = GenerationRecord(**zero)
-    large = replace(
-        record,
-        generation=119,
-        score_mean=-500.0,
-        score_std=112.3,
-        train_steps_mean=12345.0,
-        generation_seconds=100.0,
-    )
-    assert len(generation_line(large, -500.0)) <= 80
 
 
 @pytest.mark.parametrize(

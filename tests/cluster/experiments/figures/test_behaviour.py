@@ -11,9 +11,11 @@ from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.recording import record
 from bilevel.tasks import get_task
+from cluster.experiments.figures import behaviour
 from cluster.experiments.figures.behaviour import ORIGINS, _loaded, _npz, columns, histograms
 from cluster.experiments.style import styled
 from cluster.experiments.table import Row
+from tests.cluster.experiments.made_up import findings_of
 from tests.ses import make_se
 
 
@@ -69,6 +71,14 @@ def test_an_agent_that_diverges_has_no_tests(short_agent: DDQNHyperparameters) -
     for transitions in (training, tests):
         arrays = columns("test", transitions, task.state_size)
         assert [array.shape for array in arrays.values()] == [(0, 4), (0,), (0,), (0, 4)]
+
+
+def test_if_all_agents_have_diverged_it_says_so(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(behaviour, "record", lambda *given: ([], []))
+    with pytest.raises(InvalidInput, match="all 2 agents have diverged on the SE with seed 0"):
+        findings_of(behaviour.BEHAVIOUR, tmp_path)
 
 
 def test_an_se_of_another_task_is_refused(short_agent: DDQNHyperparameters) -> None:
