@@ -85,7 +85,7 @@ class NESHyperparameters:
     #: Generations that must solve the task on average for the run to be finished. 0: it goes on.
     solved_for: Annotated[int, Field(ge=0, le=1_000_000)]
     #: Fresh agents that must then confirm it (`bilevel.nes.confirmation`); otherwise the run goes
-    #: on. 0: no confirmation.
+    #: on. 0: nobody confirms it, and the run is finished.
     confirming_agents: Annotated[int, Field(ge=0, le=65536)]
 
     @property
