@@ -171,7 +171,7 @@ def train_and_test(
 
     Unless `compiled` is False, the agent's compiled twin runs, if both the agent and the
     environment it trains on are compiled. Raises InvalidInput for an SE of a task with other sizes,
-    and AgentMistake for an agent in Python that returns what it must not, raises or exits.
+    and Mistake for an agent in Python, or a task, that returns what it must not, raises or exits.
     """
     if se is not None:
         se.architecture.check_fits(task)
@@ -318,7 +318,7 @@ class _Run:
 
 
 def definition(task: Task, hp: AgentHyperparameters, agent_seed: int) -> CheckedAgent:
-    """A fresh agent in Python. Raises AgentMistake where it returns what it must not, raises or
+    """A fresh agent in Python. Raises Mistake where it returns what it must not, raises or
     exits."""
     build = partial(get_agent(hp.agent).build, hp, task.state_size, task.n_actions, agent_seed)
     return CheckedAgent(hp.agent, task.n_actions, build)

@@ -4,7 +4,8 @@ ConfigSpace is imported where a space is built: trials know theirs without.
 """
 
 import json
-from collections.abc import Callable, Sequence
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -79,6 +80,12 @@ class Space:
                 f"search space {self.name!r} has ordinal hyperparameters: BOHB's model allows "
                 "floats, integers and categories"
             )
+        for name, dimension in space.items():
+            ends = [getattr(dimension, end, 0.0) for end in ("lower", "upper")]
+            if not all(map(math.isfinite, ends)):
+                raise InvalidInput(
+                    f"search space {self.name!r}: {name} must have finite ends; got {ends}"
+                )
         if not len(space):
             raise InvalidInput(f"search space {self.name!r} has no hyperparameters")
         if seed is not None:
@@ -108,8 +115,8 @@ class Space:
         fits: Callable[[Hyperparameters], object] = lambda hp: None,
     ) -> None:
         """Raise InvalidInput, for a space from a file, if it sets a hyperparameter that `base` does
-        not have, one that is `reserved`, values that are not allowed, or a combination that `fits`
-        does not accept."""
+        not have, one that is `reserved`, one twice, values that are not allowed, or a combination
+        that `fits` does not accept."""
         if self.content is None:
             return
         space, what = self.build(), f"search space {self.name!r}"
@@ -117,9 +124,30 @@ class Space:
         if taken:
             raise InvalidInput(f"{what}: {taken[0]} is set by the search itself")
         space.seed(0)
-        tried = [space.get_default_configuration(), *space.sample_configuration(_TRIED)]
-        for configuration in tried:
+        default = dict(space.get_default_configuration())
+        drawn = [dict(configuration) for configuration in space.sample_configuration(_TRIED)]
+        for configuration in (default, *_at_ends(space, default), *drawn):
             try:
-                fits(to_hyperparameters(base, dict(configuration)))
+                fits(to_hyperparameters(base, configuration))
             except InvalidInput as error:
                 raise InvalidInput(f"{what}: {error}") from None
+
+
+def _at_ends(space: "ConfigurationSpace", default: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+    """The default configuration with one value at either end of its range, or another choice; those
+    that the space allows."""
+    import ConfigSpace as CS
+    from ConfigSpace.exceptions import ForbiddenValueError
+
+    for name, dimension in space.items():
+        if name not in default:
+            continue
+        choices = getattr(dimension, "choices", None)
+        if choices is None:
+            choices = [dimension.to_value(end) for end in (0.0, 1.0)]
+        for choice in choices:
+            changed = {**default, name: choice}
+            try:
+                yield dict(CS.Configuration(space, values=changed))
+            except (ForbiddenValueError, ValueError):  # or it activates others
+                continue

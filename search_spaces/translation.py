@@ -44,7 +44,9 @@ def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) 
         if f"{section}.{field}" not in known:
             allowed = known or [f"{other}.*" for other in sections]
             raise one_of("hyperparameter", name, allowed)
-        changes.setdefault(section, {})[field] = plain
+        if field in changes.setdefault(section, {}):
+            raise InvalidInput(f"hyperparameter {section}.{field} is set twice")
+        changes[section][field] = plain
     return replace(
         base,
         nes=replace(base.nes, **changes.get("nes", {})),

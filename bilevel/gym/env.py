@@ -18,7 +18,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from bilevel.gym.rendering import MODES, Renderer
+from bilevel.gym.rendering import MODES, Renderer, draws_its_state
 from bilevel.gym.source import se_file
 
 
@@ -52,6 +52,8 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         # gymnasium draws initial states of a task that is not compiled, in an environment that is
         # made once.
         self._real = None if self._task.compiled else self._task.make()
+        if self._real is not None and not draws_its_state(self._task, self._real):
+            self.metadata = {**self.metadata, "render_modes": []}
         self.first_action = 0 if self._real is None else int(self._real.action_space.start)  # type: ignore[attr-defined]
         self.action_space = gymnasium.spaces.Discrete(self.n_actions, start=self.first_action)
 

@@ -19,6 +19,17 @@ Observation = NDArray[np.float32]
 MODES = ("human", "rgb_array")
 
 
+def draws_its_state(task: Task, env: Any) -> bool:
+    """Whether the attribute `state` of the task's environment is what is drawn of its observation;
+    resets it."""
+    expected = task.physics(env.reset(seed=0)[0])
+    try:
+        state = np.asarray(getattr(env.unwrapped, "state", None), np.float64)
+    except (TypeError, ValueError):
+        return False
+    return state.shape == expected.shape and np.allclose(state, expected, atol=1e-5)
+
+
 class Renderer:
     """Draws states of an SE as states of its task.
 
@@ -29,29 +40,20 @@ class Renderer:
         if mode not in MODES:
             raise one_of("render mode", mode, MODES)
         unavailable = f"render mode {mode!r} is not available: {task.id} cannot draw a given state"
-        self._drawn = task.physics
+        self._task = task
         try:
             self._env: Any = task.make(render_mode=mode).unwrapped
         except (TypeError, gymnasium.error.Error) as error:
             raise InvalidInput(f"{unavailable} ({first_line(error)})") from None
         self.fps = int(self._env.metadata.get("render_fps", 30))
-        if not self._draws_its_state():
+        if not draws_its_state(task, self._env):
             self.close()
             raise InvalidInput(unavailable)
-
-    def _draws_its_state(self) -> bool:
-        """Whether the attribute `state` of the task is what is drawn of its observation."""
-        expected = self._drawn(self._env.reset(seed=0)[0])
-        try:
-            state = np.asarray(getattr(self._env, "state", None), np.float64)
-        except (TypeError, ValueError):
-            return False
-        return state.shape == expected.shape and np.allclose(state, expected, atol=1e-5)
 
     def draw(self, observation: Observation) -> Any:
         """Draw an observation (S,) of the SE: an image (height, width, 3) in the mode `rgb_array`,
         None in the mode `human`, whose window it updates."""
-        self._env.state = self._drawn(observation)
+        self._env.state = self._task.physics(observation)
         return self._env.render()
 
     def close(self) -> None:

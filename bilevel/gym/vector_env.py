@@ -31,6 +31,8 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     }
 
     def __init__(self, path: str | Path, num_envs: int = 1) -> None:
+        if num_envs < 1:
+            raise InvalidInput(f"num_envs must be at least 1; got {num_envs}")
         single = SyntheticEnv(path)
         self.num_envs = num_envs
         self.single_observation_space = single.observation_space
@@ -91,8 +93,10 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         """
         if not self._begun:
             raise ResetNeeded("call reset before step")
-        if len(actions) != self.num_envs:
-            raise InvalidInput(f"{len(actions)} actions for {self.num_envs} copies of the SE")
+        if np.shape(actions) != (self.num_envs,):
+            raise InvalidInput(
+                f"actions of the shape {np.shape(actions)} for {self.num_envs} copies of the SE"
+            )
         resetting = self._over
         numbers = self._numbers(actions, resetting)
         states, rewards, dones = np.empty_like(self._states), *np.empty((2, self.num_envs))

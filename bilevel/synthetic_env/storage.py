@@ -123,6 +123,8 @@ def load_se(path: Path | str) -> StoredSE:
     except FileNotFoundError:
         raise InvalidInput(f"no SE file at {str(path)!r}") from None
     except (SafetensorError, OSError, ValueError, TypeError) as error:
+        if Path(path).is_dir():
+            raise InvalidInput(f"{str(path)!r} is a folder: give an SE file in it") from None
         raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {error}") from None
     if "se" not in metadata:
         raise InvalidInput(f"{str(path)!r} holds tensors of something else than an SE")

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from bilevel.errors import InvalidInput, first_line
 from bilevel.kernels import dynamics
+from bilevel.tasks.checked import CheckedEnv
 
 #: A real task in gymnasium.
 RealEnv = gymnasium.Env[NDArray[np.float32], np.int64]
@@ -70,7 +71,19 @@ class Task:
 
     def make(self, render_mode: str | None = None) -> RealEnv:
         """The gymnasium environment, truncated at this task's step limit."""
-        return _make(self.id, self.step_limit, render_mode)
+        env = _make(self.id, self.step_limit, render_mode)
+        return env if self.compiled else CheckedEnv(env, self.id)
+
+    def try_out(self) -> None:
+        """Reset the real task, unless it is compiled, and take a step by each action. Raises
+        Mistake."""
+        if self.compiled:
+            return
+        with closing(self.make()) as env:
+            first = int(env.action_space.start)  # type: ignore[attr-defined]
+            for action in range(self.n_actions):
+                env.reset(seed=0)
+                env.step(np.int64(first + action))
 
     def initial_physics(
         self, rng: np.random.Generator, n: int, env: RealEnv | None = None
@@ -164,6 +177,8 @@ def get_task(
         raise InvalidInput(
             f"{task_id} has observations {observations}: allowed is a Box of one dimension"
         )
+    if not observations.shape[0]:
+        raise InvalidInput(f"{task_id} has observations without components: {observations}")
     if not isinstance(actions, gymnasium.spaces.Discrete):
         raise InvalidInput(f"{task_id} has actions {actions}: allowed is Discrete")
     solved = solved_reward if solved_reward is not None else spec.reward_threshold
@@ -175,7 +190,9 @@ def get_task(
     if not math.isfinite(solved):
         raise InvalidInput(f"{task_id}: solved reward must be finite, got {solved}")
     if limit is None or not 1 <= limit <= MAX_STEP_LIMIT:
-        raise InvalidInput(f"{task_id}: step limit must be 1 to {MAX_STEP_LIMIT}, got {limit}")
+        raise InvalidInput(
+            f"{task_id}: step limit (--step-limit) must be 1 to {MAX_STEP_LIMIT}; got {limit}"
+        )
     return Task(
         task_id,
         observations.shape[0],

@@ -123,7 +123,7 @@ def _print_estimate(command: StudyCommand, trials: int, terminal: Terminal) -> N
 
 def _estimate(command: StudyCommand, trials: int) -> Estimate:
     study, cores = command.study, trials * command.workers_per_trial
-    samples = study.space.build(study.agents, study.seed).sample_configuration(_SAMPLES)
+    samples = study.space.build(study.agents, study.seed % 2**32).sample_configuration(_SAMPLES)
     jobs = []
     for number, sample in enumerate(samples):
         nes = NES(study.task, to_hyperparameters(study.base, dict(sample)), number)

@@ -50,11 +50,7 @@ class Handover:
         every = list(self._all_runs(pool))
         contenders = _contenders(every)
         if not contenders:
-            log(
-                "no configuration finished a generation: see the errors above"
-                if self.journal.results
-                else "no configuration finished a generation in this time"
-            )
+            log(self._nothing)
             return False
         if len(contenders) > 1:
             log(f"retesting the {len(contenders)} best SEs with fresh agents")
@@ -76,6 +72,19 @@ class Handover:
         log(f"results: {self.session.shown_at(self.session.identity.uuid)}")
         log("run the same command again to add brackets")
         return True
+
+    @property
+    def _nothing(self) -> str:
+        """Why there is no SE."""
+        results = self.journal.results
+        if not results:
+            return "no configuration finished a generation in this time"
+        if any(line.exception is not None for line in results):
+            return "no configuration finished a generation: see the errors above"
+        return (
+            f"no configuration got beyond the choice of its start in {results[-1].budget} core "
+            "seconds: take a larger --profile, or a --space with fewer nes.start_candidates"
+        )
 
     def interrupted(self) -> None:
         """Say what the interrupted search has found, and save its best SE. Raises

@@ -119,7 +119,11 @@ class Study:
             return None
         from search_spaces.prior import nearest  # with ConfigSpace, which trials do without
 
-        return nearest(self.space.build(self.agents), self.of_recipe)
+        try:
+            return nearest(self.space.build(self.agents), self.of_recipe)
+        except InvalidInput as error:
+            told = f"the search would begin with its recipe (not with --prior none): {error}"
+            raise InvalidInput(told) from None
 
     @property
     def moved(self) -> dict[str, tuple[Any, Any]]:
@@ -145,7 +149,9 @@ class Study:
         return None if self.prior in PRIORS else Journal(self.folder / _EARLIER)
 
     def check_prior(self) -> None:
-        """Raise InvalidInput if the prior is a study that has no results for this one's model."""
+        """Raise InvalidInput if the prior is a study that has no results for this one's model, or
+        the recipe and the space forbids it."""
+        assert self.prior_configuration is None or self.prior == "recipe"
         if self.prior in PRIORS or (self.folder / _EARLIER).exists():
             return
         if self.method != "bohb":

@@ -210,14 +210,19 @@ class StudyViews:
 
     def _configuration(self, line: ConfigLine, results: list[ResultLine]) -> RunView:
         study, name = self.study, configuration_name(line.id)
-        runs = ConfigurationRuns.read(study, line.id, line.configuration)
+        failure = next((r.exception for r in results if r.exception is not None), None)
+        try:
+            runs = ConfigurationRuns.read(study, line.id, line.configuration)
+        except InvalidInput:
+            if failure is None:
+                raise
+            runs = ConfigurationRuns(study, line.id, line.configuration)  # was never allowed to run
         live = self.live is not None and name in self.live
         tags = {
             "bilevel.kind": "configuration",
             "bilevel.bracket": str(line.id[0]),
             "bilevel.origin": line.origin.value,
         }
-        failure = next((r.exception for r in results if r.exception is not None), None)
         documents: list[Document] = []
         if failure is not None:
             tags["bilevel.error"] = last_line(failure)[:250]

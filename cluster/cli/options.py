@@ -125,7 +125,9 @@ class RunOptions:
     def the_task(self) -> Task:
         from bilevel.tasks import get_task
 
-        return get_task(self.task, self.solved_reward, self.step_limit)
+        task = get_task(self.task, self.solved_reward, self.step_limit)
+        task.try_out()
+        return task
 
     def the_agents(self) -> tuple[str, ...] | None:
         """Names of the agents, each of them known; None for the recipe's. Raises InvalidInput."""

@@ -62,6 +62,8 @@ def run() -> None:
         _fail(error.format_message())
     except InvalidInput as error:
         _fail(str(error))
+    except PermissionError as error:
+        _fail(f"no permission to use {str(error.filename)!r}")
     except click.Abort:
         sys.exit(130)
 

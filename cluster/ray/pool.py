@@ -91,7 +91,7 @@ class EvaluationPool:
 
         The SE or SEs, or the distribution that requests draw from, are sent once. `on_result` is
         called with each result. Raises ActorsDied if actors keep dying on one batch or at start,
-        and AgentMistake for a wrong agent of a user's.
+        and Mistake for a wrong agent or task of a user's.
         """
         sent = [ray.put(task), ray.put(se)]
         waiting = RequestQueue(requests, self.size)
@@ -112,7 +112,7 @@ class EvaluationPool:
             try:
                 answers = ray.get(done)
             except RayTaskError as error:
-                if isinstance(error.cause, InvalidInput):  # a user's agent is wrong
+                if isinstance(error.cause, InvalidInput):  # a user's agent or task is wrong
                     raise error.cause from None
                 raise
             except (

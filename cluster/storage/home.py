@@ -1,6 +1,7 @@
 """The home folder: one folder for all runs, with one folder per run."""
 
 import glob
+import os
 import re
 import shlex
 import shutil
@@ -71,6 +72,8 @@ class Home:
 
     def runs(self, task_id: str | None = None) -> list[Path]:
         """Folders of all runs, or of those on one task, by task and name."""
+        if self.folder.exists():
+            os.scandir(self.folder).close()  # a folder that cannot be read would look empty
         tasks = "*" if task_id is None else glob.escape(_of_task(task_id))
         return sorted(path.parent for path in self.folder.glob(f"{tasks}/*/settings.json"))
 

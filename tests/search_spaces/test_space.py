@@ -40,6 +40,11 @@ def test_what_configspace_writes_is_read(name: str, tmp_path: Path) -> None:
         (CS.Float("nes.sigma", (0.1, 0.4)), "unknown hyperparameter 'nes.sigma': allowed are nes."),
         (CS.Float("td3.learning_rate", (0.1, 0.4)), "'td3.learning_rate': allowed are nes.*, se.*"),
         (CS.Float("nes.std_dev", (0.1, 99.0)), "std_dev must be float, 1e-06 to 10.0; got"),
+        (CS.Float("nes.averaging", (0.0, 1.0)), "averaging must be float, 0.0 to 0.999; got 1.0"),
+        (
+            CS.Float("nes.std_dev", (0.1, 10.001)),
+            "std_dev must be float, 1e-06 to 10.0; got 10.001",
+        ),
         (CS.Integer("nes.generations", (1, 9)), "nes.generations is set by the search itself"),
         (CS.Categorical("se.activation", ("tanh", "sine")), "unknown SE activation 'sine'"),
         (CS.OrdinalHyperparameter("se.hidden_size", [8, 16, 32]), "has ordinal hyperparameters"),
@@ -64,6 +69,28 @@ def test_combinations_that_do_not_fit_are_told_with_the_space(tmp_path: Path) ->
     space.check(BASE)
     with pytest.raises(InvalidInput, match=r"^search space 'mine': SE structure .* tanh"):
         space.check(BASE, fits=lambda hp: NES(task, hp))
+
+
+def test_a_hyperparameter_may_not_be_set_twice(tmp_path: Path) -> None:
+    both = CS.Float("nes.averaging", (0.1, 0.9)), CS.Float("nes.1-averaging", (0.1, 0.9))
+    with pytest.raises(InvalidInput, match=r"'mine': hyperparameter nes.averaging is set twice"):
+        Space.of(str(written(tmp_path, "mine.json", *both))).check(BASE)
+
+
+def test_values_that_the_space_forbids_are_not_tried(tmp_path: Path) -> None:
+    space = CS.ConfigurationSpace(space=[CS.Integer("nes.population_size", (0, 3))])
+    space.add(CS.ForbiddenEqualsClause(space["nes.population_size"], 0))
+    space.to_json(tmp_path / "mine.json")
+    Space.of(str(tmp_path / "mine.json")).check(BASE)
+
+
+def test_an_infinite_range_is_told(tmp_path: Path) -> None:
+    path = written(tmp_path, "mine.json", CS.Float("nes.std_dev", (0.1, 0.4)))
+    path.write_text(path.read_text().replace("0.4", "Infinity"))
+    with pytest.raises(
+        InvalidInput, match=r"^search space 'mine': nes.std_dev must have finite ends"
+    ):
+        Space.of(str(path))
 
 
 @pytest.mark.parametrize("text", ["", "[]", "{}", "nonsense: [", '{"hyperparameters": [{}]}'])

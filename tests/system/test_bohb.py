@@ -9,6 +9,7 @@ import subprocess
 from dataclasses import replace
 from pathlib import Path
 
+import ConfigSpace as CS
 import mlflow.entities
 import pytest
 
@@ -266,6 +267,16 @@ def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(
     (failed,) = [r for r in tracked_runs(tmp_home) if r.info.status == "FAILED"]
     assert failed.info.run_name == "000-0-001"
     assert "NotADirectoryError" in failed.data.tags["bilevel.error"]
+
+
+def test_budgets_that_end_before_a_generation_are_told(tmp_home: Path, address: str) -> None:
+    space = tmp_home / "mine.json"
+    CS.ConfigurationSpace(space=[CS.Constant("nes.start_candidates", 5000)]).to_json(space)
+    alone = ("--space", space, "--workers-per-trial", "1", *ONE_BY_ONE)
+    result = run_bilevel(*SMOKE, *alone, "--home", tmp_home, "--address", address)
+    assert result.returncode == 1
+    told = "no configuration got beyond the choice of its start in 3 core seconds: take a larger"
+    assert told in result.stdout
 
 
 def test_a_study_whose_trials_all_fail_ends_with_1(tmp_home: Path, address: str) -> None:

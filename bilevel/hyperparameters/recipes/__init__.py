@@ -61,9 +61,12 @@ def load_recipe(
     """
     name = str(name)
     values, what = _read(name, task if isinstance(task, str) else task.id), f"recipe {name!r}"
-    own = {spec.name: values[spec.name] for spec in fields(_Recipe) if spec.name in values}
-    recipe = decode(_Recipe, own, what)
+    known = [spec.name for spec in fields(_Recipe)]
+    recipe = decode(_Recipe, {key: values[key] for key in known if key in values}, what)
     names = recipe.agents if agents is None else agents
+    for key in values:
+        if key not in (*known, *names):
+            _require_agent(key, (*known, *names), what)
     return Hyperparameters(
         nes=NESHyperparameters(**recipe.nes),
         se=SEHyperparameters(**recipe.se),
@@ -71,6 +74,17 @@ def load_recipe(
         vary_agent=recipe.vary_agent,
         recipe=Path(name).stem,
     )
+
+
+def _require_agent(key: str, allowed: Sequence[str], what: str) -> None:
+    """Raise InvalidInput unless the key is the name of an agent, which this run may not draw."""
+    try:
+        agent_hyperparameters(key)
+    except InvalidInput:
+        raise InvalidInput(
+            f"{what}: unknown entry {key!r}: allowed are {', '.join(allowed)}, and sections of "
+            "other agents"
+        ) from None
 
 
 def _agent(name: str, values: dict[str, Any], what: str) -> AgentHyperparameters:

@@ -11,8 +11,8 @@ from typing import Any
 
 from ray.tune.search import Searcher
 
-from bilevel.agents.checked import AgentMistake
 from bilevel.errors import InvalidInput, StorageFailure
+from bilevel.mistakes import Mistake
 from cluster.bohb.journal import ConfigId
 from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.tune.trial import (
@@ -140,7 +140,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         elif NO_STORAGE in result:
             raise StorageFailure(str(result[NO_STORAGE]))
         elif MISTAKE in result and not self._search.succeeded:
-            raise AgentMistake(str(result[MISTAKE]))
+            raise Mistake(str(result[MISTAKE]))
         elif MISTAKE in result:  # with other hyperparameters the agent works
             self._search.register(job, None, exception=str(result[MISTAKE]))
         elif FAILURE in result:

@@ -14,8 +14,8 @@ from typing import Any
 
 from ray import tune
 
-from bilevel.agents.checked import AgentMistake
 from bilevel.errors import StorageFailure
+from bilevel.mistakes import Mistake
 from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import Study
 from cluster.ray.pool import EvaluationPool
@@ -58,7 +58,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
                 return self._generation()
             except StorageFailure as error:
                 return {NO_STORAGE: str(error), "done": True}
-            except AgentMistake as error:
+            except Mistake as error:
                 return {MISTAKE: str(error), "done": True}
             except Exception:
                 failure = traceback.format_exc()

@@ -10,7 +10,8 @@ import pytest
 import torch
 
 from bilevel.agents import Transition
-from bilevel.agents.checked import AgentMistake, CheckedAgent
+from bilevel.agents.checked import CheckedAgent
+from bilevel.mistakes import Mistake
 
 
 class Right:
@@ -128,7 +129,7 @@ def live(agent: CheckedAgent) -> None:
     ],
 )
 def test_a_mistake_is_told_in_one_line_with_its_place(kind: type[Right], told: str) -> None:
-    with pytest.raises(AgentMistake) as caught:
+    with pytest.raises(Mistake) as caught:
         live(CheckedAgent("mine", 2, kind))
     place, _, what = str(caught.value).partition(", " if "when" in told else ": ")
     assert what == told

@@ -10,6 +10,7 @@ import pytest
 import torch
 
 from bilevel import InvalidInput
+from bilevel.gym.vector_env import SyntheticVectorEnv
 from bilevel.hyperparameters import load_recipe
 from bilevel.synthetic_env import SEDistribution, StoredSE, coordinates, save_se
 from bilevel.tasks import get_task
@@ -79,8 +80,11 @@ def test_a_mask_resets_some_copies_and_wrong_numbers_are_refused(path: Path) -> 
     np.testing.assert_array_equal((after == before).all(axis=1), ~mask)
     with pytest.raises(ValueError, match="2 seeds for 3 copies"):
         env.reset(seed=[1, 2])
-    with pytest.raises(InvalidInput, match="2 actions for 3 copies"):
-        env.step([0, 1])
+    for wrong in ([0, 1], np.zeros((3, 1), int), 0):
+        with pytest.raises(InvalidInput, match=r"actions of the shape \(.*\) for 3 copies"):
+            env.step(wrong)
+    with pytest.raises(InvalidInput, match="num_envs must be at least 1; got 0"):
+        SyntheticVectorEnv(path, num_envs=0)
 
 
 def test_actions_of_any_kind_and_wrong_ones(path: Path) -> None:

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import ConfigSpace as CS
 import pytest
 
 from bilevel import InvalidInput
@@ -13,6 +14,7 @@ from cluster.bohb.journal import Journal
 from cluster.bohb.study import RECIPE_FILE, SPACE_FILE, Study
 from cluster.bohb.view import study_progress
 from search_spaces.bohb import search_space
+from search_spaces.space import Space
 from tests.commands import run_bilevel
 from tests.studies import make_study, new_study
 
@@ -76,6 +78,20 @@ def test_a_recipe_outside_of_the_space_is_moved_and_told() -> None:
     assert paper.prior_configuration is not None
     assert paper.prior_configuration["se.step_limit"] == task.step_limit
     assert replace(paper, prior="none").moved == {}
+
+
+def test_a_recipe_that_the_space_forbids_is_told_before_the_search(tmp_path: Path) -> None:
+    study = new_study(tmp_path / "study")
+    dimension, base = CS.Integer("nes.population_size", (2, 48)), study.base.nes.population_size
+    space = CS.ConfigurationSpace(space=[dimension])
+    space.add(CS.ForbiddenEqualsClause(dimension, base))
+    space.to_json(tmp_path / "mine.json")
+    mine = replace(study, space=Space.of(str(tmp_path / "mine.json")))
+    mine.check_prior()
+    with pytest.raises(
+        InvalidInput, match=r"would begin with its recipe \(not with --prior none\)"
+    ):
+        replace(mine, prior="recipe").check_prior()
 
 
 def test_progress_of_a_study_whose_agent_is_not_known_here(tmp_path: Path) -> None:

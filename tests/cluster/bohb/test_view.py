@@ -3,7 +3,10 @@
 from dataclasses import replace
 from pathlib import Path
 
-from cluster.bohb.journal import Journal
+import pytest
+
+from bilevel import InvalidInput
+from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.validation import Validation
 from cluster.bohb.view import StudyViews, _way
@@ -51,3 +54,19 @@ def test_the_way_ends_at_the_incumbent(tmp_path: Path) -> None:
     other = next(line for line in Journal(tmp_path).results if line.id != leader.id)
     validated = replace(summary, validation=Validation(6, (other, leader)))
     assert _way(validated) == [*way, other.id]
+
+
+def test_a_configuration_that_was_never_allowed_is_shown_with_its_failure(tmp_path: Path) -> None:
+    make_study(tmp_path, brackets=1)
+    journal = Journal(tmp_path)
+    journal.add_config(ConfigLine((7, 0, 0), {"nes.averaging": 0.9999}, {}))
+    views = StudyViews.of(tmp_path)
+    key = views.keys()[-1]
+    with pytest.raises(InvalidInput, match="averaging must be"):
+        views.view(key)
+    now = {"submitted": 1.0, "started": 1.0, "finished": 2.0}
+    journal.add_result(ResultLine((7, 0, 0), 1, None, {}, now, "Traceback\nInvalidInput: no"))
+    view = views.view(key)
+    assert view.lifetime.status == "FAILED"
+    assert view.tags["bilevel.error"] == "InvalidInput: no"
+    assert view.params == {"nes.averaging": 0.9999}

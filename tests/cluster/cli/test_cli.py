@@ -13,6 +13,8 @@ import safetensors.numpy
 from tests.commands import BILEVEL, run_bilevel
 from tests.studies import make_study
 
+RECIPES = Path(str(files("bilevel.hyperparameters.recipes")))
+
 
 def test_the_console_script() -> None:
     result = subprocess.run(
@@ -212,6 +214,14 @@ def test_bad_input_is_one_line_and_exit_code_2(args: list[str], told: str, tmp_p
         ("nonsense", "is not a TOML file"),
         ("[nes]\nstep_size = 1.0\n", "recipe 'my.toml': 'agents' is missing"),
         ('agents = ["ddqn"]\nnes = 3\n', "recipe 'my.toml'"),
+        (
+            (RECIPES / "default.toml").read_text().replace("vary_agent", "vary_hp", 1),
+            "recipe 'my.toml': 'vary_agent' is missing",
+        ),
+        (
+            "bar = 3\n" + (RECIPES / "default.toml").read_text(),
+            "recipe 'my.toml': unknown entry 'bar': allowed are agents, vary_agent, nes, se, ddqn",
+        ),
     ],
 )
 def test_a_file_that_is_no_recipe_is_told_in_one_line(text: str, told: str, tmp_path: Path) -> None:
@@ -287,10 +297,11 @@ def test_tensors_of_something_else_are_no_se(tmp_path: Path) -> None:
 def test_dry_run_says_what_would_be_run_and_writes_nothing(
     method: str, title: str, rungs: str, cost: str, tmp_path: Path
 ) -> None:
+    large = str(2**32)  # more than ConfigSpace takes
     arguments = ("CartPole-v0", "--profile", "smoke", "--dry-run", "--method", method)
-    result = run_bilevel("bohb", *arguments, cwd=tmp_path)
+    result = run_bilevel("bohb", *arguments, "--seed", large, cwd=tmp_path)
     assert result.returncode == 0, result.stderr
-    study = f"{method}-smoke-core-default-seed0"
+    study = f"{method}-smoke-core-default-seed{large}"
     assert result.stdout.startswith(f"{title} on CartPole-v0: study {study!r}, prior none")
     assert f"      0   {rungs}\n" in result.stdout
     assert cost in result.stdout

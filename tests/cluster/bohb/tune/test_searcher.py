@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from bilevel.agents.checked import AgentMistake
 from bilevel.errors import StorageFailure
+from bilevel.mistakes import Mistake
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal
 from cluster.bohb.objective import Tally
@@ -81,7 +81,7 @@ def test_what_is_no_result_counts_as_failed(
 def test_a_users_wrong_agent_stops_the_study(searcher: BohbSearcher, journal: Journal) -> None:
     suggested(searcher, "a")
     searcher.on_trial_complete("a", {MISTAKE: "agent 'mine': division by zero"})
-    assert isinstance(searcher.stopped_by, AgentMistake)
+    assert isinstance(searcher.stopped_by, Mistake)
     assert journal.results == []
 
 

@@ -1,0 +1,62 @@
+"""Mistakes in code that users write: agents, and real tasks.
+
+A mistake must not become a score. It is told in one line with its place in the user's file,
+wherever the evaluation runs.
+"""
+
+import inspect
+import sysconfig
+import traceback
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+from bilevel.errors import InvalidInput
+
+#: Folders of code that users did not write.
+_LIBRARIES = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
+_OURS = str(Path(__file__).parent)
+
+
+class Mistake(InvalidInput):
+    """An agent or a task of a user's returned what it must not, raised, or exited; the message
+    tells where."""
+
+
+def mistake_at(what: str, code: Any, message: str) -> Mistake:
+    """The mistake of `what` (as in "agent 'mine'") in a function or class."""
+    return Mistake(f"{what}{_source_of(code)}: {message}")
+
+
+@contextmanager
+def as_mistake(what: str, code: Any, doing: str) -> Iterator[None]:
+    """Within the block, in which `what` calls the function or class `code`, errors and exits become
+    a Mistake."""
+    try:
+        yield
+    except Mistake:
+        raise
+    except (Exception, SystemExit) as error:
+        told = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
+        place = _place_of(error, code) or _source_of(code)
+        raise Mistake(f"{what}{place}, when it {doing}: {' '.join(told.split())}") from None
+
+
+def _source_of(code: Any) -> str:
+    """Where a function or class begins; empty for code without a file."""
+    with suppress(OSError, TypeError):
+        source = inspect.unwrap(code)
+        return f" at {inspect.getsourcefile(source)}:{inspect.getsourcelines(source)[1]}"
+    return ""
+
+
+def _place_of(error: BaseException, code: Any) -> str:
+    """The last call in the file of `code`, else in code that is neither ours nor a library's."""
+    frames = traceback.extract_tb(error.__traceback__)
+    file = None
+    with suppress(OSError, TypeError):
+        file = inspect.getsourcefile(inspect.unwrap(code))
+    own = [f for f in frames if f.filename == file and file != __file__]
+    own = own or [f for f in frames if not f.filename.startswith((*_LIBRARIES, _OURS))]
+    return f" at {own[-1].filename}:{own[-1].lineno}" if own else ""

@@ -1,0 +1,53 @@
+"""Checks of real tasks that users write: what they return, and what they raise."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from numpy.typing import NDArray
+
+from bilevel.mistakes import as_mistake, mistake_at
+
+
+class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.float32], np.int64]):
+    """An environment of the task `task_id`; `reset` and `step` raise Mistake for errors, for
+    observations of other sizes than its space has, and for values that are not finite."""
+
+    def __init__(self, env: gymnasium.Env[NDArray[np.float32], np.int64], task_id: str) -> None:
+        super().__init__(env)
+        self._what = f"task {task_id!r}"
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        """See gymnasium."""
+        code = type(self.unwrapped).reset
+        with as_mistake(self._what, code, "is reset"):
+            state, info = self.env.reset(seed=seed, options=options)
+            checked = self._observation(state, code)
+        return checked, info
+
+    def step(
+        self, action: np.int64
+    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
+        """See gymnasium."""
+        code = type(self.unwrapped).step
+        with as_mistake(self._what, code, "takes a step"):
+            state, reward, terminated, truncated, info = self.env.step(action)
+            checked, number = self._observation(state, code), float(reward)
+            if not np.isfinite(number):
+                raise mistake_at(self._what, code, f"the reward is {number}: it must be finite")
+        return checked, number, bool(terminated), bool(truncated), info
+
+    def _observation(self, state: Any, code: Any) -> NDArray[np.float32]:
+        array, shape = np.asarray(state), self.observation_space.shape
+        if array.shape != shape:
+            raise mistake_at(
+                self._what,
+                code,
+                f"an observation has the shape {array.shape}: its space has {shape}",
+            )
+        if not np.isfinite(array).all():
+            told = np.array2string(array, threshold=8)
+            raise mistake_at(self._what, code, f"an observation is {told}: it must be finite")
+        return array

@@ -1,0 +1,92 @@
+"""Real tasks of users' own: their mistakes are told in one line, and never become scores."""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+from bilevel.errors import InvalidInput
+from bilevel.mistakes import Mistake
+from bilevel.tasks import get_task
+
+NAME = "Broken-v0"
+
+
+class Broken(gymnasium.Env[Any, Any]):
+    """A task that is sound but for what a test replaces."""
+
+    observation_space = gymnasium.spaces.Box(-9, 9, (2,), np.float32)
+    action_space = gymnasium.spaces.Discrete(2)
+
+    def __init__(self, **kwargs: Any) -> None:
+        self._step = kwargs.get("step")
+        self._first = kwargs.get("first", np.zeros(2, np.float32))
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        return self._first, {}
+
+    def step(self, action: Any) -> Any:
+        if self._step is not None:
+            return self._step()
+        return np.zeros(2, np.float32), -1.0, True, False, {}
+
+
+@pytest.fixture
+def register() -> Iterator[Callable[..., None]]:
+    def one(**kwargs: Any) -> None:
+        gymnasium.register(NAME, Broken, max_episode_steps=10, reward_threshold=-5.0, kwargs=kwargs)
+
+    yield one
+    gymnasium.registry.pop(NAME, None)
+
+
+def raises() -> Any:
+    raise RuntimeError("the simulator\nbroke")
+
+
+def returned(state: Any = (0.0, 0.0), reward: Any = -1.0) -> Callable[[], Any]:
+    return lambda: (np.array(state, np.float32), reward, True, False, {})
+
+
+@pytest.mark.filterwarnings("ignore::UserWarning", "ignore::DeprecationWarning")  # of gymnasium
+@pytest.mark.parametrize(
+    ("kwargs", "told"),
+    [
+        ({"step": raises}, r"test_checked.py:\d+, when it takes a step: RuntimeError: the simul"),
+        ({"step": lambda: (0, 1.0, True, {})}, "when it takes a step: ValueError: not enough"),
+        ({"step": returned((np.nan, 0.0))}, r"test_checked.py:\d+: an observation is \[nan  0.\]"),
+        ({"step": returned((1.0, 2.0, 3.0))}, r"has the shape \(3,\): its space has \(2,\)"),
+        ({"step": returned(reward=np.inf)}, "the reward is inf: it must be finite"),
+        ({"step": returned(reward=None)}, "when it takes a step: TypeError"),
+        ({"first": np.full(2, np.nan)}, "an observation is .nan nan.: it must be finite"),
+        ({"first": np.zeros((2, 1))}, r"has the shape \(2, 1\)"),
+    ],
+)
+def test_a_mistake_is_told_with_its_place(
+    kwargs: Any, told: str, register: Callable[..., None]
+) -> None:
+    register(**kwargs)
+    task = get_task(NAME)
+    with pytest.raises(Mistake, match=f"^task 'Broken-v0'.*{told}") as caught:
+        task.try_out()
+    assert "\n" not in str(caught.value)
+    with pytest.raises(Mistake):
+        task.observation_scale(0)
+
+
+def test_a_sound_task_is_tried_out(register: Callable[..., None]) -> None:
+    register()
+    get_task(NAME).try_out()
+    get_task("CartPole-v0").try_out()
+
+
+def test_without_components_there_is_nothing_to_observe(
+    register: Callable[..., None], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Broken, "observation_space", gymnasium.spaces.Box(-1, 1, (0,)))
+    register()
+    with pytest.raises(InvalidInput, match="observations without components"):
+        get_task(NAME)
