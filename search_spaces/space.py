@@ -137,7 +137,6 @@ def _at_ends(space: "ConfigurationSpace", default: Mapping[str, Any]) -> Iterato
     """The default configuration with one value at either end of its range, or another choice; those
     that the space allows."""
     import ConfigSpace as CS
-    from ConfigSpace.exceptions import ForbiddenValueError
 
     for name, dimension in space.items():
         if name not in default:
@@ -146,8 +145,8 @@ def _at_ends(space: "ConfigurationSpace", default: Mapping[str, Any]) -> Iterato
         if choices is None:
             choices = [dimension.to_value(end) for end in (0.0, 1.0)]
         for choice in choices:
-            changed = {**default, name: choice}
             try:
-                yield dict(CS.Configuration(space, values=changed))
-            except (ForbiddenValueError, ValueError):  # or it activates others
+                configuration = CS.Configuration(space, values={**default, name: choice})
+            except ValueError:  # it is forbidden, or activates others
                 continue
+            yield dict(configuration)

@@ -33,12 +33,7 @@ def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> Non
         incomplete, refused = 0, 0
         with terminal:
             for done, key in enumerate(keys):
-                try:
-                    view = views.view(key)
-                except InvalidInput as error:  # as of a configuration that was not allowed
-                    terminal.log(f"{error}; MLflow does not show it")
-                    incomplete += 1
-                    continue
+                view = views.view(key)
                 terminal.bar(f"sync {view.name}", done, len(keys), "runs")
                 try:
                     tracker.show(view)

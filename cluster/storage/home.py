@@ -72,7 +72,7 @@ class Home:
 
     def runs(self, task_id: str | None = None) -> list[Path]:
         """Folders of all runs, or of those on one task, by task and name."""
-        if self.folder.exists():
+        if self.folder.is_dir():
             os.scandir(self.folder).close()  # a folder that cannot be read would look empty
         tasks = "*" if task_id is None else glob.escape(_of_task(task_id))
         return sorted(path.parent for path in self.folder.glob(f"{tasks}/*/settings.json"))

@@ -1,5 +1,6 @@
 """The command line in separate processes: help, invalid input, no files written."""
 
+import os
 import re
 import subprocess
 import sys
@@ -335,3 +336,30 @@ def test_a_dry_run_of_a_study_that_cannot_be_run(tmp_path: Path) -> None:
     result = run_bilevel(*arguments, "--study", "mine", "--seed", "9", cwd=tmp_path)
     assert result.returncode == 2
     assert "'mine' was begun with " in result.stderr
+
+
+def test_a_mistake_in_the_users_own_task_is_told_before_anything_is_written(tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(
+        """
+import gymnasium
+from gymnasium.envs.classic_control import CartPoleEnv
+
+class Mine(CartPoleEnv):
+    def step(self, action):
+        raise RuntimeError("the simulator broke")
+
+gymnasium.register("Mine-v0", Mine, max_episode_steps=9, reward_threshold=8)
+"""
+    )
+    result = subprocess.run(
+        [BILEVEL, "nes", "mine:Mine-v0"],
+        capture_output=True,
+        text=True,
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(tmp_path)},
+        check=False,
+    )
+    assert result.returncode == 2, result.stderr
+    place = f"{tmp_path / 'mine.py'}:7, when it takes a step: RuntimeError: the simulator broke"
+    assert result.stderr == f"bilevel: task 'mine:Mine-v0' at {place}\n"
+    assert {path.name for path in tmp_path.iterdir()} <= {"mine.py", "__pycache__"}
