@@ -20,6 +20,7 @@ from bilevel.hyperparameters import AgentHyperparameters, agent_hyperparameters
 from bilevel.hyperparameters.agents import keep_hyperparameters
 from bilevel.hyperparameters.validation import has_plain_range
 from bilevel.seeds import split
+from bilevel.user_code import digest_of
 
 #: Group of entry points in which packages name modules that register agents.
 ENTRY_POINTS = "bilevel.agents"
@@ -76,6 +77,12 @@ class RegisteredAgent:
     build: Build
     build_kernel: Callable[[Any, int, int, np.random.Generator], Any] | None = None
     kernel_parameters: Callable[[Any], list[NDArray[np.float32]]] | None = None
+
+    @property
+    def code_digest(self) -> str | None:
+        """Digest of the user's code that defines it, its class and hyperparameters; None for a
+        built-in agent."""
+        return digest_of("bilevel", self.build, agent_hyperparameters(self.name))
 
 
 _AGENTS: dict[str, RegisteredAgent] = {}

@@ -9,8 +9,8 @@ from numpy.typing import NDArray
 
 from bilevel.agents.agent import Agent, Transition
 from bilevel.errors import InvalidInput
-from bilevel.mistakes import as_mistake, mistake_at
 from bilevel.tasks import checked_action
+from bilevel.user_code import as_mistake, mistake_at
 
 
 class CheckedAgent:

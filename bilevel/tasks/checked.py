@@ -6,7 +6,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.mistakes import as_mistake, mistake_at
+from bilevel.user_code import as_mistake, mistake_at
 
 
 class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.float32], np.int64]):

@@ -14,11 +14,13 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 from bilevel.errors import InvalidInput, first_line
 from bilevel.kernels import dynamics
 from bilevel.tasks.checked import CheckedEnv
+from bilevel.user_code import digest_of
 
 #: A real task in gymnasium.
 RealEnv = gymnasium.Env[NDArray[np.float32], np.int64]
@@ -73,6 +75,15 @@ class Task:
         """The gymnasium environment, truncated at this task's step limit."""
         env = _make(self.id, self.step_limit, render_mode)
         return env if self.compiled else CheckedEnv(env, self.id)
+
+    @property
+    def code_digest(self) -> str | None:
+        """Digest of the user's code that defines it; None for a task of gymnasium's."""
+        if self.compiled:
+            return None
+        entry = gymnasium.spec(self.id).entry_point
+        code = load_env_creator(entry) if isinstance(entry, str) else entry
+        return digest_of("gymnasium", code)
 
     def try_out(self) -> None:
         """Reset the real task, unless it is compiled, and take a step by each action. Raises

@@ -16,7 +16,7 @@ from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, Configuration, Journal
 from cluster.bohb.profiles import METHODS, get_method
 from cluster.nes.run import NESRun
-from cluster.storage.run_folder import SETTINGS_FILE, Settings, read_settings
+from cluster.storage.run_folder import SETTINGS_FILE, Settings, read_settings, settings_of
 from search_spaces import SPACES
 from search_spaces.space import Space
 from search_spaces.translation import of_hyperparameters, to_hyperparameters
@@ -203,9 +203,7 @@ class Study:
     def settings(self) -> dict[str, Any]:
         """Its settings."""
         return {
-            "kind": KIND,
-            "task": asdict(self.task),
-            "seed": self.seed,
+            **settings_of(KIND, self.task, self.seed, self.agents),
             "space": self.space.name if self.space.content is None else asdict(self.space),
             "method": self.method,
             "prior": self.prior,

@@ -121,7 +121,7 @@ class StudyViews:
             (*points, *(Point.of_final(end) for end in ends)),
             tuple(self._documents(journal, summary, bool(ends), lifetime.over)),
             model=registered(study.folder, study.task.id, ends[-1]) if ends else None,
-            author=self.identity.author,
+            identity=self.identity,
             description=self._description(),
         )
 
@@ -263,7 +263,7 @@ class StudyViews:
             tuple(documents),
             parent=self.parent,
             edition=edition(runs.states),
-            author=self.identity.author,
+            identity=self.identity,
             description=f"Configuration {name} of the study `{study.name}`.",
         )
 

@@ -39,7 +39,7 @@ from cluster.session.context import RunContext
 from cluster.session.session import Session
 from cluster.session.terminal import count
 from cluster.storage.jsonl_log import JsonlLog
-from cluster.storage.run_folder import Final, add_final
+from cluster.storage.run_folder import Final, add_final, settings_of
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,7 @@ class EvaluateCommand:
     def settings(self) -> dict[str, Any]:
         """Settings that must stay the same when it is resumed; more agents may be added."""
         return {
-            "kind": KIND,
-            "task": asdict(self.task),
-            "seed": self.seed,
+            **settings_of(KIND, self.task, self.seed, [hp.agent for hp in self.kinds]),
             "vary": self.vary,
             "sources": {
                 label: "real" if se is None else se.se.digest for label, se in self.sources.items()

@@ -53,7 +53,7 @@ class EvaluationViews:
             {"bilevel.kind": KIND},
             tuple(Point.of_final(end) for end in ends),
             tuple(Document.of_file(path) for path in files if lifetime.over and path.exists()),
-            author=self.identity.author,
+            identity=self.identity,
             description=note,
         )
 

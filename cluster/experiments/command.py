@@ -47,7 +47,7 @@ from cluster.session.session import Session
 from cluster.session.terminal import count
 from cluster.storage.author import Author
 from cluster.storage.jsonl_log import JsonlLog
-from cluster.storage.run_folder import Final, add_final, locked_settings
+from cluster.storage.run_folder import Final, add_final, check_settings, settings_of
 
 
 @dataclass(frozen=True)
@@ -74,10 +74,8 @@ class ExperimentCommand:
     def settings(self, experiment: str, kinds: Mapping[str, Any]) -> dict[str, Any]:
         """What must stay the same when it is resumed; its size may change."""
         return {
-            "kind": KIND,
+            **settings_of(KIND, self.task, self.seed, kinds),
             "experiment": experiment,
-            "task": asdict(self.task),
-            "seed": self.seed,
             "kinds": kinds,
         }
 
@@ -159,8 +157,7 @@ class _Runner:
             self.session.guard.check()
             run = made.run
             if run.ended:
-                with locked_settings(run.folder, run.settings()):
-                    pass  # raises InvalidInput if it was begun with other settings
+                check_settings(run.folder, run.settings())
             else:
                 if self.experiment.interim:
                     self._conclude_so_far()

@@ -60,7 +60,7 @@ class ExperimentViews:
             {"bilevel.kind": KIND, **({"bilevel.size": found.size.name} if found else {})},
             tuple(Point.of_final(end) for end in ends),
             tuple(Document.of_file(path) for path in documents(self.folder) if lifetime.over),
-            author=self.identity.author,
+            identity=self.identity,
             description=explanation_of(settings.experiment),
         )
 

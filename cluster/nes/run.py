@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol, Self
 
@@ -13,7 +13,7 @@ from bilevel.hyperparameters import Hyperparameters, NESHyperparameters, StoredH
 from bilevel.nes import NES, NESState
 from bilevel.nes.checkpoint import save_state
 from bilevel.tasks import Task
-from cluster.storage.run_folder import RunStatus, Settings, read_settings
+from cluster.storage.run_folder import RunStatus, Settings, read_settings, settings_of
 
 STATE_FILE = "state.safetensors"
 
@@ -77,7 +77,8 @@ class NESRun:
         generations, which may grow."""
         hp = self.hp.to_dict()
         del hp["nes"]["generations"]
-        return {"kind": KIND, "task": asdict(self.task), "seed": self.seed, **hp}
+        agents = [agent.agent for agent in self.hp.agents]
+        return {**settings_of(KIND, self.task, self.seed, agents), **hp}
 
     @classmethod
     def read(cls, folder: Path) -> "NESRun":

@@ -107,7 +107,7 @@ class NESViews:
             tuple(documents),
             edition=None if state is None else edition([state]),
             model=registered(run.folder, run.task.id, ends[-1]) if ends else None,
-            author=self.identity.author,
+            identity=self.identity,
             description=self._description(),
         )
 

@@ -101,4 +101,6 @@ class Driver:
         home.prepare()
         tracker = Tracker(self.context.tracking_uri, task_id, home.artifacts)
         with locked_settings(folder, settings) as identity:
+            if identity.mixture:
+                self.terminal.log(f"{folder.name}: {identity.mixture}")
             yield Session(home, folder, identity, tracker, self.terminal, self.guard)

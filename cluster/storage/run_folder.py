@@ -12,14 +12,15 @@ import json
 import os
 import time
 import uuid
-from collections.abc import Iterator
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Iterable, Iterator
+from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from filelock import FileLock, Timeout
 from pydantic import Field, FiniteFloat, NonNegativeInt, PlainValidator
 
+from bilevel.agents import get_agent
 from bilevel.decode import decode, decode_file
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
@@ -63,11 +64,21 @@ class RunStatus:
 
 @dataclass(frozen=True)
 class RunIdentity:
-    """UUID, creation time and author of a run. MLflow runs belong to it if they carry its UUID."""
+    """UUID, creation time, author and code of a run. MLflow runs belong to it if they carry its
+    UUID."""
 
     uuid: Annotated[str, Field(pattern="^[0-9a-f]{32}$")]
     began: FiniteFloat  # unix time, seconds
     author: Author | None = None
+    #: Digests of the versions of users' own code that it has run, by task and agent.
+    code: dict[str, tuple[str, ...]] = field(default_factory=dict)
+
+    @property
+    def mixture(self) -> str:
+        """A sentence if it has run several versions of the code of an agent or a task, else ''."""
+        mixed = [f"{len(v)} versions of the {what}" for what, v in self.code.items() if len(v) > 1]
+        told = " and ".join(mixed)
+        return f"Run with {told}: results of one may differ from the other's" if mixed else ""
 
     @classmethod
     def read(cls, folder: Path) -> "RunIdentity":
@@ -78,7 +89,7 @@ class RunIdentity:
     def of(cls, settings: dict[str, Any], what: str) -> "RunIdentity":
         """Read it from settings. Raises InvalidInput, in a line that begins with `what`."""
         names = [spec.name for spec in fields(cls)]
-        return decode(cls, {name: settings.get(name) for name in names}, what)
+        return decode(cls, {name: settings[name] for name in names if name in settings}, what)
 
 
 @dataclass(frozen=True)
@@ -128,9 +139,19 @@ def add_final(folder: Path, final: Final) -> None:
         JsonlLog(folder / "finals.jsonl").append(asdict(final))
 
 
+def settings_of(kind: str, task: Task, seed: int, agents: Iterable[str]) -> dict[str, Any]:
+    """The settings that every kind of run has, without its identity; `code` has the digests of
+    users' own code that it runs. Raises InvalidInput for an unknown agent."""
+    digests = {f"task {task.id!r}": task.code_digest}
+    digests |= {f"agent {name!r}": get_agent(name).code_digest for name in agents}
+    code = {what: [digest] for what, digest in digests.items() if digest is not None}
+    return {"kind": kind, "task": asdict(task), "seed": seed, "code": code}
+
+
 @contextlib.contextmanager
 def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdentity]:
-    """Lock a run's folder, and create its settings or check that they are unchanged.
+    """Lock a run's folder, and create its settings or check that they are unchanged. Users' own
+    code may have changed, for a mistake may have been mended: its versions are kept.
 
     Raises InvalidInput if another process holds the folder, or if the run was begun
     with other settings; StorageFailure if the folder cannot be written.
@@ -141,7 +162,16 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdent
             identity = RunIdentity(uuid.uuid4().hex, time.time(), Author.of_this_process())
             identified = {**asdict(identity), "format": RUN_FORMAT, **settings}
             write_aside(path, json.dumps(identified, indent=2).encode())
-        yield RunIdentity.of(_unchanged(folder, settings), "damaged settings")
+        stored, code = _unchanged(folder, settings), settings.get("code", {})
+        identity = RunIdentity.of(stored, "damaged settings")
+        versions = {
+            what: tuple(dict.fromkeys([*identity.code.get(what, ()), *now]))
+            for what, now in code.items()
+        }
+        if versions.items() - identity.code.items():
+            identity = replace(identity, code=identity.code | versions)
+            write_aside(path, json.dumps({**stored, "code": identity.code}, indent=2).encode())
+        yield identity
 
 
 def check_settings(folder: Path, settings: dict[str, Any]) -> None:
@@ -152,7 +182,7 @@ def check_settings(folder: Path, settings: dict[str, Any]) -> None:
 
 def _unchanged(folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
     before = read_settings(folder)
-    now = json.loads(json.dumps(settings))
+    now = json.loads(json.dumps({k: v for k, v in settings.items() if k != "code"}))
     for name, then, value in _differences({name: before.get(name) for name in now}, now):
         raise InvalidInput(
             f"{folder.name!r} was begun with {name} = {then}, not {value}: use that value, or "
@@ -252,3 +282,4 @@ class Settings:
     kind: str
     task: Annotated[Task, PlainValidator(stored_task)]
     seed: NonNegativeInt
+    code: dict[str, tuple[str, ...]] = field(default_factory=dict)

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from bilevel.errors import InvalidInput, first_line
-from cluster.storage.author import Author
+from cluster.storage.run_folder import RunIdentity
 from cluster.tracking.connection import connected
 from cluster.tracking.experiment import NOTE, Experiment, runs_page
 from cluster.tracking.registry import register_se
@@ -144,7 +144,7 @@ class Tracker:
         for twin in runs[1:]:  # two requests created the run: the first timed out
             self._client.delete_run(twin.info.run_id)
         if not runs:
-            tags = {KEY: view.key, **_authorship(view.author), **view.tags, NOTE: view.note}
+            tags = {KEY: view.key, **_authorship(view.identity), **view.tags, NOTE: view.note}
             if view.parent is not None:
                 tags[_PARENT] = self._run_id(view.parent)
             runs = [
@@ -231,10 +231,11 @@ class Tracker:
         shown.status = status
 
 
-def _authorship(author: Author | None) -> dict[str, str]:
+def _authorship(identity: RunIdentity | None) -> dict[str, str]:
     """Tags that MLflow shows as the run's user and source."""
-    if author is None:
+    if identity is None or identity.author is None:
         return {}
+    author = identity.author
     tags = {
         "mlflow.user": author.user,
         "mlflow.source.name": author.program,

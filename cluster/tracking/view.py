@@ -12,8 +12,7 @@ from typing import Any, Protocol
 
 from bilevel.errors import InvalidInput
 from bilevel.nes import GenerationRecord
-from cluster.storage.author import Author
-from cluster.storage.run_folder import Final, Lifetime
+from cluster.storage.run_folder import Final, Lifetime, RunIdentity
 
 
 @dataclass(frozen=True)
@@ -117,15 +116,22 @@ class RunView:
     #: A run whose edition does not begin with the one shown is replaced: its times differ.
     edition: str | None = None
     model: RegisteredSE | None = field(default=None)
-    author: Author | None = None
+    identity: RunIdentity | None = None
     description: str = ""  # Markdown
 
     @property
     def note(self) -> str:
-        """The description and the command; that of a stopped run says first that it can go on."""
-        stopped = "**Stopped, and nothing is lost:** the same command resumes it.\n\n"
-        begun = f"\n\nBegun by `{self.author.command}`" if self.author else ""
-        return (stopped if self.lifetime.status == "KILLED" else "") + self.description + begun
+        """The description, the command, and whether code has changed; that of a stopped run says
+        first that it can go on."""
+        paragraphs = [self.description]
+        if self.lifetime.status == "KILLED":
+            stopped = "**Stopped, and nothing is lost:** the same command resumes it."
+            paragraphs.insert(0, stopped)
+        if self.identity is not None and self.identity.author is not None:
+            paragraphs.append(f"Begun by `{self.identity.author.command}`")
+        if self.identity is not None and self.identity.mixture:
+            paragraphs.append(self.identity.mixture)
+        return "\n\n".join(paragraphs)
 
 
 class Views(Protocol):

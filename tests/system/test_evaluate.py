@@ -124,6 +124,11 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path, address: str) -> None:
         thetas.append(safetensors.numpy.load_file(state)["theta"])
     np.testing.assert_array_equal(thetas[0], thetas[1])
 
+    file.write_text(documented_agent() + "\n# another version\n")
+    resumed = run_bilevel(*joined, "--home", tmp_path / "1")
+    assert resumed.returncode == 0, resumed.stderr
+    assert "mixed: Run with 2 versions of the agent 'reinforce'" in resumed.stdout
+
 
 def test_a_mistake_in_the_users_own_agent_is_one_line(tmp_path: Path, address: str) -> None:
     """It is found in an actor, and told by the command, whether this process runs the actors or a

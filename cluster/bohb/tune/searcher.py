@@ -12,7 +12,7 @@ from typing import Any
 from ray.tune.search import Searcher
 
 from bilevel.errors import InvalidInput, StorageFailure
-from bilevel.mistakes import Mistake
+from bilevel.user_code import Mistake
 from cluster.bohb.journal import ConfigId
 from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.tune.trial import (

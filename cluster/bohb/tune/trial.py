@@ -15,7 +15,7 @@ from typing import Any
 from ray import tune
 
 from bilevel.errors import StorageFailure
-from bilevel.mistakes import Mistake
+from bilevel.user_code import Mistake
 from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import Study
 from cluster.ray.pool import EvaluationPool

@@ -138,6 +138,19 @@ def test_an_agent_without_a_name_or_file_is_told(tmp_path: Path) -> None:
         load_agent_file(tmp_path / "not-a-module.py")
 
 
+def test_code_of_the_users_own_has_a_digest(tmp_path: Path) -> None:
+    """Of the file's content; built-in agents change with the version alone."""
+    file = tmp_path / "digested_agent.py"
+    code = documented_agent().replace('agent="reinforce"', 'agent="digested"')
+    file.write_text(code)
+    load_agent_file(file)
+    digest = get_agent("digested").code_digest
+    assert digest is not None
+    file.write_text(code + "\nchanged = 1\n")
+    assert get_agent("digested").code_digest != digest
+    assert [get_agent(name).code_digest for name in AGENTS[:3]] == [None, None, None]
+
+
 def test_annotations_may_be_strings(tmp_path: Path) -> None:
     """As they are under `from __future__ import annotations`."""
     code = documented_agent().replace('agent="reinforce"', 'agent="postponed-reinforce"')

@@ -11,7 +11,7 @@ import torch
 
 from bilevel.agents import Transition
 from bilevel.agents.checked import CheckedAgent
-from bilevel.mistakes import Mistake
+from bilevel.user_code import Mistake
 
 
 class Right:

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from bilevel.errors import InvalidInput
-from bilevel.mistakes import Mistake
 from bilevel.tasks import get_task
+from bilevel.user_code import Mistake
 
 NAME = "Broken-v0"
 
@@ -90,3 +90,10 @@ def test_without_components_there_is_nothing_to_observe(
     register()
     with pytest.raises(InvalidInput, match="observations without components"):
         get_task(NAME)
+
+
+def test_only_code_of_the_users_own_has_a_digest(register: Callable[..., None]) -> None:
+    register()
+    assert get_task(NAME).code_digest is not None
+    assert get_task("CartPole-v0").code_digest is None
+    assert get_task("MountainCar-v0").code_digest is None

@@ -14,6 +14,7 @@ from cluster.storage.run_folder import (
     RunIdentity,
     RunStatus,
     add_final,
+    check_settings,
     finals,
     held,
     is_held,
@@ -48,6 +49,24 @@ def test_other_settings_are_refused(tmp_path: Path) -> None:
         locked_settings(tmp_path / "run", {"seed": 2, "budgets": (1, 3)}),
     ):
         pass
+
+
+def test_changed_code_is_kept_and_told(tmp_path: Path) -> None:
+    """A mistake in an agent may be mended, and the run goes on; it tells that its code changed."""
+
+    def run(*code: str, folder: Path = tmp_path / "run") -> str:
+        digests = {"agent 'mine'": list(code)} if code else {}
+        with locked_settings(folder, {"seed": 1, "code": digests}) as identity:
+            assert identity == RunIdentity.read(folder)
+        return identity.mixture
+
+    assert [run("one"), run("one")] == ["", ""]
+    assert run("two").startswith("Run with 2 versions of the agent 'mine'")
+    assert run("one").startswith("Run with 2 versions")
+    # Earlier versions of this package stored no digests.
+    assert [run(folder=tmp_path / "old"), run("one", folder=tmp_path / "old")] == ["", ""]
+    check_settings(tmp_path / "run", {"seed": 1, "code": {"agent 'mine'": ["three"]}})
+    assert "2 versions" in RunIdentity.read(tmp_path / "run").mixture
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """What MLflow is to show."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -21,10 +22,10 @@ def folder(tmp_path: Path) -> Path:
 
 
 def test_every_run_tells_who_began_it_and_how(folder: Path) -> None:
-    views, by = views_of(folder), RunIdentity.read(folder).author
-    assert by is not None
-    assert by.command
-    assert {views.view(key).author for key in views.keys()} == {by}  # noqa: SIM118
+    views, identity = views_of(folder), RunIdentity.read(folder)
+    assert identity.author is not None
+    assert identity.author.command
+    assert [views.view(key).identity for key in views.keys()] == [identity] * len(views.keys())  # noqa: SIM118
 
 
 def test_a_configuration_is_named_by_what_differs_and_shows_what_is_tuned(folder: Path) -> None:
@@ -44,6 +45,16 @@ def test_a_stopped_study_says_that_it_can_go_on(folder: Path) -> None:
     note = views.view(key).note
     assert note.startswith("**Stopped, and nothing is lost:** ")
     assert "the same command resumes it." in note
+
+
+def test_a_run_says_that_users_code_has_changed(folder: Path) -> None:
+    settings = json.loads((folder / "settings.json").read_text())
+    for versions, told in ((["one"], False), (["one", "two"], True)):
+        settings["code"] = {"agent 'mine'": versions}
+        (folder / "settings.json").write_text(json.dumps(settings))
+        views = views_of(folder)
+        note = views.view(next(iter(views.keys()))).note
+        assert ("Run with 2 versions of the agent 'mine'" in note) == told
 
 
 def test_a_deleted_se_file_is_an_error_of_the_disk(folder: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from bilevel.errors import StorageFailure
-from bilevel.mistakes import Mistake
+from bilevel.user_code import Mistake
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import Journal
 from cluster.bohb.objective import Tally

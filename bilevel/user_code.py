@@ -1,7 +1,7 @@
-"""Mistakes in code that users write: agents, and real tasks.
+"""Code that users write, agents and real tasks: its mistakes, and whether it has changed.
 
 A mistake must not become a score. It is told in one line with its place in the user's file,
-wherever the evaluation runs.
+wherever the evaluation runs. And results of two versions of the code must not become one run's.
 """
 
 import inspect
@@ -12,6 +12,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
+from bilevel.durable import checksum
 from bilevel.errors import InvalidInput
 
 #: Folders of code that users did not write.
@@ -41,6 +42,19 @@ def as_mistake(what: str, code: Any, doing: str) -> Iterator[None]:
         told = f"{type(error).__name__}: {error}" if str(error) else type(error).__name__
         place = _place_of(error, code) or _source_of(code)
         raise Mistake(f"{what}{place}, when it {doing}: {' '.join(told.split())}") from None
+
+
+def digest_of(package: str, *code: Any) -> str | None:
+    """Digest of the files that define these functions and classes, which are no user's if they are
+    of `package`; None if they have no files."""
+    files = {}
+    for one in code:
+        if getattr(one, "__module__", "").partition(".")[0] == package:
+            continue
+        with suppress(OSError, TypeError):
+            file = inspect.getsourcefile(inspect.unwrap(one)) or ""
+            files[file] = Path(file).read_bytes()
+    return checksum(*(files[file] for file in sorted(files)))[:16] if files else None
 
 
 def _source_of(code: Any) -> str:
