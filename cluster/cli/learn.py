@@ -41,13 +41,11 @@ def nes(
 
     common = RunOptions(**options)
     task = common.the_task()
-    hp = common.the_hyperparameters(task)
-    wanted = {"generations": generations, "solved_for": solved_for}
-    changes: dict[str, Any] = {key: value for key, value in wanted.items() if value is not None}
+    hp = common.the_hyperparameters(task, generations=generations, solved_for=solved_for)
     # A recipe whose runs never stop early has no agents that confirm.
     if solved_for and "nes.confirming_agents" not in dict(common.settings):
-        changes["confirming_agents"] = hp.nes.confirming_agents or CONFIRMING_AGENTS
-    hp = replace(hp, nes=replace(hp.nes, **changes))
+        confirming = hp.nes.confirming_agents or CONFIRMING_AGENTS
+        hp = replace(hp, nes=replace(hp.nes, confirming_agents=confirming))
     name = name or f"nes{common.suffix(hp.recipe)}-seed{common.seed}"
 
     context = common.the_context()

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from bilevel.errors import InvalidInput, one_of
 from bilevel.tasks import Task
 from cluster.cli.parameters import Setting, WholeNumber
 from cluster.cli.places import address_option, home_option, the_context, tracking_option
@@ -89,7 +90,7 @@ def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
             type=Setting(),
             multiple=True,
             help="Replace a hyperparameter of the recipe, for instance nes.std_dev=0.1 or "
-            "ddqn.learning_rate=0.002; may be repeated.",
+            "ddqn.learning_rate=0.002; may be repeated, for others.",
         ),
         vary_option,
         click.option(
@@ -148,9 +149,11 @@ class RunOptions:
         task: Task,
         usual_recipe: str = "default",
         sized: Callable[["Hyperparameters"], "Hyperparameters"] = lambda hp: hp,
+        **nes: Any,
     ) -> "Hyperparameters":
-        """The recipe's hyperparameters, as `sized` changes them, with the options' replacements.
-        Raises InvalidInput."""
+        """The recipe's hyperparameters, as `sized` changes them, with the options' replacements;
+        `nes` has those of the command's own options, None where one is not given. Raises
+        InvalidInput, also for a hyperparameter that is given twice."""
         from bilevel.hyperparameters import load_recipe
         from search_spaces.translation import to_hyperparameters
 
@@ -158,14 +161,18 @@ class RunOptions:
         hp = sized(replace(load_recipe(file, task.id, self.the_agents()), recipe=name))
         vary: Any = self.vary or hp.vary_agent  # checked where it is set
         hp = replace(hp, vary_agent=vary)
-        if self.population is not None:
-            hp = replace(hp, nes=replace(hp.nes, population_size=self.population))
-        return to_hyperparameters(hp, dict(self.settings))
+        nes |= {"population_size": self.population}
+        own = [(f"nes.{field}", value) for field, value in nes.items() if value is not None]
+        values: dict[str, Any] = {}
+        for name, value in [*own, *self.settings]:
+            if name in values:
+                raise InvalidInput(f"{name} is given twice, as {values[name]} and as {value}")
+            values[name] = value
+        return to_hyperparameters(hp, values)
 
     def _recipe(self, task: Task, usual: str) -> tuple[str, str]:
         """Name of the recipe, and the same or its file: for a study on the task, the incumbent's.
         Raises InvalidInput for any other name, and for a run that has found none."""
-        from bilevel.errors import InvalidInput, one_of
         from bilevel.hyperparameters import RECIPES
 
         given = self.recipe or usual

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationResult, comparable
+from cluster.session.terminal import count
 
 
 @dataclass(frozen=True)
@@ -76,7 +77,8 @@ def as_json(groups: Sequence[Group]) -> list[dict[str, Any]]:
 
 
 def as_table(groups: Sequence[Group]) -> list[str]:
-    """The summaries as lines of text, of 80 columns if the labels are short."""
+    """The summaries as lines of text, of 80 columns if the labels are short, and how many agents
+    have diverged if any has."""
     source = max(len("trained on"), *(len(group.source) for group in groups))
     agent = max(len("agent"), *(len(group.agent) for group in groups))
     rows = [
@@ -92,4 +94,11 @@ def as_table(groups: Sequence[Group]) -> list[str]:
             f"{s['train_steps_mean']:6.0f} ± {s['train_steps_std']:4.0f}  "
             f"{s['train_episodes_mean']:3.0f} ± {s['train_episodes_std']:3.0f}"
         )
+    for group in groups:
+        diverged = sum(not result.finite for result in group.results)
+        if diverged:
+            trained = count(len(group.results), f"{group.agent} agent")
+            rows.append(
+                f"{diverged} of {trained} on {group.source} diverged: the lowest score each"
+            )
     return rows

@@ -111,6 +111,14 @@ def test_help(command: list[str], tmp_path: Path) -> None:
             ["nes", "CartPole-v0", "--set", "td3.discount=1"],
             "'td3.discount': allowed are nes.*, se.*, ddqn.*",
         ),
+        (
+            ["nes", "CartPole-v0", "--generations", "3", "--set", "nes.generations=4"],
+            "nes.generations is given twice, as 3 and as 4",
+        ),
+        (
+            ["bohb", "CartPole-v0", "--set", "nes.std_dev=1", "--set", "nes.std_dev=2"],
+            "nes.std_dev is given twice, as 1 and as 2",
+        ),
         (["nes", "CartPole-v0", "--set", "nes.std_dev"], "'nes.std_dev' is not a setting"),
         (
             ["nes", "CartPole-v0", "--set", "nes.mirrored_sampling=false"],

@@ -61,3 +61,7 @@ def test_a_diverged_agent_is_no_better_than_the_others_of_all_groups() -> None:
     assert one.test_returns.tolist() == [-200.0, -400.0, -300.0, -300.0]
     assert other.scores.tolist() == [-300.0, -150.0, -300.0]
     assert other.summary()["non_finite"] == 2
+    assert as_table([one, other])[3:] == [
+        "1 of 2 ddqn agents on one diverged: the lowest score each",
+        "2 of 3 ddqn agents on other diverged: the lowest score each",
+    ]
