@@ -45,12 +45,18 @@ def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
     `models:/NAME/VERSION`) or of an artifact of a run (`runs:/ID/best_se.safetensors`), which is
     downloaded from the MLflow at `tracking_uri`, or else from the one that MLflow is set to.
 
-    Raises InvalidInput if MLflow has none there.
+    Raises InvalidInput if MLflow has none there, or is set to nothing.
     """
     if not is_of_mlflow(address):
         return Path(address)
+    from mlflow import is_tracking_uri_set
     from mlflow.artifacts import download_artifacts
 
+    if tracking_uri is None and not is_tracking_uri_set():  # MLflow would make a new database here
+        raise InvalidInput(
+            f"{str(address)!r} needs an MLflow: set MLFLOW_TRACKING_URI to the one that has it, "
+            "such as sqlite:////home/me/bilevel/runs/mlflow.db or http://localhost:5000"
+        )
     with _told(address):
         located = _located(pinned(str(address), tracking_uri), tracking_uri)
         found = Path(download_artifacts(located, tracking_uri=tracking_uri))

@@ -70,6 +70,16 @@ def test_an_se_in_mlflow(se_file: Path, tmp_path: Path, monkeypatch: pytest.Monk
         gymnasium.make("bilevel/SyntheticEnv-v0", path=f"runs:/{run}/two")
 
 
+def test_mlflow_must_have_been_set(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Else MLflow would make an empty database here, and find nothing in it."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("MLFLOW_TRACKING_URI", raising=False)
+    monkeypatch.setattr("mlflow.tracking._tracking_service.utils._tracking_uri", None)
+    with pytest.raises(InvalidInput, match="needs an MLflow: set MLFLOW_TRACKING_URI"):
+        gymnasium.make("bilevel/SyntheticEnv-v0", path="models:/SE-CartPole-v0@best")
+    assert not list(tmp_path.iterdir())
+
+
 def test_a_module_that_a_file_names_is_not_imported(tmp_path: Path) -> None:
     (tmp_path / "bomb_of_an_se.py").write_text("raise SystemExit('executed')")
     se = replace(make_se(get_task("CartPole-v0")), task_id="bomb_of_an_se:Bomb-v0")
