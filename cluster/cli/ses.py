@@ -55,14 +55,19 @@ class SEAddress(click.ParamType[GivenSE]):
     def convert(
         self, value: Any, param: click.Parameter | None, context: click.Context | None
     ) -> GivenSE:
-        """The file. Raises InvalidInput if MLflow, which `--home` and `--tracking-uri` of the same
-        command tell, cannot be reached or has none at an address."""
+        """The file. Raises InvalidInput if there is none, and if MLflow, which `--home` and
+        `--tracking-uri` of the same command tell, cannot be reached or has none at an address."""
         from bilevel.gym.source import is_of_mlflow, pinned, se_file
         from bilevel.zoo import ENTRIES, zoo_file
 
         if value in ENTRIES:
             return GivenSE.of(zoo_file(value))
         if not is_of_mlflow(value):
+            if not Path(value).exists():
+                raise InvalidInput(
+                    f"no SE file at {value!r}: give a path, MLflow's address (runs:/..., "
+                    f"models:/...) or a name of the zoo, {' or '.join(ENTRIES)}"
+                )
             return GivenSE.of(Path(value))
         from cluster.tracking.connection import check_tracking_uri
 

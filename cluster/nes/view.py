@@ -148,4 +148,5 @@ def nes_progress(folder: Path, generations: int) -> Progress:
     settings = NESSettings.read(folder)
     state = load_state(path, settings.task, SEHyperparameters(**settings.se))
     best = f"{state.best_score:.1f}" if state.records else ""
-    return Progress(f"{state.generation}/{generations} generations", best)
+    whole = max(generations, state.generation)  # a later call may ask for fewer
+    return Progress(f"{state.generation}/{whole} generations", best)

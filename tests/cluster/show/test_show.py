@@ -123,7 +123,8 @@ def test_the_command(se_file: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("words", "told"),
     [
-        (("nothing.safetensors",), "no SE file at 'nothing.safetensors'"),
+        (("nothing.safetensors",), "no SE file at 'nothing.safetensors': give a path, MLflow's"),
+        (("CartPole-v1",), "or a name of the zoo, CartPole-v0 or Acrobot-v1"),
         (("SE", "--out", "se.bmp"), "cannot draw 'se.bmp': allowed are files .png, .svg, .pdf"),
         (("SE", "--out", "none/se.png"), "cannot write 'none/se.png': No such file"),
     ],
