@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
+from cluster.cli.places import write_file
 from cluster.cli.ses import GivenSE, SEAddress, mlflow_options
 
 if TYPE_CHECKING:
@@ -33,15 +33,8 @@ def export_se(given: GivenSE, out: Path) -> None:
     from bilevel.synthetic_env import load_se
 
     stored = load_se(given.path)
-    _write(out, _onnx(stored) if out.suffix == ".onnx" else _program(stored))
+    write_file(out, _onnx(stored) if out.suffix == ".onnx" else _program(stored))
     click.echo(f"written: {out}")
-
-
-def _write(out: Path, content: bytes) -> None:
-    try:
-        write_aside(out, content)
-    except OSError as error:
-        raise InvalidInput(f"cannot write {str(out)!r}: {error.strerror or error}") from None
 
 
 def _onnx(se: "StoredSE") -> bytes:
@@ -74,5 +67,5 @@ def import_se(file: Path, out: Path, task: str | None) -> None:
     from bilevel.interop.paper_code import read_paper_se
     from bilevel.synthetic_env import se_bytes
 
-    _write(out, se_bytes(read_paper_se(file, task)))
+    write_file(out, se_bytes(read_paper_se(file, task)))
     click.echo(f"written: {out}; evaluate it with `bilevel evaluate {out}`")

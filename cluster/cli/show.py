@@ -1,10 +1,12 @@
 """The command `show`."""
 
+import io
 from pathlib import Path
 
 import click
 
 from bilevel.errors import InvalidInput
+from cluster.cli.places import write_file
 from cluster.cli.ses import GivenSE, SEAddress, load_se_of, mlflow_options, task_option
 
 #: Formats of pictures by the file's ending.
@@ -36,10 +38,9 @@ def show(given: GivenSE, out: Path | None, se_task: str | None) -> None:
 
     portrait = Portrait.of(stored)
     drawn = picture(portrait, f"{given.label}: a synthetic environment for {stored.task_id}")
-    try:
-        drawn.savefig(out, dpi=150)
-    except OSError as error:
-        raise InvalidInput(f"cannot write {str(out)!r}: {error.strerror or error}") from None
+    content = io.BytesIO()
+    drawn.savefig(content, format=out.suffix[1:], dpi=150)
+    write_file(out, content.getvalue())
     for line in portrait.sentences:
         click.echo(line)
     click.echo(f"picture: {out}")

@@ -37,6 +37,7 @@ def test_in(tmp_path: Path) -> None:
         (("export", "SE", "se.txt"), r"cannot export to 'se.txt': allowed are *.onnx (ONNX)"),
         (("export", "none.safetensors", "se.onnx"), "no SE file at 'none.safetensors'"),
         (("export", "SE", "se.safetensors/a.onnx"), "cannot write 'se.safetensors/a.onnx'"),
+        (("export", "SE", "none/a.onnx"), "cannot write 'none/a.onnx': No such file"),
         (("export", "SE", "se.safetensors/a.pt2"), "cannot write 'se.safetensors/a.pt2'"),
         (("import", "none.pt", "se.safetensors"), "no file at 'none.pt'"),
         (("import", "SE", "se.safetensors"), "is no SE of the paper's code"),
