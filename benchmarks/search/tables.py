@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import fisher_exact, permutation_test
+from scipy.stats import fisher_exact, permutation_test, spearmanr
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source, table
@@ -14,6 +14,9 @@ from benchmarks.search import studies
 from benchmarks.search.studies import at_largest, with_an_se
 from cluster.bohb.journal import Origin
 from cluster.bohb.profiles import METHODS
+
+#: Incumbents from which on their order is compared.
+_FEWEST = 4
 
 
 def expected_core_seconds(fresh: Sequence[dict[str, Any]]) -> float:
@@ -100,6 +103,54 @@ def _largest_budget(task: str, measured: Mapping[str, Any]) -> list[tuple[str, .
     return rows
 
 
+def incumbents() -> str:
+    """What the validation of a search tells of its incumbent: the objective there beside that over
+    the fresh runs. Raises NotMeasured."""
+    rows: list[tuple[str, ...]] = []
+    for task in studies.TASKS:
+        with suppress(NotMeasured):
+            rows += _incumbents(task, read_result(f"search_{task}")["rows"])
+    if not rows:
+        raise NotMeasured("`benchmarks/results/search_*.json`")
+    head = [
+        "task",
+        "incumbents",
+        "core seconds an SE, fresh runs over validation",
+        "rank correlation",
+        "p",
+        "standard deviation of a fresh run over its mean",
+    ]
+    return table(head, rows)
+
+
+def _incumbents(task: str, measured: dict[str, Any]) -> list[tuple[str, ...]]:
+    found = {method: by_method(measured, method) for method in METHODS}
+    each: dict[str, tuple[float, float, float]] = {}  # by configuration: methods may agree
+    for row in measured.values():
+        fresh = found.get(row.get("method"), {}).get(row.get("seed"))
+        if fresh is None:
+            continue
+        costs = np.array([run["core_seconds"] for run in fresh])
+        confirmed = sum(run["confirmed"] for run in fresh)
+        key = repr(sorted(row["search"]["configuration"].items()))
+        fresh_objective = float(costs.sum() / confirmed) if confirmed else float("inf")
+        each[key] = row["search"]["incumbent"], fresh_objective, float(costs.std() / costs.mean())
+    if len(each) < _FEWEST:
+        return []
+    validated, objective, spread = np.array([*each.values()]).T
+    ratios, agreement = objective / validated, spearmanr(validated, objective)
+    return [
+        (
+            task,
+            str(len(each)),
+            f"{np.median(ratios):.2f} ({ratios.min():.2f} to {ratios.max():.2f})",
+            f"{agreement.statistic:.2f}",
+            f"{agreement.pvalue:.2g}",
+            f"{np.median(spread):.2f} ({spread.min():.2f} to {spread.max():.2f})",
+        )
+    ]
+
+
 def comparison() -> str:
     """What the recipes of each method are worth, and whether BOHB's are worth more."""
     rows, results = [], []
@@ -160,6 +211,7 @@ def _quality(searches: Sequence[Sequence[dict[str, Any]]]) -> tuple[str, str]:
 TABLES: dict[str, Callable[[], str]] = {
     "search": comparison,
     "largest-budget": largest_budget,
+    "incumbents": incumbents,
     "searches": studies.searches,
     "proposals": studies.proposals,
     "validations": studies.validations,

@@ -3,7 +3,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from benchmarks.search.tables import _largest_budget, _rows, expected_core_seconds, p_value
+from benchmarks.search.tables import (
+    _incumbents,
+    _largest_budget,
+    _rows,
+    expected_core_seconds,
+    p_value,
+)
 from cluster.bohb.journal import Origin
 from cluster.bohb.profiles import METHODS
 
@@ -64,3 +70,22 @@ def test_what_reaches_the_largest_budget_is_told_by_method() -> None:
     random, bohb = _largest_budget("CartPole-v0", measured)
     assert random == ("CartPole-v0", "random search", "1", "5", "1", "", "")
     assert bohb == ("CartPole-v0", "BOHB", "2", "5", "4", "0.21", "3 of 3")
+
+
+def test_incumbents_are_compared_with_their_validation() -> None:
+    """Each once, whichever methods found it, and in the objective's own terms."""
+    measured: dict[str, Any] = {"default": {"fresh": fresh(30)}}
+    for seed, (validated, cost) in enumerate([(10, 30), (20, 20), (30, 40), (40, 80)]):
+        runs = [
+            {"core_seconds": cost / 2, "confirmed": True, "solved": False},
+            {"core_seconds": cost * 1.5, "confirmed": True, "solved": True},
+        ]
+        search = {"incumbent": validated, "configuration": {"nes.std_dev": float(seed)}}
+        for method in ("bohb", "random"):
+            row = {"method": method, "seed": seed, "search": search, "fresh": runs}
+            measured[f"{method} {seed}"] = row
+    assert _incumbents("CartPole-v0", measured) == [
+        ("CartPole-v0", "4", "1.67 (1.00 to 3.00)", "0.80", "0.2", "0.50 (0.50 to 0.50)")
+    ]
+    measured["random 3"]["fresh"] = measured["bohb 3"]["fresh"] = runs[:1]  # not complete
+    assert _incumbents("CartPole-v0", measured) == []
