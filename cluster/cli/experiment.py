@@ -19,7 +19,9 @@ from cluster.cli.parameters import WholeNumber
     help="Numbers of NES runs and agents: smoke (a quick check), local, or paper (the paper's).",
 )
 @click.option(
-    "--ses", type=WholeNumber(min=1, max=1000), help="SEs a condition (default: the size's)."
+    "--ses",
+    type=WholeNumber(min=1, max=1000),
+    help="SEs a condition, and NES runs a recipe in success (default: the size's).",
 )
 @click.option(
     "--agents",

@@ -53,7 +53,8 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "--agent",
             "agents",
             help="Agents, comma-separated: ddqn, dueling-ddqn, td3 or registered ones. `nes` and "
-            "`bohb` draw one of several, `evaluate` trains each (default: the recipe's, ddqn).",
+            "`bohb` draw one of several, `evaluate` and `experiment` train each (default: the "
+            "recipe's, ddqn; in `experiment`, the experiment's).",
         ),
         agent_file_option,
         address_option,
@@ -62,12 +63,14 @@ def common_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--solved-reward",
             type=float,
-            help="Mean return at which the task counts as solved (default: the task's).",
+            help="Mean return at which the task counts as solved (default: the task's; in "
+            "`evaluate` with --real alone).",
         ),
         click.option(
             "--step-limit",
             type=WholeNumber(min=1),
-            help="Maximum number of steps per episode of the real task (default: the task's).",
+            help="Maximum number of steps per episode of the real task (default: the task's; in "
+            "`evaluate` with --real alone).",
         ),
     ]
     for option in reversed(options):

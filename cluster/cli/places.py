@@ -34,8 +34,8 @@ tracking_option = click.option(
 
 address_option = click.option(
     "--address",
-    help="Ray cluster to join: host:port, ray://host:port, auto, or local for a new one "
-    "(default: $RAY_ADDRESS, else the head of `up`, else local).",
+    help="Ray cluster to join, of which this machine is a node: host:port, auto, or local for a "
+    "new one (default: $RAY_ADDRESS, else the head of `up`, else local).",
 )
 
 

@@ -187,7 +187,7 @@ def export_best(
     """Save the SE with its final score in a run's folder; return the file's path.
 
     `step` is the number of generations, or of a study's results; `real_env_steps` counts all that
-    were made on the real task until the SE was there. Raises StorageFailure.
+    the run, or all of a study's, made on the real task, last tests included. Raises StorageFailure.
     """
     path = folder / BEST_FILE
     told = {"real_env_steps": real_env_steps, **score.metrics()}

@@ -37,7 +37,7 @@ _AUTHENTICATION = "RAY_AUTH_MODE"
 def ray_cluster(address: str | None) -> Iterator[None]:
     """Within the block, this process is a driver of a Ray cluster.
 
-    `address` joins a running cluster (`host:port`, `ray://host:port` or `auto`),
+    `address` joins a running cluster (`host:port` or `auto`), of which this machine must be a node;
     otherwise a local one is started and stopped again. Raises InvalidInput if the
     address cannot be reached.
     """
@@ -100,10 +100,11 @@ def is_own(address: str | None) -> bool:
 
 
 def _require_reachable(address: str) -> None:
-    host, _, port = address.removeprefix("ray://").rpartition(":")
-    if not host or not port.isdigit():
+    host, _, port = address.rpartition(":")
+    if not host or not port.isdigit() or "/" in host:  # ray:// is of a client, which is no node
         raise InvalidInput(
-            f"Ray address {address!r} is not valid: allowed are host:port, ray://host:port, auto"
+            f"Ray address {address!r} is not valid: allowed are host:port and auto, on a node of "
+            "the cluster; from elsewhere, submit the command as a job (docs/cluster.md)"
         )
     try:
         socket.create_connection((host, int(port)), _CONNECT_TIMEOUT).close()
@@ -163,7 +164,7 @@ def scaled_to(cores: int, address: str | None) -> Iterator[None]:
 
 
 def _request(cores: int) -> None:
-    """In a task, because a driver that is Ray's client (ray://) cannot ask itself."""
+    """In a task, which may be given up where the cluster does not answer."""
 
     def ask() -> None:
         from ray.autoscaler.sdk import request_resources  # slow, and no actor needs it

@@ -139,6 +139,10 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         (["nes", "CartPole-v0", "--address", "127.0.0.1:1"], "no Ray cluster at '127.0.0.1:1'"),
         (["nes", "CartPole-v0", "--address", "nowhere"], "Ray address 'nowhere' is not valid"),
         (
+            ["bohb", "CartPole-v0", "--address", "ray://127.0.0.1:1"],
+            "Ray address 'ray://127.0.0.1:1' is not valid: allowed are host:port and auto",
+        ),
+        (
             ["nes", "CartPole-v0", "--tracking-uri", "http://127.0.0.1:1"],
             "no MLflow server at 'http://127.0.0.1:1'",
         ),
