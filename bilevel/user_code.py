@@ -1,7 +1,7 @@
 """Code that users write, agents and real tasks: its mistakes, and whether it has changed.
 
 A mistake must not become a score. It is told in one line with its place in the user's file,
-wherever the evaluation runs. And results of two versions of the code must not become one run's.
+wherever the evaluation runs. And a run that has used several versions of the code says so.
 """
 
 import inspect

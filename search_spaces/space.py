@@ -25,7 +25,15 @@ if TYPE_CHECKING:
 _TRIED = 256
 
 #: What ConfigSpace and YAML raise for content that is no space.
-_DAMAGE = (AttributeError, IndexError, KeyError, TypeError, ValueError, yaml.YAMLError)
+_DAMAGE = (
+    AttributeError,
+    IndexError,
+    KeyError,
+    RecursionError,
+    TypeError,
+    ValueError,
+    yaml.YAMLError,
+)
 
 
 @dataclass(frozen=True)
@@ -47,6 +55,7 @@ class Space:
         try:
             text = path.read_text()
             content = json.loads(text) if path.suffix == ".json" else yaml.safe_load(text)
+            json.dumps(content)  # as the settings of a study hold it; YAML has more types
         except OSError as error:
             reason = error.strerror or str(error)
             raise InvalidInput(f"cannot read the search space {given!r}: {reason}") from None

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from pydantic.dataclasses import is_pydantic_dataclass
 
 from bilevel.agents.variation import VARIED
-from bilevel.errors import InvalidInput, one_of
+from bilevel.errors import InvalidInput, first_line, one_of
 from bilevel.hyperparameters import AgentHyperparameters, agent_hyperparameters
 from bilevel.hyperparameters.agents import keep_hyperparameters
 from bilevel.hyperparameters.validation import has_plain_range
@@ -124,9 +124,16 @@ def register_again(hyperparameters: type[AgentHyperparameters], agent: Registere
 
 
 def load_plugins() -> None:
-    """Import the modules that installed packages name under `bilevel.agents`."""
+    """Import the modules that installed packages name under `bilevel.agents`. Raises InvalidInput
+    for one that cannot be imported."""
     for entry in entry_points(group=ENTRY_POINTS):
-        entry.load()
+        try:
+            entry.load()
+        except Exception as error:
+            told = f"{type(error).__name__}: {first_line(error)}"
+            raise InvalidInput(
+                f"the installed agent {entry.name!r} ({entry.value}) cannot be imported: {told}"
+            ) from error
 
 
 def get_agent(name: str) -> RegisteredAgent:

@@ -12,7 +12,8 @@ from bilevel.tasks import Task
 
 @dataclass
 class KernelEnvironment:
-    """An SE or a compiled real task, stepped by the compiled code itself."""
+    """An SE or a compiled real task, stepped by the compiled code itself. It hands out copies of
+    its state, so that an agent which changes one does not change the environment."""
 
     env: Environment
     state: NDArray[np.float32] = field(init=False)
@@ -26,14 +27,14 @@ class KernelEnvironment:
         """The initial state (S,) of an episode."""
         self.state = np.zeros(self.env.state_size, np.float32)
         reset(self.env, episode, self.state)
-        return self.state
+        return self.state.copy()
 
     def step(self, action: int) -> tuple[NDArray[np.float32], float, float, bool]:
         """Take one step: next state (S,), reward, raw done, whether the episode is over."""
         next_state = np.empty_like(self.state)
         reward, done, over = step(self.env, self.state, action, next_state)
         self.state = next_state
-        return next_state, float(reward), float(done), bool(over)
+        return next_state.copy(), float(reward), float(done), bool(over)
 
 
 class GymnasiumEnvironment:

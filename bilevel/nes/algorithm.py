@@ -136,7 +136,8 @@ class NES:
         """Read a checkpoint of this run (`bilevel.nes.checkpoint`); a run that was out of
         generations goes on if there are more now. Raises InvalidInput, OtherVersion and
         StorageFailure as `load_state` does."""
-        return self._ended(load_state(path, self.task, self.hp.se, self.provenance))
+        state = load_state(path, self.task, self.hp.se, self.provenance)
+        return self._restarted(self._ended(state))
 
     def _started(self, state: NESState, attempt: int) -> NESState:
         """Begin an attempt: choose its start among random SEs, or take the only one."""
@@ -238,10 +239,10 @@ class NES:
 
     def _restarted(self, state: NESState) -> NESState:
         """The state begun again, if this attempt neither solved the task nor found a new best
-        SE for so many generations."""
+        SE for so many generations, and the run is not over."""
         limit = self.hp.nes.restart_after
         attempt = [r.score_mean for r in state.records[state.attempt_began :]]
-        if not limit or max(attempt) >= self.task.solved_reward:
+        if not limit or state.finished or not attempt or max(attempt) >= self.task.solved_reward:
             return state
         if len(attempt) - 1 - int(np.argmax(attempt)) < limit:
             return state

@@ -116,5 +116,5 @@ def as_turn(
     if not nes.patient_episodes or turn % 2 == 0:
         return agent
     # The stopping rule compares two windows of `early_out_episodes`, for which none are left.
-    episodes = nes.patient_episodes
+    episodes = min(nes.patient_episodes, agent.max_episodes)
     return replace(agent, max_episodes=episodes, early_out_episodes=episodes)

@@ -97,12 +97,7 @@ def se_bytes(se: StoredSE) -> bytes:
         "step_limit": se.step_limit,
         "solved_reward": se.solved_reward,
         "architecture": asdict(se.architecture),
-        "reading": {
-            "inputs": "one-hot action, then state",
-            "slope": se.architecture.slope,
-            "done": DONE,
-            "initial_states": "the real task's",
-        },
+        "reading": _reading(se.architecture),
         "info": se.info,
     }
     header["sha256"] = checksum(json.dumps(header).encode(), se.psi.tobytes())
@@ -133,6 +128,7 @@ def load_se(path: Path | str) -> StoredSE:
         given = found.pop("sha256", None)  # files of other tools have none
         header = decode(_Header, found, "header")
         architecture = header.architecture.checked()
+        _check_reading(header.reading, architecture)
         psi = _flat(architecture, tensors)
         expected = checksum(json.dumps(found).encode(), psi.tobytes())
         if given not in (None, expected):
@@ -193,6 +189,23 @@ class _Header:
     reading: dict[str, Any] = field(default_factory=dict)
 
 
+def _reading(architecture: Architecture) -> dict[str, Any]:
+    """What a reader must know beside the architecture; it is the same in all files."""
+    return {
+        "inputs": "one-hot action, then state",
+        "slope": architecture.slope,
+        "done": DONE,
+        "initial_states": "the real task's",
+    }
+
+
+def _check_reading(given: Mapping[str, Any], architecture: Architecture) -> None:
+    """Raise InvalidInput where a file of another tool is to be read in another way."""
+    for name, ours in _reading(architecture).items():
+        if given.get(name, ours) != ours:
+            raise InvalidInput(f"reading.{name} must be {ours!r}; got {given[name]!r}")
+
+
 def _tensors(
     architecture: Architecture, psi: NDArray[np.float32]
 ) -> dict[str, NDArray[np.float32]]:
@@ -214,5 +227,7 @@ def _flat(architecture: Architecture, tensors: Mapping[str, NDArray[Any]]) -> ND
         tensor = tensors[name]
         if tensor.dtype != np.float32 or tensor.shape != view.shape:
             raise InvalidInput(f"tensor {name} is {tensor.dtype}{list(tensor.shape)}")
+        if not np.isfinite(tensor).all():
+            raise InvalidInput(f"tensor {name} has values that are not finite")
         view[...] = tensor
     return psi

@@ -40,7 +40,8 @@ class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.flo
         return checked, number, bool(terminated), bool(truncated), info
 
     def _observation(self, state: Any, code: Any) -> NDArray[np.float32]:
-        array, shape = np.asarray(state), self.observation_space.shape
+        # A copy: a task may write its next observation into the same array.
+        array, shape = np.array(state), self.observation_space.shape
         if array.shape != shape:
             raise mistake_at(
                 self._what,

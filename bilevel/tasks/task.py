@@ -81,7 +81,7 @@ class Task:
         """Digest of the user's code that defines it; None for a task of gymnasium's."""
         if self.compiled:
             return None
-        entry = gymnasium.spec(self.id).entry_point
+        entry = gymnasium.spec(self.id.rpartition(":")[2]).entry_point  # its module is imported
         code = load_env_creator(entry) if isinstance(entry, str) else entry
         return digest_of("gymnasium", code)
 
@@ -169,7 +169,8 @@ def get_task(
     """The task of that name: a built-in one, or any suitable gymnasium id.
 
     `solved_reward` and `step_limit` replace the values of the environment's spec. The worst score
-    is assumed to be 0 if the solved reward is positive, else -1 per step.
+    is assumed to be 0 if the solved reward is positive, else -1 per step, or twice the solved
+    reward where that is not below it.
 
     Raises InvalidInput for an unknown id, unsuitable spaces, or if neither arguments nor spec give
     the solved reward and the step limit.
@@ -204,13 +205,14 @@ def get_task(
         raise InvalidInput(
             f"{task_id}: step limit (--step-limit) must be 1 to {MAX_STEP_LIMIT}; got {limit}"
         )
+    worst = 0.0 if solved > 0 else -float(limit)
     return Task(
         task_id,
         observations.shape[0],
         int(actions.n),
         int(limit),
         float(solved),
-        0.0 if solved > 0 else -float(limit),
+        worst if worst < solved else 2 * float(solved),
         built_in.dynamics if built_in else dynamics.OBSERVED,
     )
 

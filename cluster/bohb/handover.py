@@ -112,7 +112,8 @@ class Handover:
 
         found = validate(self.study, self.journal, plan, pool, log, progress, is_over)
         if found is None:
-            log("the time was not enough for it; run the same command again to go on")
+            if is_over():
+                log("the time was not enough for it; run the same command again to go on")
             return
         for finalist in found.finalists:
             before = self._summary.result_of(finalist.id)

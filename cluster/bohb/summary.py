@@ -4,10 +4,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
+from bilevel.errors import InvalidInput
 from cluster.bohb.brackets import Rung, core_seconds_to_run
 from cluster.bohb.journal import ConfigId, Configuration, Journal, Origin, ResultLine
 from cluster.bohb.study import configuration_name
-from cluster.bohb.validation import Validation
+from cluster.bohb.validation import VALIDATION_FILE, Validation
 
 
 @dataclass(frozen=True)
@@ -42,8 +43,15 @@ class StudySummary:
 
     @classmethod
     def of(cls, journal: Journal, rungs: Sequence[Rung] = ()) -> Self:
-        """With the study's validation as it is on disk. Raises InvalidInput if that is damaged."""
-        return cls(journal, rungs, Validation.load(journal.folder))
+        """With the study's validation as it is on disk. Raises InvalidInput if that is damaged, or
+        of results that the journal does not have."""
+        validation = Validation.load(journal.folder)
+        if validation is not None and not validation.is_of(journal):
+            raise InvalidInput(
+                f"{VALIDATION_FILE} in {str(journal.folder)!r} is of other results than the "
+                "journal beside it: take both from the same copy, or remove it to validate again"
+            )
+        return cls(journal, rungs, validation)
 
     @property
     def incumbent(self) -> ResultLine | None:

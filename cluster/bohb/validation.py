@@ -59,6 +59,12 @@ class Validation:
         path = folder / VALIDATION_FILE
         return decode_file(cls, path, "damaged validation") if path.exists() else None
 
+    def is_of(self, journal: Journal) -> bool:
+        """Whether the journal has the results by which the finalists were chosen."""
+        chosen_by = journal.results[: self.results]
+        known = {line.id for line in chosen_by if line.loss is not None}
+        return len(chosen_by) == self.results and {line.id for line in self.finalists} <= known
+
     def save(self, folder: Path) -> None:
         """Write durably. Raises StorageFailure."""
         write_aside(folder / VALIDATION_FILE, json.dumps(asdict(self)).encode())

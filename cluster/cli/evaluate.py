@@ -89,6 +89,8 @@ def evaluate(
             for t in set(tasks.values())
         )
         raise InvalidInput(f"all sources must have the same task; got {', '.join(facts_of)}")
+    if on_real is None:  # else it has been tried out
+        task.try_out()
     common = RunOptions(task=task.id, **options)
     agents = common.the_agents()
     kinds = (

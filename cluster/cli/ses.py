@@ -1,6 +1,7 @@
 """SEs on the command line: where their files are, and what they are called."""
 
 import functools
+import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,13 +64,13 @@ class SEAddress(click.ParamType[GivenSE]):
         if value in ENTRIES:
             return GivenSE.of(zoo_file(value))
         if not is_of_mlflow(value):
-            if not Path(value).exists():
+            if not os.path.exists(value):  # noqa: PTH110 (Path's raises for a name too long)
                 raise InvalidInput(
                     f"no SE file at {value!r}: give a path, MLflow's address (runs:/..., "
                     f"models:/...) or a name of the zoo, {' or '.join(ENTRIES)}"
                 )
             return GivenSE.of(Path(value))
-        from cluster.tracking.connection import check_tracking_uri
+        from cluster.tracking.connection import check_tracking_uri, connected
 
         given = {} if context is None else context.params
         home = Home(given.get("home") or DEFAULT_HOME)
@@ -77,8 +78,9 @@ class SEAddress(click.ParamType[GivenSE]):
         if uri == home.database_uri and not home.database.exists():
             raise InvalidInput(f"MLflow has no SE at {value!r}: no runs in {str(home.folder)!r}")
         check_tracking_uri(uri)
-        address = pinned(value, uri)
-        return GivenSE(se_file(address, uri), _label_at(address))
+        with connected(uri):  # errors of the database are told
+            address = pinned(value, uri)
+            return GivenSE(se_file(address, uri), _label_at(address))
 
 
 #: Files that every run, study or model has.

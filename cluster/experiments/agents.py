@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
+from bilevel.agents import get_agent
 from bilevel.durable import checksum
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import (
@@ -98,6 +99,8 @@ class Unit:
     def key(self) -> str:
         """Digest of all that the result depends on."""
         facts = [asdict(self.task), self.source.digest, self.hp.agent, asdict(self.hp), self.seed]
+        code = self.task.code_digest, get_agent(self.hp.agent).code_digest
+        facts += [code] if any(code) else []
         return checksum(json.dumps(facts, sort_keys=True).encode())[:_DIGEST]
 
     def shorter(self, episodes: int) -> "Unit":

@@ -124,7 +124,9 @@ class Experiment:
 
     def conclude(self, plan: Plan, material: Material) -> Findings:
         """What all agents together tell, diverged ones included; pictures in the style of all."""
-        found = dict(zip(material.found, comparable([*material.found.values()]), strict=True))
+        asked = {unit.key for unit in self.units(plan, material)}  # others may lie in the folder
+        found = {key: result for key, result in material.found.items() if key in asked}
+        found = dict(zip(found, comparable([*found.values()]), strict=True))
         with styled():
             return self.findings(plan, replace(material, found=found))
 

@@ -19,7 +19,7 @@ from ray.util.placement_group import (
     remove_placement_group,
 )
 
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, first_line
 from cluster.ray.agent_files import runtime_env
 from cluster.ray.environment import environment_kept
 
@@ -89,9 +89,8 @@ def _connect(address: str, own: bool, attempts: int) -> None:
         ray.shutdown()
         if attempts > 1:
             return _connect(address, own, attempts - 1)
-        reason = str(error).strip().splitlines()[0]
         place = "cannot start Ray here" if own else f"no Ray cluster at {address!r}"
-        raise InvalidInput(f"{place}: {reason}") from None
+        raise InvalidInput(f"{place}: {first_line(error)}") from None
 
 
 def is_own(address: str | None) -> bool:

@@ -12,11 +12,13 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
 import psutil
+from filelock import FileLock, Timeout
 
 from bilevel.decode import decode_file
 from bilevel.durable import write_aside
@@ -43,7 +45,9 @@ class Service:
 
     name: str  # ray, mlflow
     pid: int
-    created: float  # unix time, seconds; tells the process from a later one of that number
+    #: Seconds from the machine's start to the process's, which no change of the clock moves; tells
+    #: the process from a later one of that number.
+    created: float
     address: str  # where studies reach it
     page: str  # where people do
     health: str  # answers if it is well
@@ -55,7 +59,7 @@ class Service:
         """The process, if it is still the one that was started."""
         try:
             process = psutil.Process(self.pid)
-            same = abs(process.create_time() - self.created) < 1.0
+            same = abs(since_boot(process) - self.created) < 1.0
             return process if same and process.status() != psutil.STATUS_ZOMBIE else None
         except psutil.NoSuchProcess:
             return None
@@ -109,10 +113,22 @@ def up(
 ) -> None:
     """Start what is not up yet, and wait until it is well.
 
-    Raises InvalidInput if the database is damaged, a port is taken or a service does not come up;
-    then what this call started has ended again.
+    Raises InvalidInput if the database is damaged, a port is taken, a service does not come up, or
+    another `up` or `down` is under way; then what this call started has ended again.
     """
     home.prepare()
+    with _alone(home):
+        _up(home, host, ray_port, dashboard_port, mlflow_port, log)
+
+
+def _up(
+    home: Home,
+    host: str,
+    ray_port: int,
+    dashboard_port: int,
+    mlflow_port: int,
+    log: Callable[[str], None],
+) -> None:
     ports = {"ray": (ray_port, dashboard_port), "mlflow": (mlflow_port,)}
     starts: dict[str, Callable[[], Service]] = {
         "ray": lambda: _start_ray(home, host, ray_port, dashboard_port),
@@ -152,15 +168,34 @@ def up(
 
 
 def down(home: Home, log: Callable[[str], None]) -> None:
-    """End what `up` started, children included."""
-    found = services(home)
-    if not found:
+    """End what `up` started, children included. Raises InvalidInput while another `up` or `down` is
+    under way, and for services of another user."""
+    if not services(home):
         log(f"nothing is up in {str(home.folder)!r}")
-    for service in reversed(found):
-        gone = service.process is None
-        _end(service)
-        log(f"{service.name} {'was gone' if gone else 'is down'}")
-    _record(home).unlink(missing_ok=True)
+        return
+    with _alone(home):
+        for service in reversed(services(home)):
+            gone = service.process is None
+            _end(service)
+            log(f"{service.name} {'was gone' if gone else 'is down'}")
+        _record(home).unlink(missing_ok=True)
+
+
+@contextmanager
+def _alone(home: Home) -> Iterator[None]:
+    """Within the block no other process starts or ends this home's services. Raises
+    InvalidInput."""
+    lock = FileLock(home.folder / ".services.lock")
+    try:
+        lock.acquire(timeout=0)
+    except Timeout:
+        raise InvalidInput(
+            f"another `up` or `down` is under way in {str(home.folder)!r}: wait until it has ended"
+        ) from None
+    try:
+        yield
+    finally:
+        lock.release()
 
 
 def _start_ray(home: Home, host: str, port: int, dashboard_port: int) -> Service:
@@ -214,8 +249,13 @@ def _start(
             env={**os.environ, **environment},
             start_new_session=True,  # a terminal's Ctrl-C is not for it
         )
-    created = psutil.Process(process.pid).create_time()
+    created = since_boot(psutil.Process(process.pid))
     return Service(name, process.pid, created, address, page, health, str(log), environment)
+
+
+def since_boot(process: psutil.Process) -> float:
+    """Seconds from the machine's start to the process's."""
+    return float(process.create_time() - psutil.boot_time())
 
 
 def _wait_until_well(service: Service) -> None:
@@ -235,8 +275,9 @@ def _end(service: Service) -> None:
 
 
 def _answers(url: str) -> bool:
+    direct = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     try:
-        with urllib.request.urlopen(url, timeout=_ANSWER) as answer:
+        with direct.open(url, timeout=_ANSWER) as answer:
             return bool(answer.status == 200)
     except (OSError, urllib.error.URLError, ValueError):
         return False

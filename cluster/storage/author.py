@@ -12,6 +12,9 @@ from typing import Self
 
 import bilevel
 
+#: A password among the parameters of a database's address.
+_SECRET = re.compile(r"((?:^|[?&;])(?:password|pwd|passwd|odbc_connect)=)[^&;\s]+", re.IGNORECASE)
+
 
 @dataclass(frozen=True)
 class Author:
@@ -40,7 +43,8 @@ class Author:
 
 def without_password(text: str) -> str:
     """The text without users and passwords in its URIs, such as those of databases."""
-    return re.sub(r"(?<=://)[^/@\s]+@", "***@", text)
+    hidden = re.sub(r"(?<=://)[^@\s]+@", "***@", text)  # a password may hold a slash
+    return _SECRET.sub(r"\1***", hidden)
 
 
 def _user() -> str:

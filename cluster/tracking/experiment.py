@@ -4,6 +4,8 @@ import json
 from collections.abc import Iterable
 from typing import Any
 
+from bilevel.errors import InvalidInput
+
 #: Tag of a text that the UI shows above the runs of an experiment, or on a run's page.
 NOTE = "mlflow.note.content"
 #: Makes the UI open the experiment on its runs instead of on a page for chat traces.
@@ -40,7 +42,8 @@ def runs_page(experiment_id: str, run_id: str | None = None) -> str:
 
 class Experiment:
     """The experiment of a task, created if missing; `location` is the folder of its artifacts, None
-    where a server chooses it. Raises MLflow's exceptions."""
+    where a server chooses it. Raises MLflow's exceptions, and InvalidInput if it was deleted in the
+    UI."""
 
     def __init__(self, client: Any, task_id: str, location: str | None) -> None:
         self._client = client
@@ -60,6 +63,12 @@ class Experiment:
                 found = self._client.get_experiment_by_name(task_id)
                 if found is None:
                     raise
+        if found.lifecycle_stage == "deleted":
+            raise InvalidInput(
+                f"MLflow's experiment {task_id!r} was deleted, and its name is taken until MLflow "
+                f"forgets it: `mlflow experiments restore --experiment-id {found.experiment_id}` "
+                "(with MLFLOW_TRACKING_URI) brings it back"
+            )
         return str(found.experiment_id)
 
     def show_columns(self, params: Iterable[str]) -> None:

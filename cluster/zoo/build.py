@@ -1,10 +1,11 @@
 """`bilevel zoo build`: an NES run, then an evaluation of its SE, and the card of both."""
 
+import hashlib
 import json
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from bilevel.durable import checksum, write_aside
+from bilevel.durable import write_aside
 from bilevel.hyperparameters import load_recipe
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
@@ -72,7 +73,7 @@ def build(command: BuildCommand) -> Card:
             "--vary-hp all",
         ),
         int(se.info["real_env_steps"]),
-        checksum(path.read_bytes()),
+        hashlib.sha256(path.read_bytes()).hexdigest(),
         tuple(_taught(group) for group in groups),
     )
     card = json.dumps(asdict(made), indent=2) + "\n"

@@ -17,6 +17,7 @@ from bilevel.evaluation import (
 )
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES, NESState
+from bilevel.nes.checkpoint import save_state
 from bilevel.nes.requests import as_turn
 from bilevel.nes.start import EPISODES
 from bilevel.synthetic_env import load_se, save_se
@@ -314,20 +315,27 @@ class TestTell:
 
 
 def test_a_run_that_is_extended_begins_again_where_an_undisturbed_one_does(
-    cartpole: Task, small_hp: Hyperparameters
+    cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
 ) -> None:
-    """A restart that is due at the last generation happens with and without more generations."""
+    """A restart that is due at the last generation waits until there are more generations: the SE
+    of a finished run is one that it has learned."""
+    short, long = (
+        NES(cartpole, with_nes(small_hp, restart_after=2, generations=generations), 0)
+        for generations in (3, 9)
+    )
     ends = []
-    for generations in (3, 9):
-        hp = with_nes(small_hp, restart_after=2, generations=generations)
-        nes = NES(cartpole, hp, 0)
+    for nes in (short, long):
         state = nes.init()
         for _ in range(3):
             state = nes.tell(state, answers(nes, state, 5.0))
         ends.append(state)
-    assert [end.attempt for end in ends] == [1, 1]
     assert [end.finished for end in ends] == [True, False]
-    np.testing.assert_array_equal(ends[0].se.mean, ends[1].se.mean)
+    assert [end.attempt for end in ends] == [0, 1]
+    save_state(ends[0], tmp_path / "state")
+    assert short.load(tmp_path / "state").attempt == 0
+    extended = long.load(tmp_path / "state")
+    assert (extended.attempt, extended.attempt_began, extended.finished) == (1, 3, False)
+    np.testing.assert_array_equal(extended.se.mean, ends[1].se.mean)
 
 
 class TestResultsThatDoNotBelong:
@@ -370,7 +378,9 @@ def test_a_seed_of_numpys_is_as_good(
 
 def test_patient_agents_do_not_stop_early(cartpole: Task, small: Hyperparameters) -> None:
     """Not even where all returns are equal, as on an SE whose rewards are all the same."""
-    agent = as_turn(small.agents[0], replace(small.nes, patient_episodes=30), turn=1)
+    patient = replace(small.nes, patient_episodes=30)
+    assert as_turn(small.agents[0], patient, turn=1).max_episodes == 13  # of at most 13
+    agent = as_turn(replace(small.agents[0], max_episodes=99), patient, turn=1)
     stop = returns_converged(agent)
     assert agent.max_episodes == 30
     assert not any(stop([1.0] * episodes) for episodes in range(1, 31))

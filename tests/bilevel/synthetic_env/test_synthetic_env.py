@@ -70,7 +70,31 @@ class TestFile:
         safetensors.numpy.save_file(safetensors.numpy.load_file(se_file), se_file, {"se": header})
         assert load_se(se_file).task_id == "CartPole-v0"
 
-    def test_tensors_carry_torchs_names_and_shapes(self, se_file: Path) -> None:
+    @pytest.mark.parametrize(
+        ("name", "value"), [("slope", 0.1), ("done", 0.9), ("inputs", "state, then one-hot action")]
+    )
+    def test_a_file_that_is_to_be_read_in_another_way_is_refused(
+        self, name: str, value: Any, se_file: Path
+    ) -> None:
+        with safetensors.safe_open(se_file, framework="numpy") as file:
+            header = json.loads(file.metadata()["se"])
+        del header["sha256"]
+        header["reading"][name] = value
+        tensors = safetensors.numpy.load_file(se_file)
+        safetensors.numpy.save_file(tensors, se_file, {"se": json.dumps(header)})
+        with pytest.raises(InvalidInput, match=rf"reading.{name} must be .*; got {value!r}"):
+            load_se(se_file)
+
+    def test_a_file_with_values_that_are_not_finite_is_refused(
+        self, cartpole: Task, tmp_path: Path
+    ) -> None:
+        se = make_se(cartpole)
+        se.psi[3] = np.nan
+        save_se(se, tmp_path / "nan.safetensors")
+        with pytest.raises(InvalidInput, match=r"tensor .* has values that are not finite"):
+            load_se(tmp_path / "nan.safetensors")
+
+    def test_tensors_carry_names_and_shapes(self, se_file: Path) -> None:
         tensors = safetensors.numpy.load_file(se_file)
         assert tensors["next_state.0.weight"].shape == (12, 6)
         assert tensors["done.1.bias"].shape == (1,)

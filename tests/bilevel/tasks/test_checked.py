@@ -1,6 +1,8 @@
 """Real tasks of users' own: their mistakes are told in one line, and never become scores."""
 
 from collections.abc import Callable, Iterator
+from contextlib import closing
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -92,8 +94,31 @@ def test_without_components_there_is_nothing_to_observe(
         get_task(NAME)
 
 
-def test_only_code_of_the_users_own_has_a_digest(register: Callable[..., None]) -> None:
+@pytest.mark.filterwarnings("ignore:.*share an object:UserWarning")  # of gymnasium
+def test_an_observation_is_kept_if_the_task_writes_the_next_one_over_it(
+    register: Callable[..., None],
+) -> None:
+    observation = np.zeros(2, np.float32)
+
+    def step() -> Any:
+        observation[:] += 1.0
+        return observation, -1.0, False, False, {}
+
+    register(first=observation, step=step)
+    with closing(get_task(NAME).make()) as env:
+        states = [env.reset(seed=0)[0], env.step(np.int64(0))[0], env.step(np.int64(0))[0]]
+    assert [state[0] for state in states] == [0.0, 1.0, 2.0]
+
+
+def test_only_code_of_the_users_own_has_a_digest(
+    register: Callable[..., None], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Also of a task whose id names its module."""
     register()
-    assert get_task(NAME).code_digest is not None
+    digest = get_task(NAME).code_digest
+    assert digest is not None
+    monkeypatch.syspath_prepend(tmp_path)
+    (tmp_path / "registers_nothing.py").write_text("")
+    assert get_task(f"registers_nothing:{NAME}").code_digest == digest
     assert get_task("CartPole-v0").code_digest is None
     assert get_task("MountainCar-v0").code_digest is None

@@ -39,6 +39,14 @@ def test_any_suitable_gymnasium_id() -> None:
     np.testing.assert_array_equal(states, task.initial_physics(np.random.default_rng(0), 1000))
 
 
+@pytest.mark.parametrize(
+    ("solved", "worst"), [(-110.0, -200.0), (-200.0, -400.0), (-300.0, -600.0)]
+)
+def test_the_worst_score_is_below_the_solved_one(solved: float, worst: float) -> None:
+    """Also of a task that takes more than 1 a step: progress is measured from one to the other."""
+    assert get_task("MountainCar-v0", solved_reward=solved).worst_score == worst
+
+
 def test_given_values_come_first() -> None:
     task = get_task("CartPole-v1", solved_reward=150.0, step_limit=70)
     assert (task.solved_reward, task.step_limit) == (150.0, 70)

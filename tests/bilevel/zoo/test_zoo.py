@@ -1,5 +1,7 @@
 """The zoo's files and cards agree, and its SEs teach."""
 
+from hashlib import sha256
+
 import gymnasium
 import numpy as np
 import pytest
@@ -7,7 +9,6 @@ import torch
 
 from bilevel import InvalidInput
 from bilevel.agents.variation import draw_agent
-from bilevel.durable import checksum
 from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import load_recipe
 from bilevel.seeds import Purpose, derive
@@ -20,7 +21,8 @@ from tests.documents import documented_code
 @pytest.mark.parametrize("name", ENTRIES)
 def test_card_file_and_entry_agree(name: str) -> None:
     entry, told, se = get_entry(name), card(name), load_se(zoo_file(name))
-    assert checksum(zoo_file(name).read_bytes()) == told.sha256
+    assert sha256(zoo_file(name).read_bytes()).hexdigest() == told.sha256
+    assert load_se(zoo_file(name)).info["confirmed"]
     assert (told.name, told.task, told.recipe, told.seed) == (
         entry.name,
         entry.task,

@@ -103,6 +103,18 @@ class TestPlan:
         assert validated == pytest.approx(SHARE * (searched + validated), rel=0.05)
 
 
+def test_a_validation_of_other_results_is_refused(tmp_path: Path) -> None:
+    """As where a journal was brought back from an older copy than the validation beside it."""
+    journal = journal_of(tmp_path, dict.fromkeys(range(3), 5.0))
+    for number, results, sound in ((2, 3, True), (2, 4, False), (2, 2, False), (9, 3, False)):
+        Validation(results, (ResultLine((0, 0, number), 5, 9.0, {}, STAMPS),)).save(tmp_path)
+        if sound:
+            assert StudySummary.of(journal).incumbent is not None
+            continue
+        with pytest.raises(InvalidInput, match=r"validation.json in .* is of other results"):
+            StudySummary.of(journal)
+
+
 class TestValidation:
     def test_new_runs_for_the_same_core_time(self, tmp_path: Path) -> None:
         study = make_study(tmp_path)

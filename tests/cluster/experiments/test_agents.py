@@ -6,6 +6,7 @@ from typing import Any
 
 import pytest
 
+from bilevel.agents import RegisteredAgent
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import Task
@@ -51,6 +52,16 @@ def test_the_key_tells_whatever_a_result_depends_on(cartpole: Task, ses: list[So
     assert one.shorter(5000).key == one.key  # it trains no longer than it may
     # The label of a source is not part of it: the same SE under another name is the same.
     assert unit(cartpole, replace(ses[0], condition="varied", number=7), Place(0, 0)).key == one.key
+
+
+def test_the_key_tells_another_version_of_users_code(
+    cartpole: Task, ses: list[Source], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    keys = [unit(cartpole, ses[0], Place(0, 0)).key]
+    for digest in ("one", "two"):
+        monkeypatch.setattr(RegisteredAgent, "code_digest", digest)
+        keys.append(unit(cartpole, ses[0], Place(0, 0)).key)
+    assert len(set(keys)) == 3
 
 
 def test_results_are_on_disk_at_once(tmp_path: Path, cartpole: Task, ses: list[Source]) -> None:

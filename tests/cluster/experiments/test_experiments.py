@@ -61,6 +61,8 @@ def test_a_diverged_agent_is_no_better_than_the_others(home: Path) -> None:
         key: replace(result, test_returns=(0.0 if key == first else -5.0,), finite=key != first)
         for key, result in material.found.items()
     }
+    # Of an agent that a larger size has trained, and this one does not ask for.
+    found["another"] = replace(found[first], test_returns=(-300.0,), finite=True)
     rows = transfer.conclude(plan, replace(material, found=found)).data
     assert {row["score"] for row in rows} == {-5.0}
 

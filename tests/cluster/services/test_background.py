@@ -3,8 +3,10 @@
 import json
 import subprocess
 import sys
+import threading
 from collections.abc import Iterator
 from dataclasses import asdict
+from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
 import psutil
@@ -12,7 +14,7 @@ import pytest
 
 from bilevel import InvalidInput
 from cluster.services import background
-from cluster.services.background import Service, join
+from cluster.services.background import Service, down, join, since_boot, up
 from cluster.services.ports import free_port
 from cluster.storage.home import Home
 
@@ -33,7 +35,7 @@ def test_a_service_that_does_not_answer_is_not_replaced_in_silence(
     monkeypatch.setattr(background, "PATIENCE", 0.0)
     health = f"http://127.0.0.1:{free_port()}/"
     service = Service(
-        "ray", process.pid, process.create_time(), "127.0.0.1:1", health, health, "log", {}
+        "ray", process.pid, since_boot(process), "127.0.0.1:1", health, health, "log", {}
     )
     home = Home(tmp_path)
     (tmp_path / "services.json").write_text(json.dumps([asdict(service)]))
@@ -43,3 +45,47 @@ def test_a_service_that_does_not_answer_is_not_replaced_in_silence(
     process.kill()
     process.wait()
     assert join("ray", home) is None
+
+
+def test_a_change_of_the_clock_moves_no_service(
+    process: psutil.Process, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    service = Service("ray", process.pid, since_boot(process), "", "", "", "log", {})
+    later = psutil.boot_time() + 3600.0
+    for module in ("psutil", "psutil._pslinux"):
+        monkeypatch.setattr(f"{module}.boot_time", lambda: later)
+    assert service.process is not None
+
+
+def test_a_proxy_is_not_asked_for_a_service_of_this_machine(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    class Well(BaseHTTPRequestHandler):
+        def do_GET(self) -> None:
+            self.send_response(200)
+            self.end_headers()
+
+        def log_message(self, format: str, *args: object) -> None:
+            pass
+
+    monkeypatch.setenv("http_proxy", f"http://127.0.0.1:{free_port()}")
+    monkeypatch.delenv("no_proxy", raising=False)
+    with HTTPServer(("127.0.0.1", 0), Well) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            assert background._answers(f"http://127.0.0.1:{server.server_port}/")
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+def test_two_ups_at_once_are_refused(tmp_path: Path) -> None:
+    home = Home(tmp_path)
+    with background._alone(home), pytest.raises(InvalidInput, match="is under way in"):
+        up(home, "127.0.0.1", free_port(), free_port(), free_port(), print)
+    (tmp_path / "services.json").write_text(
+        json.dumps([asdict(Service("ray", 1, 0.0, "", "", "", "log", {}))])
+    )
+    with background._alone(home), pytest.raises(InvalidInput, match="is under way in"):
+        down(home, print)

@@ -20,7 +20,13 @@ def author(monkeypatch: pytest.MonkeyPatch, *argv: str) -> Author:
     [
         ("postgresql://me:secret@host/runs", "postgresql://***@host/runs"),
         ("--tracking-uri=https://me:secret@host:5000", "--tracking-uri=https://***@host:5000"),
-        ("http://host:5000/a@b", "http://host:5000/a@b"),
+        ("postgresql://me:sec/secret@host/runs", "postgresql://***@host/runs"),
+        (
+            "mysql://host/runs?user=me&password=secret&ssl=1",
+            "mysql://host/runs?user=me&password=***&ssl=1",
+        ),
+        ("mssql://?odbc_connect=DSN%3Dx%3BPWD%3Dsecret", "mssql://?odbc_connect=***"),
+        ("sqlite:////home/me/runs.db", "sqlite:////home/me/runs.db"),
     ],
 )
 def test_passwords_are_not_kept(given: str, kept: str, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import mlflow
 import pytest
 
+from bilevel import InvalidInput
 from cluster.storage.run_folder import Lifetime
 from cluster.tracking import Tracker
 from cluster.tracking import mirror as mirrors
@@ -69,3 +70,13 @@ def test_a_run_that_mlflow_does_not_take_lets_others_through(tracker: Tracker) -
     assert names(tracker)["taken"].info.status == "FINISHED"
     (line,) = (line for line in told if "does not take" in line)
     assert line.startswith("refused: MLflow does not take the run (")
+
+
+def test_a_deleted_experiment_is_told_at_once(tracker: Tracker) -> None:
+    """MLflow would refuse each run, as if it could not be reached."""
+    client = mlflow.MlflowClient(tracker.uri)
+    client.delete_experiment(tracker.experiment_id)
+    with pytest.raises(InvalidInput, match=r"experiment 'task' was deleted.* brings it back"):
+        Tracker(tracker.uri, "task", Path())
+    client.restore_experiment(tracker.experiment_id)
+    assert Tracker(tracker.uri, "task", Path()).experiment_id == tracker.experiment_id

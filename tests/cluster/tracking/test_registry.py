@@ -65,6 +65,13 @@ def test_the_command_line_looks_in_its_home(home: Home, tmp_path: Path) -> None:
     missing = run_bilevel("show", address, "--home", here / "other", cwd=here)
     assert missing.returncode == 2
     assert "MLflow has no SE at" in missing.stderr
+    other = here / "other"
+    other.mkdir()
+    (other / "mlflow.db").write_bytes(b"no database at all, but some bytes" * 99)
+    damaged = run_bilevel("show", address, "--home", other, cwd=here)
+    assert damaged.returncode == 2
+    assert damaged.stderr.count("\n") == 1
+    assert "is damaged: file is not a database" in damaged.stderr
     absent = "http://127.0.0.1:9"
     missing = run_bilevel("show", address, "--tracking-uri", absent, cwd=here)
     assert missing.returncode == 2
