@@ -1,4 +1,5 @@
-"""Compile all kernels once, into the disk cache: `python -m bilevel.compile`."""
+"""Compile what NES runs and the distillation call, once, into the disk cache: `python -m
+bilevel.compile`. (The entry points of gymnasium's environments compile on first use.)"""
 
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace

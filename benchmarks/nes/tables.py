@@ -23,7 +23,8 @@ PAPER_TASKS, OTHER_TASKS = ("CartPole-v0", "Acrobot-v1"), ("MountainCar-v0",)
 _SEEDS = (
     "task",
     "solved",
-    "seconds to SE",
+    "confirmed",
+    "seconds to confirmed SE",
     "seconds in all",
     "core seconds",
     "generations",
@@ -112,10 +113,12 @@ def _spread(values: Sequence[float], form: str) -> str:
 
 def _seeds_row(task: str, runs: Sequence[dict[str, Any]]) -> list[str]:
     utilisation = statistics.median(run["core_utilisation"] for run in runs)
+    confirmed = [run["seconds_to_se"] for run in runs if run["confirmed"]]
     return [
         task,
         f"{sum(run['solved'] for run in runs)} of {len(runs)}",
-        _spread([run["seconds_to_se"] for run in runs], ".0f"),
+        f"{len(confirmed)} of {len(runs)}",
+        _spread(confirmed, ".0f") if confirmed else "-",
         _spread([run["seconds"] for run in runs], ".0f"),
         _spread([run["core_seconds"] for run in runs], ".0f"),
         _spread([run["generations"] for run in runs], ".0f"),

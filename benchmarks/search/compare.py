@@ -13,6 +13,7 @@ alike. Results are written one by one to `results/search_TASK.json`; the same co
 
 import argparse
 import os
+import re
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -195,10 +196,23 @@ class Comparison:
         self.name = f"search_{options.task}"
         self.rows: dict[str, Any] = {"default": {}}
         with suppress(NotMeasured):
-            self.rows |= read_result(self.name)["rows"]
+            before = read_result(self.name)
+            if _unchanging(before["command"]) != _unchanging(self.command):
+                raise SystemExit(f"what is there was measured by {before['command']!r}")
+            self.rows |= before["rows"]
         for seed in options.seeds:
             for method in METHODS:
                 self.rows.setdefault(f"{method} {seed}", {"method": method, "seed": seed})
+
+    @property
+    def command(self) -> str:
+        """The command that measures all of it."""
+        options = self.options
+        return (
+            f"python -m benchmarks.search.compare {options.task} --seeds "
+            f"{format_seeds(options.seeds)} --core-seconds {options.core_seconds} --fresh "
+            f"{options.fresh} --home FOLDER"
+        )
 
     def run(self) -> None:
         """Measure what is missing, the fresh runs of a recipe before other searches."""
@@ -233,19 +247,19 @@ class Comparison:
 
     def add(self, one: Measurement, found: dict[str, Any]) -> None:
         """Keep what was measured."""
-        row, options = self.rows[one.row], self.options
+        row = self.rows[one.row]
         if one.number is None:
             row["search"] = found
         else:
             row["fresh"] = sorted([*row.get("fresh", ()), found], key=lambda run: int(run["seed"]))
-        command = (
-            f"python -m benchmarks.search.compare {options.task} --seeds "
-            f"{format_seeds(options.seeds)} --core-seconds {options.core_seconds} --fresh "
-            f"{options.fresh} --home FOLDER"
-        )
         begun = {name: row for name, row in self.rows.items() if {"search", "fresh"} & row.keys()}
-        write_result(self.name, command, {"rows": begun})
+        write_result(self.name, self.command, {"rows": begun})
         print(one.row, found, flush=True)
+
+
+def _unchanging(command: str) -> str:
+    """The command without what a later one may have more or less of."""
+    return re.sub(r" --(seeds|fresh) \S+", "", command)
 
 
 def main() -> None:

@@ -291,7 +291,10 @@ def _taught(task: str, lessons: dict[str, list[dict[str, Any]]]) -> str:
 
 
 def _p_values(one: list[dict[str, Any]], other: list[dict[str, Any]]) -> tuple[str, str]:
-    costs = [[run["core_seconds"] for run in runs] for runs in (one, other)]
+    costs = [
+        [run["core_seconds"] if run["confirmed"] else np.inf for run in runs]
+        for runs in (one, other)
+    ]
     solved = [sum(run["solved"] for run in runs) for runs in (one, other)]
     missed = [len(runs) - n for runs, n in zip((one, other), solved, strict=True)]
     p = mannwhitneyu(*costs).pvalue, fisher_exact([solved, missed]).pvalue

@@ -51,7 +51,8 @@ def p_value(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
 
 def largest_budget() -> str:
     """How the configurations did that each method gave the largest budget: whether rungs choose
-    better ones than chance, and a model better ones than rungs alone. Raises NotMeasured."""
+    better ones than chance, and a model better ones than rungs alone. Of seeds that all methods
+    have searched. Raises NotMeasured."""
     rows: list[tuple[str, ...]] = []
     for task in studies.TASKS:
         with suppress(NotMeasured):
@@ -73,11 +74,13 @@ def largest_budget() -> str:
 def _largest_budget(task: str, measured: Mapping[str, Any]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
     before: tuple[int, int] | None = None
+    done = {(row["method"], row["seed"]) for row in measured.values() if "search" in row}
+    seeds = {seed for _, seed in done if all((method, seed) in done for method in METHODS)}
     for method in ("random", "hyperband", "bohb"):
         searches = [
             at_largest(row["search"]["outcomes"])
             for row in measured.values()
-            if row.get("method") == method and "search" in row
+            if row.get("method") == method and row["seed"] in seeds
         ]
         if not searches:
             continue

@@ -86,3 +86,7 @@ def test_recipes_are_told_by_all_of_their_runs() -> None:
     runs = [run(10, True, True), run(20, True, False), run(60, False, True)]
     assert _quality(runs) == ("2 of 3", "2 of 3", "1 of 2", "20 (10 to 60)", "45", "500")
     assert _p_values(runs, runs) == ("1", "1")
+    # A run that failed soon took no less than one that found an SE.
+    sound, failed = [run(20 + i, True, True) for i in range(9)], [run(10, False, False)] * 9
+    assert _p_values(sound, failed) == _p_values(failed, sound) == ("0.0002", "4e-05")
+    assert _p_values(sound, [run(10, True, True)] * 9)[0] == "0.0002"

@@ -48,7 +48,9 @@ def test_a_method_is_compared_over_the_seeds_that_both_have() -> None:
 
 
 def test_what_reaches_the_largest_budget_is_told_by_method() -> None:
-    def searched(method: str, at_random: list[int], of_model: list[int]) -> dict[str, Any]:
+    def searched(
+        method: str, at_random: list[int], of_model: list[int], seed: int = 0
+    ) -> dict[str, Any]:
         outcomes = {
             budget: {
                 Origin.RANDOM: [(9.0, confirmed) for confirmed in at_random],
@@ -58,18 +60,24 @@ def test_what_reaches_the_largest_budget_is_told_by_method() -> None:
             for budget in ("9", "27")
         }
         outcomes["9"][Origin.RANDOM].append((9.0, 1))  # not one that goes on
-        return {"method": method, "seed": 0, "search": {"outcomes": outcomes}}
+        return {"method": method, "seed": seed, "search": {"outcomes": outcomes}}
 
     measured: dict[str, Any] = {
         "default": {"fresh": []},
         "bohb 0": searched("bohb", [0], [1, 2, 1]),
-        "bohb 1": searched("bohb", [2], []),
-        "bohb 2": {"method": "bohb", "seed": 2},  # is not over
+        "bohb 1": searched("bohb", [2], [], seed=1),
+        "hyperband 0": searched("hyperband", [0, 1], []),
+        "hyperband 1": searched("hyperband", [0, 1], [], seed=1),
         "random 0": searched("random", [0, 0, 0, 0, 1], []),
+        "random 1": searched("random", [0], [], seed=1),
+        "bohb 2": searched("bohb", [9, 9, 9], [], seed=2),  # not all methods have this seed
+        "hyperband 2": searched("hyperband", [9, 9], [], seed=2),
+        "random 2": {"method": "random", "seed": 2},
     }
-    random, bohb = _largest_budget("CartPole-v0", measured)
-    assert random == ("CartPole-v0", "random search", "1", "5", "1", "", "")
-    assert bohb == ("CartPole-v0", "BOHB", "2", "5", "4", "0.21", "3 of 3")
+    random, hyperband, bohb = _largest_budget("CartPole-v0", measured)
+    assert random == ("CartPole-v0", "random search", "2", "6", "1", "", "")
+    assert hyperband == ("CartPole-v0", "Hyperband", "2", "4", "2", "0.5", "")
+    assert bohb == ("CartPole-v0", "BOHB", "2", "5", "4", "0.52", "3 of 3")
 
 
 def test_incumbents_are_compared_with_their_validation() -> None:
