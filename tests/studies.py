@@ -86,6 +86,6 @@ def make_study(
         best = ConfigurationRuns.read(study, line.id, proposed.configuration).best
         assert best is not None
         final = FinalScore(np.array([score - 10, score + 10]), np.array([400, 600]), 195.0)
-        export_best(best, final, folder, len(Journal(folder).results), 1000)
+        export_best(best, final, folder, len(Journal(folder).results), 1000, 0)
         RunStatus("FINISHED", time.time(), brackets).save(folder)
     return study

@@ -60,8 +60,8 @@ class Handover:
         best = choose_best(study.task, contenders, seed, pool, step, in_time(rounds, is_over))
         score = evaluate_holdout(study.task, best, final_agents, seed, pool)
         learned = sum(state.real_env_steps for runs in every for state in runs.states)
-        real_steps = learned + pool.real_env_steps - before
-        path = export_best(best.se, score, study.folder, len(self.journal.results), real_steps)
+        tests, number = pool.real_env_steps - before, len(self.journal.results)
+        path, real_steps = export_best(best.se, score, study.folder, number, learned, tests)
         (study.folder / INCUMBENT_FILE).unlink(missing_ok=True)  # of an interruption before
         log(str(score))
         log(f"{real_steps} steps on the real task in all runs, nearly all of them in tests")

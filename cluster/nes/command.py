@@ -173,13 +173,15 @@ class _Runner:
         before = self.pool.real_env_steps
         best = Contender(state.best, run.hp) if state.confirmed else self._best(state)
         score = evaluate_holdout(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
-        real_steps = state.real_env_steps + self.pool.real_env_steps - before
-        log(f"{real_steps} steps on the real task, nearly all of them in tests")
+        tests = self.pool.real_env_steps - before
         save_se(state.current, run.folder / LAST_FILE)
         title = f"{run.folder.name} on {run.task.id}"
         figure = pictures.learning_curve(state.records, run.task, title)
         write_aside(run.folder / CURVE_FILE, png(figure))
-        path = export_best(best.se, score, run.folder, state.generation, real_steps)
+        path, real_steps = export_best(
+            best.se, score, run.folder, state.generation, state.real_env_steps, tests
+        )
+        log(f"{real_steps} steps on the real task, nearly all of them in tests")
         log(str(score))
         model = model_address(run.task.id, "newest")
         log(f"best SE: {path}  ({model} in MLflow's model registry)")

@@ -16,7 +16,7 @@ from bilevel.seeds import Purpose
 from bilevel.synthetic_env import StoredSE, save_se
 from bilevel.tasks import Task
 from cluster.ray.pool import EvaluationPool
-from cluster.storage.run_folder import Final, add_final
+from cluster.storage.run_folder import Final, add_final, finals
 
 #: Root of fresh seeds: the run's seed, and optionally the time in the run.
 Seed = tuple[int, ...]
@@ -182,15 +182,18 @@ def _tested(
 
 
 def export_best(
-    se: StoredSE, score: FinalScore, folder: Path, step: int, real_env_steps: int
-) -> Path:
-    """Save the SE with its final score in a run's folder; return the file's path.
+    se: StoredSE, score: FinalScore, folder: Path, step: int, learned: int, tests: int
+) -> tuple[Path, int]:
+    """Save the SE with its final score in a run's folder; return the file's path and all steps on
+    the real task that it has taken.
 
-    `step` is the number of generations, or of a study's results; `real_env_steps` counts all that
-    the run, or all of a study's, made on the real task, last tests included. Raises StorageFailure.
+    `step` is the number of generations, or of a study's results; `learned` counts the real steps of
+    the generations, of a study those of all its runs, and `tests` those of retests and last tests;
+    to these come the tests of earlier ends. Raises StorageFailure.
     """
-    path = folder / BEST_FILE
-    told = {"real_env_steps": real_env_steps, **score.metrics()}
-    save_se(replace(se, info={**se.info, **told}), path)
-    add_final(folder, Final(step, time.time(), score.metrics()))
-    return path
+    path, end = folder / BEST_FILE, Final(step, time.time(), score.metrics(), tests)
+    earlier = [one for one in finals(folder) if not end.repeats(one)]
+    real_steps = learned + tests + sum(one.real_env_steps for one in earlier)
+    save_se(replace(se, info={**se.info, "real_env_steps": real_steps, **end.metrics}), path)
+    add_final(folder, end)
+    return path, real_steps

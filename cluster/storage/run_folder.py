@@ -125,6 +125,11 @@ class Final:
     step: int
     time: float  # unix time, seconds
     metrics: dict[str, float]
+    real_env_steps: int = 0  # of this end: retests and last tests
+
+    def repeats(self, other: "Final") -> bool:
+        """Whether it is the same end, which was written again."""
+        return (self.step, self.metrics) == (other.step, other.metrics)
 
 
 def finals(folder: Path) -> list[Final]:
@@ -135,7 +140,7 @@ def finals(folder: Path) -> list[Final]:
 def add_final(folder: Path, final: Final) -> None:
     """Append an end, unless an earlier process did so just before it was killed."""
     before = finals(folder)
-    if not before or (before[-1].step, before[-1].metrics) != (final.step, final.metrics):
+    if not before or not final.repeats(before[-1]):
         JsonlLog(folder / "finals.jsonl").append(asdict(final))
 
 

@@ -210,7 +210,7 @@ def test_another_best_se_without_another_result(home: Home, folder: Path) -> Non
     made, number = load_se(folder / BEST_FILE), len(Journal(folder).results)
     other = replace(made, se=SE(made.architecture, made.psi + np.float32(1)))
     final = FinalScore(np.array([90.0]), np.array([7]), 195.0)
-    export_best(other, final, folder, number, 1000)
+    export_best(other, final, folder, number, 1000, 0)
     for _ in range(2):
         sync(folder, home, home.database_uri, Terminal())
     client = mlflow.MlflowClient(home.database_uri, registry_uri=home.database_uri)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
@@ -9,20 +10,23 @@ import pytest
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import Hyperparameters
-from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE
+from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE, load_se
 from bilevel.tasks import Task
 from cluster.nes.selection import (
     Contender,
+    FinalScore,
     Round,
     agents_needed,
     choose_best,
     evaluate_holdout,
+    export_best,
     in_time,
     race,
 )
 from cluster.ray.pool import EvaluationPool
 from tests.conftest import ddqn
 from tests.results import made_up_result
+from tests.ses import make_se
 
 
 class ByHand:
@@ -176,3 +180,19 @@ def test_agents_of_the_final_score_are_drawn_from_all_of_the_papers_ranges(
     assert {agent.max_episodes for agent in agents} == {ddqn(small_hp).max_episodes}
     assert {agent.early_out_difference for agent in agents} == {0.01}
     assert max(agent.hidden_size for agent in agents) > 300
+
+
+def test_real_steps_are_those_of_all_ends(cartpole: Task, tmp_path: Path) -> None:
+    """A run that is continued tests its SEs again; one whose end is only written again does not."""
+    se = make_se(cartpole)
+
+    def end(step: int, score: float, learned: int, tests: int) -> int:
+        scores = FinalScore(np.array([score]), np.array([9]), 195.0)
+        path, steps = export_best(se, scores, tmp_path, step, learned, tests)
+        assert load_se(path).info["real_env_steps"] == steps
+        return steps
+
+    assert end(5, 190.0, learned=1000, tests=10) == 1010
+    assert end(5, 190.0, learned=1000, tests=10) == 1010
+    assert end(9, 199.0, learned=2000, tests=7) == 2017
+    assert end(9, 199.0, learned=2000, tests=7) == 2017
