@@ -93,7 +93,19 @@ def test_an_infinite_range_is_told(tmp_path: Path) -> None:
         Space.of(str(path))
 
 
-@pytest.mark.parametrize("text", ["", "[]", "{}", "nonsense: [", '{"hyperparameters": [{}]}'])
+@pytest.mark.parametrize(
+    "text",
+    [
+        "",
+        "[]",
+        "{}",
+        "nonsense: [",
+        '{"hyperparameters": [{}]}',
+        "[" * 9999,
+        "meta: {begun: 2026-01-01}\nhyperparameters: []\n",  # a date is no JSON
+    ],
+    ids=range(7),
+)
 @pytest.mark.parametrize("ending", ["json", "yaml"])
 def test_files_that_are_no_spaces_are_told_in_one_line(
     text: str, ending: str, tmp_path: Path

@@ -217,3 +217,7 @@ def test_entry_points_of_installed_packages_are_loaded(
     monkeypatch.syspath_prepend(str(tmp_path))
     assert get_agent("installed-reinforce").name == "installed-reinforce"
     monkeypatch.delitem(registry._AGENTS, "installed-reinforce")
+    (info / "entry_points.txt").write_text("[bilevel.agents]\nmine = nothing_of_that_name\n")
+    told = r"installed agent 'mine' \(nothing_of_that_name\) cannot be imported: ModuleNotFound"
+    with pytest.raises(InvalidInput, match=told):
+        get_agent("sarsa")

@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -11,7 +12,10 @@ import numpy as np
 import pytest
 import safetensors.numpy
 
+from bilevel.synthetic_env import save_se
+from bilevel.tasks import get_task
 from tests.commands import BILEVEL, run_bilevel
+from tests.ses import make_se
 from tests.studies import make_study
 
 RECIPES = Path(str(files("bilevel.hyperparameters.recipes")))
@@ -350,7 +354,11 @@ def test_a_dry_run_of_a_study_that_cannot_be_run(tmp_path: Path) -> None:
     assert "'mine' was begun with " in result.stderr
 
 
-def test_a_mistake_in_the_users_own_task_is_told_before_anything_is_written(tmp_path: Path) -> None:
+@pytest.mark.parametrize("command", ["nes", "evaluate"])
+def test_a_mistake_in_the_users_own_task_is_told_before_anything_is_written(
+    command: str, tmp_path: Path
+) -> None:
+    """By commands that are given the task, or an SE of it."""
     (tmp_path / "mine.py").write_text(
         """
 import gymnasium
@@ -363,8 +371,13 @@ class Mine(CartPoleEnv):
 gymnasium.register("Mine-v0", Mine, max_episode_steps=9, reward_threshold=8)
 """
     )
+    words = ["nes", "mine:Mine-v0"]
+    if command == "evaluate":
+        words = ["evaluate", "se.safetensors", "--task", "mine:Mine-v0"]
+        se = make_se(replace(get_task("CartPole-v0"), step_limit=9, solved_reward=8.0))
+        save_se(replace(se, task_id="mine:Mine-v0"), tmp_path / "se.safetensors")
     result = subprocess.run(
-        [BILEVEL, "nes", "mine:Mine-v0"],
+        [BILEVEL, *words],
         capture_output=True,
         text=True,
         cwd=tmp_path,
@@ -374,4 +387,5 @@ gymnasium.register("Mine-v0", Mine, max_episode_steps=9, reward_threshold=8)
     assert result.returncode == 2, result.stderr
     place = f"{tmp_path / 'mine.py'}:7, when it takes a step: RuntimeError: the simulator broke"
     assert result.stderr == f"bilevel: task 'mine:Mine-v0' at {place}\n"
-    assert {path.name for path in tmp_path.iterdir()} <= {"mine.py", "__pycache__"}
+    written = {path.name for path in tmp_path.iterdir()}
+    assert written <= {"mine.py", "se.safetensors", "__pycache__"}
