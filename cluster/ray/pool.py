@@ -56,11 +56,13 @@ class EvaluationPool:
     def on_cluster(cls, workers: int | None) -> Self:
         """A pool of `workers` actors, or (None) one per core of this run's share of the cluster.
 
-        Raises InvalidInput if the cluster has fewer cores.
+        Raises InvalidInput if the cluster has fewer cores. One that has none yet adds nodes for
+        actors that wait, if it has an autoscaler.
         """
         capacity = Capacity.of_cluster()
         workers = workers or capacity.fair_share(1)
-        capacity.require(workers)
+        if capacity.cores:
+            capacity.require(workers)
         return cls(workers)
 
     @property

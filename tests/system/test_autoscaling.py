@@ -12,7 +12,11 @@ import pytest
 import ray
 from ray.util import get_node_ip_address
 
+from bilevel.hyperparameters import Hyperparameters
+from bilevel.nes import NES
+from bilevel.tasks import Task
 from cluster.ray.connection import Capacity, ray_cluster, scaled_to
+from cluster.ray.pool import EvaluationPool
 from cluster.services.ports import free_port
 
 pytestmark = pytest.mark.timeout(200)
@@ -30,10 +34,10 @@ WORKER = {"resources": {"CPU": 1}, "node_config": {}, "min_workers": 0, "max_wor
 
 @pytest.fixture
 def autoscaling(tmp_path: Path) -> Iterator[str]:
-    """Address of a cluster of one core, whose autoscaler may add three nodes of one core each."""
+    """Address of a cluster without cores, whose autoscaler may add three nodes of one core each."""
     port = free_port()
     address = f"{get_node_ip_address()}:{port}"
-    head = {"resources": {"CPU": 1}, "node_config": {}, "max_workers": 0}
+    head = {"resources": {"CPU": 0}, "node_config": {}, "max_workers": 0}
     config = {
         "cluster_name": "autoscaling",
         "max_workers": 3,
@@ -54,7 +58,7 @@ def autoscaling(tmp_path: Path) -> Iterator[str]:
     file = tmp_path / "autoscaling.yaml"
     file.write_text(json.dumps(config))
     command = [
-        *(str(Path(sys.executable).with_name("ray")), "start", "--head", "--num-cpus=1", "--block"),
+        *(str(Path(sys.executable).with_name("ray")), "start", "--head", "--num-cpus=0", "--block"),
         *(f"--port={port}", "--include-dashboard=false"),
         f"--ray-client-server-port={free_port()}",
         f"--dashboard-agent-listen-port={free_port()}",
@@ -79,9 +83,17 @@ def autoscaling(tmp_path: Path) -> Iterator[str]:
         process.wait()
 
 
-def test_it_adds_the_cores_that_a_study_asks_for(autoscaling: str) -> None:
+def test_it_adds_the_cores_that_are_asked_for(
+    autoscaling: str, cartpole: Task, small_hp: Hyperparameters
+) -> None:
+    """By a study, or by actors that wait for one."""
+    nes = NES(cartpole, small_hp, 0)
+    state = nes.init()
     with ray_cluster(autoscaling):
-        assert Capacity.of_cluster().cores == 1
+        assert Capacity.of_cluster().cores == 0
+        with EvaluationPool.on_cluster(None) as pool:
+            requests = nes.ask(state)
+            assert len(pool.run(cartpole, state.se, requests)) == len(requests)
         with scaled_to(3, autoscaling):
             _until(lambda: Capacity.of_cluster().cores >= 3)
 
