@@ -2,7 +2,8 @@
 `newest`.
 
 The best SE is the one with the highest mean score of the fresh agents at the end of its run; of
-equal ones, the one whose agents needed fewer train steps; then the newest.
+equal ones, the one whose agents needed fewer train steps; then the newest. SEs of a built-in task
+with another step limit or solved reward come after all others: their scores mean something else.
 """
 
 import re
@@ -13,10 +14,13 @@ from pathlib import Path
 from typing import Any
 
 from bilevel.synthetic_env import StoredSE, load_se
+from bilevel.tasks import BUILT_IN_TASKS
 from cluster.tracking.view import RegisteredSE
 
 #: Tags of a model version: checksum of its SE file, and the time when the SE was saved.
 _VERSION, _TIME = "bilevel.sha256", "bilevel.time"
+#: Tag of an SE of a built-in task with other values.
+_VARIANT = "bilevel.task_variant"
 
 
 def model_address(task_id: str, alias: str) -> str:
@@ -31,7 +35,12 @@ def _age(tags: Mapping[str, str]) -> tuple[float, ...]:
 
 def _quality(tags: Mapping[str, str]) -> tuple[float, ...]:
     score = float(tags.get("final_score_mean", "-inf"))
-    return score, -float(tags.get("final_train_steps_mean", "inf")), *_age(tags)
+    return (
+        _VARIANT not in tags,
+        score,
+        -float(tags.get("final_train_steps_mean", "inf")),
+        *_age(tags),
+    )
 
 
 #: What MLflow's stores answer for an alias that no version has.
@@ -53,19 +62,20 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
     from mlflow.exceptions import MlflowException
 
     name, folder_name = _model_name(se.task_id), f"model-{se.version[:12]}"
-    tags = {**se.tags, _VERSION: se.version, _TIME: repr(se.time)}
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model, file = Path(folder) / "model", Path(folder) / "best_se.safetensors"
         file.write_bytes(se.content)
+        stored = load_se(file)
         mlflow.pyfunc.save_model(
             model,
             loader_module="cluster.tracking.se_model",
             data_path=str(file),
-            signature=_signature(load_se(file)),
+            signature=_signature(stored),
             pip_requirements=[],  # loading needs this package anyway
         )
         client.log_artifacts(run_id, str(model), folder_name)
+    tags = {**se.tags, _VERSION: se.version, _TIME: repr(se.time), **_variant(stored)}
     try:
         client.create_registered_model(
             name, description=f"Synthetic environments for {se.task_id}."
@@ -90,6 +100,14 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
             holder = None
         if holder is None or order(holder.tags) < order(tags):
             client.set_registered_model_alias(name, alias, versions[0].version)
+
+
+def _variant(se: StoredSE) -> dict[str, str]:
+    """The tag of an SE of a built-in task with other values than the task's own."""
+    usual, limit, solved = BUILT_IN_TASKS.get(se.task_id), se.step_limit, se.solved_reward
+    if usual is None or (usual.step_limit, usual.solved_reward) == (limit, solved):
+        return {}
+    return {_VARIANT: f"{limit} steps, solved at {solved:g}"}
 
 
 def _signature(se: StoredSE) -> Any:

@@ -1,5 +1,6 @@
 """The SE of a run in the model registry, and the way to it on the command line."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -8,6 +9,8 @@ import pytest
 
 from bilevel import InvalidInput
 from bilevel.gym.source import se_file
+from bilevel.synthetic_env import se_bytes
+from bilevel.tasks import Task
 from cluster.cli.ses import SEAddress
 from cluster.cli.show import show
 from cluster.storage.home import Home
@@ -15,6 +18,7 @@ from cluster.storage.run_folder import Lifetime
 from cluster.tracking import Tracker
 from cluster.tracking.view import RegisteredSE, RunView
 from tests.commands import run_bilevel
+from tests.ses import make_se
 
 
 @pytest.fixture
@@ -94,3 +98,18 @@ def test_an_se_has_the_same_label_whenever_it_is_loaded(home: Home, content: byt
     ):
         found = convert(address, None, context)
         assert (found.label, found.path.read_bytes()) == (label, content)
+
+
+def test_a_variant_of_the_task_is_newest_but_never_best(home: Home, cartpole: Task) -> None:
+    """Its scores mean something else: it may last longer, and not be solved."""
+    longer = make_se(replace(cartpole, step_limit=500, solved_reward=475.0))
+    tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
+    model = RegisteredSE(se_bytes(longer), "CartPole-v0", 6.0, {"final_score_mean": "240.0"})
+    lifetime = Lifetime("FINISHED", 1.0, 2.0)
+    tracker.show(RunView("other key", "longer", lifetime, {}, {}, model=model))
+    client = mlflow.MlflowClient(home.database_uri)
+    versions = [
+        client.get_model_version_by_alias("SE-CartPole-v0", alias) for alias in ("best", "newest")
+    ]
+    assert [version.tags["final_score_mean"] for version in versions] == ["100.0", "240.0"]
+    assert versions[1].tags["bilevel.task_variant"] == "500 steps, solved at 475"
