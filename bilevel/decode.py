@@ -1,7 +1,7 @@
 """Values from outside, decoded by their types: the fields of a dataclass and what each may be."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar
@@ -78,3 +78,13 @@ def reason(error: ValidationError) -> str:
             says = first["msg"].replace("Input should", "must")
             told = f"{place + ': ' if place else ''}{says}; got {given}"
     return " ".join(told.split())
+
+
+def differences(then: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
+    """Dotted name and both values, wherever nested settings differ."""
+    if isinstance(then, dict) and isinstance(now, dict):
+        for key in dict.fromkeys([*then, *now]):
+            place = f"{name}.{key}" if name else key
+            yield from differences(then.get(key), now.get(key), place)
+    elif then != now:
+        yield name, then, now

@@ -27,7 +27,7 @@ from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.kernels import training
 from bilevel.kernels.environment import Environment, environment
 from bilevel.kernels.stopping import NOT_FINITE
-from bilevel.seeds import split
+from bilevel.seeds import checked_seed, split
 from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE
 from bilevel.tasks import Task
 from bilevel.threads import one_blas_thread, one_torch_thread
@@ -133,11 +133,12 @@ def evaluate(task: Task, se: SESource, request: EvaluationRequest) -> Evaluation
     `se` is one SE (also as `load` and `learn` return it), for requests on `Centre`, several of
     them, for requests on `Given`, or a distribution that the request draws its SE from; it may be
     None for training on the real task.
-    Raises InvalidInput for a request that `se` cannot serve, and for an SE of a task with other
-    sizes.
+    Raises InvalidInput for a request that `se` cannot serve, for a seed that is no integer of at
+    least 0, and for an SE of a task with other sizes.
     """
     started = time.perf_counter()
-    outcome = train_and_test(task, requested_se(se, request.on), request.agent, request.seed)
+    seed = checked_seed(request.seed)
+    outcome = train_and_test(task, requested_se(se, request.on), request.agent, seed)
     seconds = time.perf_counter() - started
     return EvaluationResult(**vars(outcome), index=request.index, seconds=seconds)
 

@@ -9,6 +9,7 @@ import sysconfig
 import traceback
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -48,13 +49,21 @@ def digest_of(package: str, *code: Any) -> str | None:
     """Digest of the files that define these functions and classes, which are no user's if they are
     of `package`; None if they have no files."""
     files = {}
-    for one in code:
-        if getattr(one, "__module__", "").partition(".")[0] == package:
+    for one in map(_defined, code):
+        if (getattr(one, "__module__", None) or "").partition(".")[0] == package:
             continue
         with suppress(OSError, TypeError):
-            file = inspect.getsourcefile(inspect.unwrap(one)) or ""
+            file = inspect.getsourcefile(one) or ""
             files[file] = Path(file).read_bytes()
     return checksum(*(files[file] for file in sorted(files)))[:16] if files else None
+
+
+def _defined(code: Any) -> Any:
+    """The function or class behind what is called: a partial of it, an object of the class."""
+    while isinstance(code, partial):
+        code = code.func
+    code = inspect.unwrap(code)
+    return code if inspect.isroutine(code) or inspect.isclass(code) else type(code)
 
 
 def _source_of(code: Any) -> str:

@@ -7,6 +7,7 @@ agents need none. See docs/agents.md.
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields
+from functools import cache
 from importlib.metadata import entry_points
 from typing import Any, NamedTuple, Protocol
 
@@ -81,8 +82,14 @@ class RegisteredAgent:
     @property
     def code_digest(self) -> str | None:
         """Digest of the user's code that defines it, its class and hyperparameters; None for a
-        built-in agent."""
-        return digest_of("bilevel", self.build, agent_hyperparameters(self.name))
+        built-in agent. It is that of the file when it was first asked for: the process goes on with
+        the code that it has imported."""
+        return _code_digest(self.name)
+
+
+@cache
+def _code_digest(name: str) -> str | None:
+    return digest_of("bilevel", get_agent(name).build, agent_hyperparameters(name))
 
 
 _AGENTS: dict[str, RegisteredAgent] = {}

@@ -30,7 +30,12 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         "autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP,
     }
 
-    def __init__(self, path: str | Path, num_envs: int = 1) -> None:
+    def __init__(self, path: str | Path, num_envs: int = 1, render_mode: str | None = None) -> None:
+        if render_mode is not None:
+            raise InvalidInput(
+                f"render_mode {render_mode!r} needs one environment after the other: "
+                'gymnasium.make_vec(..., vectorization_mode="sync")'
+            )
         if num_envs < 1:
             raise InvalidInput(f"num_envs must be at least 1; got {num_envs}")
         single = SyntheticEnv(path)
@@ -60,8 +65,8 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         """
         if seed is None:
             seeds: Sequence[int | None] = [None] * self.num_envs
-        elif isinstance(seed, int):
-            seeds = [seed + i for i in range(self.num_envs)]
+        elif isinstance(seed, int | np.integer):
+            seeds = [int(seed) + i for i in range(self.num_envs)]
         else:
             seeds = list(seed)
         if len(seeds) != self.num_envs:

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from functools import wraps
+from inspect import get_annotations
 from typing import Any, Literal, TypeVar, cast, dataclass_transform, get_args, get_origin
 
 from pydantic import ConfigDict, Field, ValidationError
@@ -24,8 +25,16 @@ def hyperparameters(cls: type[_T]) -> type[_T]:
 
     A range is written `Annotated[int, Field(ge=1, le=9)]`, a choice is a `Literal`;
     `__post_init__` may check more. What is not allowed raises InvalidInput, which tells the field
-    by its name or title.
+    by its name or title. Raises InvalidInput for a class with a value that has no type, and would
+    be no field.
     """
+    for name, value in vars(cls).items():
+        named = name.startswith("__") or any(name in get_annotations(one) for one in cls.__mro__)
+        if not named and isinstance(value, bool | int | float | str):
+            raise InvalidInput(
+                f"{cls.__name__}.{name} has no type, and would be no hyperparameter: write, for "
+                f"instance, `{name}: Annotated[{type(value).__name__}, Field(...)] = {value!r}`"
+            )
     checked: Any = dataclass(frozen=True, kw_only=True, config=_STRICT)(cls)
     build: Callable[..., None] = checked.__init__
 

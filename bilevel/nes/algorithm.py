@@ -178,13 +178,19 @@ class NES:
     def tell(self, state: NESState, results: Sequence[EvaluationResult]) -> NESState:
         """The state after what `ask(state)` asked for; `results` may come in any order. After a
         generation, its record is the last of `records`. Raises InvalidInput unless there is one
-        result for each request."""
+        result for each request, with finite returns."""
         ordered = sorted(results, key=lambda result: result.index)
         if [result.index for result in ordered] != [*range(self.requests.number(state))]:
             raise InvalidInput(
                 f"NES asked for {self.requests.number(state)} evaluations and needs one result of "
                 f"each; got those of the requests {[result.index for result in ordered]}"
             )
+        for result in ordered:
+            if not (result.test_returns and np.isfinite(result.test_returns).all()):
+                raise InvalidInput(
+                    f"the result of request {result.index} has the test returns "
+                    f"{result.test_returns}: they must be finite numbers, one or more"
+                )
         real_steps = state.real_env_steps + sum(result.real_env_steps for result in ordered)
         cost = state.cost + sum(result.cost for result in ordered)
         state = replace(state, real_env_steps=real_steps, cost=cost)

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ import safetensors.numpy
 from numpy.typing import NDArray
 from safetensors import SafetensorError
 
-from bilevel.decode import decode, decode_json
+from bilevel.decode import decode, decode_json, differences
 from bilevel.durable import checksum, write_aside
 from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
 from bilevel.hyperparameters import SEHyperparameters
@@ -32,6 +32,7 @@ def save_state(state: NESState, path: Path | str) -> None:
     header: dict[str, Any] = {
         "format": RUN_FORMAT,
         "seed": state.provenance.get("seed"),
+        "run": _made_by(state.task, state.provenance),
         "generation": state.generation,
         "attempt": state.attempt,
         "attempt_began": state.attempt_began,
@@ -71,9 +72,10 @@ def load_state(
 ) -> NESState:
     """Read a checkpoint of a run on `task` with such SEs (see also `NES.load`).
 
-    Raises InvalidInput for a file that is missing or damaged or of a run with another seed than
-    that of `provenance`, OtherVersion for one of another format, and StorageFailure for one that
-    cannot be read.
+    Raises InvalidInput for a file that is missing or damaged, or of a run on another task or with
+    another seed or other hyperparameters than those of `provenance` (but for the number of
+    generations), OtherVersion for one of another format, and StorageFailure for one that cannot be
+    read.
     """
     provenance = provenance or {}
     try:
@@ -87,12 +89,15 @@ def load_state(
         with safetensors.safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
+        if "se" in metadata:
+            raise _OtherRun(f"{str(path)!r} is an SE file, not a checkpoint")
         found = decode_json(dict[str, Any], metadata.get("nes", ""), "header")
         if found.pop("sha256", None) != _checksum(json.dumps(found), tensors):
             raise InvalidInput("its checksum is wrong")
         if (written := found.pop("format", 1)) != RUN_FORMAT:
             raise OtherVersion(f"checkpoint {str(path)!r}", written, RUN_FORMAT)
         header = decode(_Header, found, "header")
+        _require_run(header, task, provenance, f"the checkpoint {str(path)!r}")
         finalists = [f"finalist_{i}" for i in range(len(header.finalists))]
         if tensors.keys() != {*_TENSORS, *finalists}:
             raise InvalidInput("its parts do not fit together")
@@ -108,20 +113,40 @@ def load_state(
                 for name, finalist in zip(finalists, header.finalists, strict=True)
             )
         }
-        del same["scale_steps"], same["seed"]
+        del same["scale_steps"], same["seed"], same["run"]
         se = SEDistribution(space, theta, std_dev, average)
         state = NESState(task=task, se=se, scale=scale, provenance=provenance, **same)
-    except OtherVersion:
+    except (OtherVersion, _OtherRun):
         raise
     except (SafetensorError, OSError, ValueError, TypeError) as error:
         reason = " ".join(str(error).split()) or type(error).__name__
         raise InvalidInput(f"damaged checkpoint {str(path)!r}: {reason}") from None
+    return state
+
+
+class _OtherRun(InvalidInput):
+    """A sound file that is not of this run."""
+
+
+def _made_by(task: Task, provenance: Mapping[str, Any]) -> dict[str, Any]:
+    """What a run's states depend on besides its seed, but for its length and name."""
+    hp = dict(provenance.get("hyperparameters", {}))
+    hp.pop("recipe", None)
+    if "nes" in hp:
+        hp["nes"] = {name: value for name, value in hp["nes"].items() if name != "generations"}
+    return {"task": asdict(task), **hp}
+
+
+def _require_run(header: "_Header", task: Task, provenance: Mapping[str, Any], what: str) -> None:
+    """Raise _OtherRun if the checkpoint is of another run, as far as both tell."""
     seed = provenance.get("seed", header.seed)
     if header.seed not in (None, seed):
-        raise InvalidInput(
-            f"the checkpoint {str(path)!r} is of a run with seed {header.seed}, not {seed}"
-        )
-    return state
+        raise _OtherRun(f"{what} is of a run with seed {header.seed}, not {seed}")
+    now = json.loads(json.dumps(_made_by(task, provenance)))
+    both = header.run.keys() & now.keys()
+    before, now = ({name: run[name] for name in now if name in both} for run in (header.run, now))
+    for name, then, value in differences(before, now):
+        raise _OtherRun(f"{what} is of a run with {name} = {then}, not {value}")
 
 
 @dataclass(frozen=True)
@@ -152,6 +177,7 @@ class _Header:
     finalists: tuple[_Finalist, ...]
     records: tuple[GenerationRecord, ...]
     seed: int | None = None  # of the run; a state without provenance has none
+    run: dict[str, Any] = field(default_factory=dict)  # see `_made_by`
 
 
 def _checksum(text: str, tensors: Mapping[str, NDArray[Any]]) -> str:

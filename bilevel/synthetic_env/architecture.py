@@ -103,9 +103,10 @@ class Architecture:
         return np.concatenate([initial_parameters(net, rng) for net in self.networks])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SE:
-    """A synthetic environment: its architecture and its parameters psi (P,).
+    """A synthetic environment: its architecture and its parameters psi (P,). SEs are equal if both
+    are.
 
     Raises InvalidInput for psi of another length.
     """
@@ -121,6 +122,14 @@ class SE:
                 f"{self.architecture.parameter_count} parameters"
             )
         object.__setattr__(self, "psi", psi)
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, SE):
+            return NotImplemented
+        return self.architecture == other.architecture and np.array_equal(self.psi, other.psi)
+
+    def __hash__(self) -> int:
+        return hash(self.digest)
 
     @property
     def kernel(self) -> SEKernel:

@@ -10,6 +10,7 @@ import math
 import warnings
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
+from functools import cache
 from typing import Any
 
 import gymnasium
@@ -78,12 +79,10 @@ class Task:
 
     @property
     def code_digest(self) -> str | None:
-        """Digest of the user's code that defines it; None for a task of gymnasium's."""
-        if self.compiled:
-            return None
-        entry = gymnasium.spec(self.id.rpartition(":")[2]).entry_point  # its module is imported
-        code = load_env_creator(entry) if isinstance(entry, str) else entry
-        return digest_of("gymnasium", code)
+        """Digest of the user's code that defines it; None for a task of gymnasium's. It is that of
+        the file when it was first asked for: the process goes on with the code that it has
+        imported."""
+        return None if self.compiled else _code_digest(self.id)
 
     def try_out(self) -> None:
         """Reset the real task, unless it is compiled, and take a step by each action. Raises
@@ -154,6 +153,14 @@ class Task:
         return ObservationScale(mean.astype(np.float32), deviation.astype(np.float32), SCALE_STEPS)
 
 
+@cache
+def _code_digest(task_id: str) -> str | None:
+    spec = gymnasium.spec(task_id.rpartition(":")[2])  # the module before it is imported
+    entries = [spec.entry_point, *(wrapper.entry_point for wrapper in spec.additional_wrappers)]
+    code = [load_env_creator(one) if isinstance(one, str) else one for one in entries]
+    return digest_of("gymnasium", *code)
+
+
 BUILT_IN_TASKS = {
     task.id: task
     for task in (
@@ -201,7 +208,7 @@ def get_task(
         )
     if not math.isfinite(solved):
         raise InvalidInput(f"{task_id}: solved reward must be finite, got {solved}")
-    if limit is None or not 1 <= limit <= MAX_STEP_LIMIT:
+    if not isinstance(limit, int | np.integer) or not 1 <= limit <= MAX_STEP_LIMIT:
         raise InvalidInput(
             f"{task_id}: step limit (--step-limit) must be 1 to {MAX_STEP_LIMIT}; got {limit}"
         )

@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Container, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -263,7 +263,7 @@ class StudyViews:
             tuple(documents),
             parent=self.parent,
             edition=edition(runs.states),
-            identity=self.identity,
+            identity=replace(self.identity, code={}),  # which of it has run, nobody knows
             description=f"Configuration {name} of the study `{study.name}`.",
         )
 

@@ -76,6 +76,6 @@ def write_file(path: Path, content: bytes) -> None:
     folder does not exist, or cannot be written."""
     try:
         path.parent.resolve(strict=True)
-        write_aside(path, content)
+        write_aside(path.resolve(), content)  # a link stays a link
     except OSError as error:
         raise InvalidInput(f"cannot write {str(path)!r}: {error.strerror or error}") from None

@@ -186,9 +186,11 @@ class _Runner:
         model = model_address(run.task.id, "newest")
         log(f"best SE: {path}  ({model} in MLflow's model registry)")
         log(f"learning curve: {self.session.shown_at(self.session.identity.uuid)}")
+        modules = "bilevel", "gymnasium", run.task.id.rpartition(":")[0]
         log("load the SE with")
         log(
-            f'  import bilevel, gymnasium; gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")'
+            f"  import {', '.join(filter(None, modules))}; "
+            f'gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")'
         )
 
 

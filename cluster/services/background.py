@@ -53,13 +53,14 @@ class Service:
     health: str  # answers if it is well
     log: str
     environment: dict[str, str]  # of the service, and of whoever wants to reach it
+    boot: str = ""  # which start of the machine; empty where it cannot be told
 
     @property
     def process(self) -> psutil.Process | None:
         """The process, if it is still the one that was started."""
         try:
             process = psutil.Process(self.pid)
-            same = abs(since_boot(process) - self.created) < 1.0
+            same = self.boot == boot_id() and abs(since_boot(process) - self.created) < 1.0
             return process if same and process.status() != psutil.STATUS_ZOMBIE else None
         except psutil.NoSuchProcess:
             return None
@@ -169,7 +170,7 @@ def _up(
 
 def down(home: Home, log: Callable[[str], None]) -> None:
     """End what `up` started, children included. Raises InvalidInput while another `up` or `down` is
-    under way, and for services of another user."""
+    under way, and for processes of another user."""
     if not services(home):
         log(f"nothing is up in {str(home.folder)!r}")
         return
@@ -250,7 +251,16 @@ def _start(
             start_new_session=True,  # a terminal's Ctrl-C is not for it
         )
     created = since_boot(psutil.Process(process.pid))
-    return Service(name, process.pid, created, address, page, health, str(log), environment)
+    facts = address, page, health, str(log), environment
+    return Service(name, process.pid, created, *facts, boot_id())
+
+
+def boot_id() -> str:
+    """Tells this start of the machine from others, on Linux; else empty."""
+    try:
+        return Path("/proc/sys/kernel/random/boot_id").read_text().strip()
+    except OSError:
+        return ""
 
 
 def since_boot(process: psutil.Process) -> float:

@@ -12,6 +12,8 @@ from typing import Self
 
 import bilevel
 
+#: User and password of a URI; a password, which comes after a colon, may hold a slash.
+_USER = re.compile(r"(?<=://)(?:[^/@\s]+|[^/:@\s]*:(?!\d+/)[^@\s]*)@")
 #: A password among the parameters of a database's address.
 _SECRET = re.compile(r"((?:^|[?&;])(?:password|pwd|passwd|odbc_connect)=)[^&;\s]+", re.IGNORECASE)
 
@@ -43,8 +45,7 @@ class Author:
 
 def without_password(text: str) -> str:
     """The text without users and passwords in its URIs, such as those of databases."""
-    hidden = re.sub(r"(?<=://)[^@\s]+@", "***@", text)  # a password may hold a slash
-    return _SECRET.sub(r"\1***", hidden)
+    return _SECRET.sub(r"\1***", _USER.sub("***@", text))
 
 
 def _user() -> str:

@@ -21,7 +21,7 @@ from filelock import FileLock, Timeout
 from pydantic import Field, FiniteFloat, NonNegativeInt, PlainValidator
 
 from bilevel.agents import get_agent
-from bilevel.decode import decode, decode_file
+from bilevel.decode import decode, decode_file, differences
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
 from bilevel.tasks import Task
@@ -78,7 +78,7 @@ class RunIdentity:
         """A sentence if it has run several versions of the code of an agent or a task, else ''."""
         mixed = [f"{len(v)} versions of the {what}" for what, v in self.code.items() if len(v) > 1]
         told = " and ".join(mixed)
-        return f"Run with {told}: results of one may differ from the other's" if mixed else ""
+        return f"Begun and resumed with {told}, whose results may differ" if mixed else ""
 
     @classmethod
     def read(cls, folder: Path) -> "RunIdentity":
@@ -188,22 +188,12 @@ def check_settings(folder: Path, settings: dict[str, Any]) -> None:
 def _unchanged(folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
     before = read_settings(folder)
     now = json.loads(json.dumps({k: v for k, v in settings.items() if k != "code"}))
-    for name, then, value in _differences({name: before.get(name) for name in now}, now):
+    for name, then, value in differences({name: before.get(name) for name in now}, now):
         raise InvalidInput(
             f"{folder.name!r} was begun with {name} = {then}, not {value}: use that value, or "
             "another name"
         )
     return before
-
-
-def _differences(then: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Dotted name and both values, wherever nested settings differ."""
-    if isinstance(then, dict) and isinstance(now, dict):
-        for key in dict.fromkeys([*then, *now]):
-            place = f"{name}.{key}" if name else key
-            yield from _differences(then.get(key), now.get(key), place)
-    elif then != now:
-        yield name, then, now
 
 
 @contextlib.contextmanager

@@ -127,7 +127,7 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path, address: str) -> None:
     file.write_text(documented_agent() + "\n# another version\n")
     resumed = run_bilevel(*joined, "--home", tmp_path / "1")
     assert resumed.returncode == 0, resumed.stderr
-    assert "mixed: Run with 2 versions of the agent 'reinforce'" in resumed.stdout
+    assert "mixed: Begun and resumed with 2 versions of the agent 'reinforce'" in resumed.stdout
 
 
 def test_a_mistake_in_the_users_own_agent_is_one_line(tmp_path: Path, address: str) -> None:

@@ -14,7 +14,8 @@ section each holds the hyperparameters of NES, the SE and every agent.
 
 import json
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, fields
 from importlib.resources import files
 from pathlib import Path
@@ -67,13 +68,24 @@ def load_recipe(
     for key in values:
         if key not in (*known, *names):
             _require_agent(key, (*known, *names), what)
-    return Hyperparameters(
-        nes=NESHyperparameters(**recipe.nes),
-        se=SEHyperparameters(**recipe.se),
-        agents=tuple(_agent(agent, values, what) for agent in names),
-        vary_agent=recipe.vary_agent,
-        recipe=Path(name).stem,
-    )
+    agents_of_it = tuple(_agent(agent, values, what) for agent in names)
+    with _named(what):
+        return Hyperparameters(
+            nes=NESHyperparameters(**recipe.nes),
+            se=SEHyperparameters(**recipe.se),
+            agents=agents_of_it,
+            vary_agent=recipe.vary_agent,
+            recipe=Path(name).stem,
+        )
+
+
+@contextmanager
+def _named(what: str) -> Iterator[None]:
+    """Within the block, messages about wrong values begin with the recipe."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise InvalidInput(f"{what}: {error}") from None
 
 
 def _require_agent(key: str, allowed: Sequence[str], what: str) -> None:
@@ -97,7 +109,8 @@ def _agent(name: str, values: dict[str, Any], what: str) -> AgentHyperparameters
     missing = [spec.name for spec in fields(kind) if spec.name not in given]
     if built_in and missing:
         raise InvalidInput(f"{what}, {name}: {missing[0]!r} is missing")
-    return kind(**given)
+    with _named(what):
+        return kind(**given)
 
 
 def _read(name: str, task_id: str) -> dict[str, Any]:
@@ -116,9 +129,10 @@ def _read(name: str, task_id: str) -> dict[str, Any]:
 
 
 def recipe_text(hp: Hyperparameters, heading: str) -> str:
-    """The file of a recipe with these hyperparameters; `heading` is its first line, a comment."""
+    """The file of a recipe with these hyperparameters; `heading` comes first, as a comment."""
     agents = ", ".join(f'"{agent.agent}"' for agent in hp.agents)
-    lines = [f"# {heading}", "", f"agents = [{agents}]", f'vary_agent = "{hp.vary_agent}"']
+    lines = [f"# {line}" for line in heading.splitlines()]
+    lines += ["", f"agents = [{agents}]", f'vary_agent = "{hp.vary_agent}"']
     for name, section in hp.sections.items():
         # JSON writes strings, numbers and booleans as TOML does.
         lines += ["", f"[{name}]"]

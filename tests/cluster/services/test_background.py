@@ -5,7 +5,7 @@ import subprocess
 import sys
 import threading
 from collections.abc import Iterator
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
 
@@ -14,7 +14,7 @@ import pytest
 
 from bilevel import InvalidInput
 from cluster.services import background
-from cluster.services.background import Service, down, join, since_boot, up
+from cluster.services.background import Service, boot_id, down, join, since_boot, up
 from cluster.services.ports import free_port
 from cluster.storage.home import Home
 
@@ -35,7 +35,7 @@ def test_a_service_that_does_not_answer_is_not_replaced_in_silence(
     monkeypatch.setattr(background, "PATIENCE", 0.0)
     health = f"http://127.0.0.1:{free_port()}/"
     service = Service(
-        "ray", process.pid, since_boot(process), "127.0.0.1:1", health, health, "log", {}
+        "ray", process.pid, since_boot(process), "127.0.0.1:1", health, health, "log", {}, boot_id()
     )
     home = Home(tmp_path)
     (tmp_path / "services.json").write_text(json.dumps([asdict(service)]))
@@ -50,11 +50,12 @@ def test_a_service_that_does_not_answer_is_not_replaced_in_silence(
 def test_a_change_of_the_clock_moves_no_service(
     process: psutil.Process, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    service = Service("ray", process.pid, since_boot(process), "", "", "", "log", {})
+    service = Service("ray", process.pid, since_boot(process), "", "", "", "log", {}, boot_id())
     later = psutil.boot_time() + 3600.0
     for module in ("psutil", "psutil._pslinux"):
         monkeypatch.setattr(f"{module}.boot_time", lambda: later)
     assert service.process is not None
+    assert replace(service, boot="another").process is None
 
 
 def test_a_proxy_is_not_asked_for_a_service_of_this_machine(
@@ -69,7 +70,8 @@ def test_a_proxy_is_not_asked_for_a_service_of_this_machine(
             pass
 
     monkeypatch.setenv("http_proxy", f"http://127.0.0.1:{free_port()}")
-    monkeypatch.delenv("no_proxy", raising=False)
+    for name in ("no_proxy", "NO_PROXY"):
+        monkeypatch.delenv(name, raising=False)
     with HTTPServer(("127.0.0.1", 0), Well) as server:
         thread = threading.Thread(target=server.serve_forever)
         thread.start()

@@ -26,7 +26,9 @@ def author(monkeypatch: pytest.MonkeyPatch, *argv: str) -> Author:
             "mysql://host/runs?user=me&password=***&ssl=1",
         ),
         ("mssql://?odbc_connect=DSN%3Dx%3BPWD%3Dsecret", "mssql://?odbc_connect=***"),
-        ("sqlite:////home/me/runs.db", "sqlite:////home/me/runs.db"),
+        ("sqlite:////home/me@host/runs.db", "sqlite:////home/me@host/runs.db"),
+        ("s3://bucket/a@b", "s3://bucket/a@b"),
+        ("http://host:5000/#/models/SE@best", "http://host:5000/#/models/SE@best"),
     ],
 )
 def test_passwords_are_not_kept(given: str, kept: str, monkeypatch: pytest.MonkeyPatch) -> None:

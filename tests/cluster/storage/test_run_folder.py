@@ -61,8 +61,8 @@ def test_changed_code_is_kept_and_told(tmp_path: Path) -> None:
         return identity.mixture
 
     assert [run("one"), run("one")] == ["", ""]
-    assert run("two").startswith("Run with 2 versions of the agent 'mine'")
-    assert run("one").startswith("Run with 2 versions")
+    assert run("two").startswith("Begun and resumed with 2 versions of the agent 'mine'")
+    assert run("one").startswith("Begun and resumed with 2 versions")
     # Earlier versions of this package stored no digests.
     assert [run(folder=tmp_path / "old"), run("one", folder=tmp_path / "old")] == ["", ""]
     check_settings(tmp_path / "run", {"seed": 1, "code": {"agent 'mine'": ["three"]}})

@@ -54,7 +54,7 @@ def test_a_run_says_that_users_code_has_changed(folder: Path) -> None:
         (folder / "settings.json").write_text(json.dumps(settings))
         views = views_of(folder)
         note = views.view(next(iter(views.keys()))).note
-        assert ("Run with 2 versions of the agent 'mine'" in note) == told
+        assert ("Begun and resumed with 2 versions of the agent 'mine'" in note) == told
 
 
 def test_a_deleted_se_file_is_an_error_of_the_disk(folder: Path) -> None:
