@@ -59,6 +59,14 @@ def test_result_depends_on_the_request_alone(cartpole: Task, small_hp: Hyperpara
         assert replace(one, seconds=0.0) == replace(two, seconds=0.0)
 
 
+@pytest.mark.parametrize("seed", [None, -1, 1.5, "a"])
+def test_a_request_needs_a_seed(seed: Any, cartpole: Task, small_hp: Hyperparameters) -> None:
+    """Without one numpy would draw it, and the result would be another one each time."""
+    request = EvaluationRequest(0, seed, small_hp.agents[0], RealTask())
+    with pytest.raises(InvalidInput, match=rf"a seed is an integer of at least 0; got {seed!r}"):
+        evaluate(cartpole, None, request)
+
+
 def test_what_a_request_asks_for(cartpole: Task, small_hp: Hyperparameters) -> None:
     ses = around(cartpole, small_hp)
     centre, plus, minus = (

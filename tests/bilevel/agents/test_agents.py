@@ -166,6 +166,15 @@ def test_annotations_may_be_strings(tmp_path: Path) -> None:
         replace(hp, hidden_size="3")  # type: ignore[call-arg]
 
 
+def test_a_value_without_a_type_is_refused() -> None:
+    """It would be no field, and neither be varied nor stored."""
+    with pytest.raises(InvalidInput, match=r"Untyped.learning_rate has no type.* Annotated\[float"):
+
+        @hyperparameters
+        class Untyped(AgentHyperparameters):
+            learning_rate = 0.01
+
+
 def test_hyperparameters_that_nothing_checks_are_refused() -> None:
     @dataclass(frozen=True, kw_only=True)
     class Unchecked(AgentHyperparameters):

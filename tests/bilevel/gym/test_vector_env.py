@@ -85,6 +85,10 @@ def test_a_mask_resets_some_copies_and_wrong_numbers_are_refused(path: Path) -> 
             env.step(wrong)
     with pytest.raises(InvalidInput, match="num_envs must be at least 1; got 0"):
         SyntheticVectorEnv(path, num_envs=0)
+    with pytest.raises(InvalidInput, match=r"vectorization_mode=.sync."):
+        gymnasium.make_vec(ENV, num_envs=2, path=path, render_mode="rgb_array")
+    seeded = [env.reset(seed=seed)[0] for seed in (3, np.int64(3))]
+    np.testing.assert_array_equal(*seeded)
 
 
 def test_actions_of_any_kind_and_wrong_ones(path: Path) -> None:

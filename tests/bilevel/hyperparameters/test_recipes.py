@@ -1,5 +1,6 @@
 """Every shipped recipe is complete and matches its name."""
 
+import re
 from importlib.resources import files
 from pathlib import Path
 
@@ -104,6 +105,16 @@ def test_a_file_that_is_no_recipe(content: str, message: str, tmp_path: Path) ->
         load_recipe(str(path), "CartPole-v0")
 
 
+@pytest.mark.parametrize("section", ["nes", "ddqn"])
+def test_a_wrong_value_is_told_with_its_file(section: str, tmp_path: Path) -> None:
+    text = files("bilevel.hyperparameters.recipes").joinpath("default.toml").read_text()
+    name = {"nes": "population_size", "ddqn": "batch_size"}[section]
+    path = tmp_path / "mine.toml"
+    path.write_text(re.sub(rf"^{name} = .*$", f"{name} = 0", text, flags=re.MULTILINE))
+    with pytest.raises(InvalidInput, match=rf"^recipe '.*mine.toml': .* {name} must be int, 1 to"):
+        load_recipe(str(path), "CartPole-v0")
+
+
 def test_an_unknown_recipe() -> None:
     with pytest.raises(InvalidInput, match="unknown recipe 'tuned': allowed are default, paper"):
         load_recipe("tuned", "CartPole-v0")
@@ -115,7 +126,7 @@ def test_an_unknown_recipe() -> None:
 def test_what_is_written_as_a_recipe_is_read_again(name: str, tmp_path: Path) -> None:
     hp = load_recipe(name, "CartPole-v0", ("ddqn", "td3"))
     path = tmp_path / f"{name}.toml"
-    path.write_text(recipe_text(hp, "Written by a test"))
+    path.write_text(recipe_text(hp, "Written by a test,\nnes = in two lines"))
     assert load_recipe(str(path), "Acrobot-v1") == hp
 
 

@@ -352,6 +352,16 @@ class TestResultsThatDoNotBelong:
                 nes.tell(state, wrong)
         nes.tell(state, results[::-1])
 
+    @pytest.mark.parametrize("returns", [(), (float("nan"),), (200.0, float("inf"))])
+    def test_returns_that_are_no_numbers_are_refused(
+        self, returns: tuple[float, ...], cartpole: Task, small: Hyperparameters
+    ) -> None:
+        nes = NES(cartpole, small, 0)
+        state = nes.init()
+        first, *others = answers(nes, state, 20.0)
+        with pytest.raises(InvalidInput, match="the result of request 0 has the test returns"):
+            nes.tell(state, [replace(first, test_returns=returns), *others])
+
     def test_also_in_a_confirmation(self, cartpole: Task, small: Hyperparameters) -> None:
         nes = NES(cartpole, with_nes(small, solved_for=1, confirming_agents=16), 0)
         state = nes.tell(nes.init(), answers(nes, nes.init(), 200.0))

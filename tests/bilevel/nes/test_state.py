@@ -17,6 +17,7 @@ from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import Hyperparameters, SEHyperparameters, load_recipe
 from bilevel.nes import NES, NESState
 from bilevel.nes.checkpoint import _checksum, load_state, save_state
+from bilevel.synthetic_env import save_se
 from bilevel.tasks import Task, get_task
 from tests.results import made_up_result
 
@@ -128,6 +129,28 @@ def test_a_checkpoint_of_another_seed_is_refused(nes: NES, tmp_path: Path) -> No
     with pytest.raises(InvalidInput, match=f"is of a run with seed {nes.seed}, not {other.seed}"):
         other.load(tmp_path / "state")
     assert nes.load(tmp_path / "state").generation == 0
+
+
+def test_a_checkpoint_of_another_run_is_refused(nes: NES, acrobot: Task, tmp_path: Path) -> None:
+    """It is not damaged, and its SE files would tell the wrong hyperparameters. A run may become
+    longer, and have another name."""
+    path = tmp_path / "state"
+    save_state(nes.init(), path)
+    hp = nes.hp
+    others = {
+        "nes.std_dev": replace(nes, hp=replace(hp, nes=replace(hp.nes, std_dev=0.77))),
+        "se.hidden_size": replace(nes, hp=replace(hp, se=replace(hp.se, hidden_size=24))),
+        "task.id": replace(nes, task=acrobot),
+        "task.step_limit": replace(nes, task=replace(nes.task, step_limit=77)),
+    }
+    for name, other in others.items():
+        with pytest.raises(InvalidInput, match=rf"^the checkpoint .* of a run with {name} = "):
+            other.load(path)
+    longer = replace(hp, recipe="mine", nes=replace(hp.nes, generations=999))
+    assert replace(nes, hp=longer).load(path).generation == 0
+    save_se(nes.init().current, path)
+    with pytest.raises(InvalidInput, match="is an SE file, not a checkpoint"):
+        nes.load(path)
 
 
 def test_a_checkpoint_that_cannot_be_read_is_not_damaged(nes: NES, tmp_path: Path) -> None:

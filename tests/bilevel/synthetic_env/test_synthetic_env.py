@@ -48,6 +48,17 @@ def test_torch_module_gives_the_same_outputs(task_id: str, layers: int, activati
         np.testing.assert_allclose([reward, done], [rewards[i], dones[i]], atol=2e-6)
 
 
+def test_equal_ses_are_equal(cartpole: Task) -> None:
+    one, same, other = make_se(cartpole), make_se(cartpole), make_se(cartpole)
+    other.psi[0] += 1
+    assert one.se == same.se
+    assert hash(one.se) == hash(same.se)
+    assert one == same
+    assert one.se != other.se
+    assert one != other
+    assert one.se != one.psi.tolist()
+
+
 class TestFile:
     def test_round_trip(self, se_file: Path, cartpole: Task) -> None:
         before, after = make_se(cartpole), load_se(se_file)

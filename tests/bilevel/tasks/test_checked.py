@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -120,5 +121,10 @@ def test_only_code_of_the_users_own_has_a_digest(
     monkeypatch.syspath_prepend(tmp_path)
     (tmp_path / "registers_nothing.py").write_text("")
     assert get_task(f"registers_nothing:{NAME}").code_digest == digest
+    for number, entry in enumerate((partial(Broken, first=np.ones(2)), lambda **_: Broken())):
+        name = f"Other{number}-v0"
+        gymnasium.register(name, entry, max_episode_steps=10, reward_threshold=-5.0)  # type: ignore[arg-type]
+        assert get_task(name).code_digest == digest
+        gymnasium.registry.pop(name)
     assert get_task("CartPole-v0").code_digest is None
     assert get_task("MountainCar-v0").code_digest is None
