@@ -6,7 +6,7 @@ import hashlib
 import os
 from pathlib import Path
 
-from bilevel.errors import StorageFailure
+from bilevel.errors import InvalidInput, StorageFailure
 
 #: Errors of a disk that is full, read-only, broken, not ours or (if shared) unreachable: writing
 #: other files would fail too.
@@ -46,6 +46,17 @@ def write_aside(path: Path, data: bytes) -> None:
         if error.errno in DISK_ERRORS:
             raise StorageFailure.of(path, error) from None
         raise
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file that a user names, whole or not at all; a link stays a link. Raises InvalidInput
+    if its folder does not exist or the name is a folder's, and StorageFailure if the disk cannot be
+    written."""
+    try:
+        path.parent.resolve(strict=True)
+        write_aside(path.resolve(), content)
+    except OSError as error:
+        raise InvalidInput(f"cannot write {str(path)!r}: {error.strerror or error}") from None
 
 
 def sync(path: Path) -> None:

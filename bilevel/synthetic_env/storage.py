@@ -19,7 +19,7 @@ from pydantic import Field, FiniteFloat
 from safetensors import SafetensorError, safe_open
 
 from bilevel.decode import decode, decode_json
-from bilevel.durable import checksum, write_aside
+from bilevel.durable import checksum, write_file
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.kernels.synthetic_env import DONE
@@ -83,13 +83,15 @@ class StoredSE:
 def save_se(se: StoredSE, path: Path | str) -> None:
     """Write an SE file; an existing file is replaced atomically.
 
-    Raises StorageFailure if the disk is full or cannot be written.
+    Raises InvalidInput if the folder does not exist, or `info` holds what JSON cannot, and
+    StorageFailure if the disk is full or cannot be written.
     """
-    write_aside(Path(path), se_bytes(se))
+    write_file(Path(path), se_bytes(se))
 
 
 def se_bytes(se: StoredSE) -> bytes:
-    """The content of an SE file; equal SEs give equal bytes."""
+    """The content of an SE file; equal SEs give equal bytes. Raises InvalidInput for `info` that
+    JSON cannot hold."""
     header: dict[str, Any] = {
         "format": FORMAT,
         "version": FORMAT_VERSION,
@@ -100,7 +102,11 @@ def se_bytes(se: StoredSE) -> bytes:
         "reading": _reading(se.architecture),
         "info": se.info,
     }
-    header["sha256"] = checksum(json.dumps(header).encode(), se.psi.tobytes())
+    try:
+        text = json.dumps(header)
+    except TypeError as error:
+        raise InvalidInput(f"the info of an SE must be plain values: {error}") from None
+    header["sha256"] = checksum(text.encode(), se.psi.tobytes())
     # A single entry, because safetensors writes several in random order.
     metadata = {"se": json.dumps(header)}
     return bytes(safetensors.numpy.save(_tensors(se.architecture, se.psi), metadata))

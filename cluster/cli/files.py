@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
+from bilevel.durable import write_file
 from bilevel.errors import InvalidInput
-from cluster.cli.places import write_file
 from cluster.cli.ses import GivenSE, SEAddress, mlflow_options
 
 if TYPE_CHECKING:

@@ -1,5 +1,4 @@
-"""Where a command works: the options of home, MLflow and Ray cluster, what they come to, and files
-that it writes elsewhere."""
+"""Where a command works: the options of home, MLflow and Ray cluster, and what they come to."""
 
 import os
 from pathlib import Path
@@ -7,8 +6,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from bilevel.durable import write_aside
-from bilevel.errors import InvalidInput
 from cluster.cli.parameters import Folder
 from cluster.storage.home import DEFAULT_HOME, Home
 
@@ -69,13 +66,3 @@ def the_context(home: Path, tracking_uri: str | None, address: str | None) -> "R
     from cluster.session.context import RunContext
 
     return RunContext(in_home, uri, cluster)
-
-
-def write_file(path: Path, content: bytes) -> None:
-    """Write a file that the command line names, whole or not at all. Raises InvalidInput if its
-    folder does not exist, or cannot be written."""
-    try:
-        path.parent.resolve(strict=True)
-        write_aside(path.resolve(), content)  # a link stays a link
-    except OSError as error:
-        raise InvalidInput(f"cannot write {str(path)!r}: {error.strerror or error}") from None

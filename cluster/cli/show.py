@@ -5,8 +5,8 @@ from pathlib import Path
 
 import click
 
+from bilevel.durable import write_file
 from bilevel.errors import InvalidInput
-from cluster.cli.places import write_file
 from cluster.cli.ses import GivenSE, SEAddress, load_se_of, mlflow_options, task_option
 
 #: Formats of pictures by the file's ending.

@@ -3,7 +3,8 @@ from pathlib import Path
 
 import pytest
 
-from bilevel.durable import checksum, write_aside
+from bilevel.durable import checksum, write_aside, write_file
+from bilevel.errors import InvalidInput
 from tests.small_disk import on_small_disk, small_disks
 
 
@@ -45,6 +46,18 @@ def test_a_path_in_the_way_is_no_failure_of_the_disk(tmp_path: Path) -> None:
     with pytest.raises(IsADirectoryError):
         write_aside(tmp_path / "folder", b"")
     assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "folder"]
+
+
+def test_a_file_that_a_user_names(tmp_path: Path) -> None:
+    """A mistyped folder is told, not made; a link stays one."""
+    for wrong in (tmp_path / "none" / "file", tmp_path):
+        with pytest.raises(InvalidInput, match=r"cannot write .*: (No such file|Is a directory)"):
+            write_file(wrong, b"new")
+    (tmp_path / "link").symlink_to(tmp_path / "file")
+    write_file(tmp_path / "link", b"new")
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "file").read_bytes() == b"new"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "link"]
 
 
 def test_checksum_tells_where_a_part_ends() -> None:

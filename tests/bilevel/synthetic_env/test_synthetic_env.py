@@ -110,6 +110,12 @@ class TestFile:
         assert tensors["next_state.0.weight"].shape == (12, 6)
         assert tensors["done.1.bias"].shape == (1,)
 
+    def test_info_that_json_cannot_hold_is_told(self, cartpole: Task, tmp_path: Path) -> None:
+        se = replace(make_se(cartpole), info={"score": np.float32(1.0)})
+        with pytest.raises(InvalidInput, match=r"info of an SE must be plain values: .*float32"):
+            save_se(se, tmp_path / "se.safetensors")
+        assert not list(tmp_path.iterdir())
+
     def test_missing(self, tmp_path: Path) -> None:
         with pytest.raises(InvalidInput, match="no SE file"):
             load_se(tmp_path / "none.safetensors")
