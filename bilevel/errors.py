@@ -41,6 +41,12 @@ def first_line(error: BaseException) -> str:
     return lines[0] if lines else type(error).__name__
 
 
+def require(kind: type, value: object, what: str, how: str) -> None:
+    """Raise InvalidInput unless the value is of that kind; `how` tells where one comes from."""
+    if not isinstance(value, kind):
+        raise InvalidInput(f"{what} must be a {kind.__name__}, {how}; got {value!r:.60}")
+
+
 def one_of(what: str, value: object, allowed: Iterable[object]) -> InvalidInput:
     """The error for a `value` of the kind `what` that is not among the allowed ones."""
     names = ", ".join(str(name) for name in allowed)

@@ -22,7 +22,7 @@ from bilevel.agents.environments import GymnasiumEnvironment, KernelEnvironment
 from bilevel.agents.training import TrainingEnvironment, returns_converged, task_solved
 from bilevel.agents.training import train as train_in_python
 from bilevel.cost import estimated_core_seconds
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, require
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.kernels import training
 from bilevel.kernels.environment import Environment, environment
@@ -137,6 +137,7 @@ def evaluate(task: Task, se: SESource, request: EvaluationRequest) -> Evaluation
     least 0, and for an SE of a task with other sizes.
     """
     started = time.perf_counter()
+    require(Task, task, "the task of an evaluation", "as bilevel.get_task returns it")
     seed = checked_seed(request.seed)
     outcome = train_and_test(task, requested_se(se, request.on), request.agent, seed)
     seconds = time.perf_counter() - started

@@ -24,7 +24,7 @@ from typing import Any
 
 import numpy as np
 
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, require
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, scores_of
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes.archive import Finalist, admitted
@@ -54,8 +54,8 @@ class NES:
             results = [evaluate(task, state.se, request) for request in nes.ask(state)]
             state = nes.tell(state, results)
 
-    Raises InvalidInput for a negative seed, and for hyperparameters that do not fit together, or
-    not the task.
+    Raises InvalidInput for values of other kinds, a negative seed, and hyperparameters that do not
+    fit together, or not the task.
     """
 
     task: Task
@@ -63,6 +63,8 @@ class NES:
     seed: int = 0
 
     def __post_init__(self) -> None:
+        require(Task, self.task, "the task of NES", "as bilevel.get_task returns it")
+        require(Hyperparameters, self.hp, "a recipe of NES", "as bilevel.load_recipe returns it")
         object.__setattr__(self, "seed", checked_seed(self.seed))
         if self.rule.needs_pairs and not self.hp.nes.mirrored_sampling:
             raise InvalidInput(

@@ -61,10 +61,12 @@ def _executor(
 ) -> AbstractContextManager[Executor | None]:
     """The executor of the evaluations as a context that closes it, unless it was `given`; None
     means this process. Raises InvalidInput for fewer than one worker."""
+    if isinstance(given, type):
+        raise InvalidInput(f"executor must be one of {given.__name__}, not the class: call it")
     if given is not None:
         return nullcontext(given)
-    if workers < 1:
-        raise InvalidInput(f"workers must be at least 1; got {workers}")
+    if not isinstance(workers, int) or workers < 1:
+        raise InvalidInput(f"workers must be an integer of at least 1; got {workers!r}")
     if workers == 1:
         return nullcontext(None)
     # loky's processes do not import the caller's script, which then needs no main guard. They are

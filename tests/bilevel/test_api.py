@@ -5,6 +5,7 @@ import sys
 from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -164,6 +165,25 @@ def test_every_public_name_is_there() -> None:
         _ = bilevel.nonsense
 
 
-def test_no_worker_is_too_few() -> None:
-    with pytest.raises(bilevel.InvalidInput, match="workers must be at least 1; got 0"):
-        bilevel.learn("CartPole-v0", workers=0)
+@pytest.mark.parametrize("workers", [0, 1.5, "2", None])
+def test_no_worker_is_too_few(workers: Any) -> None:
+    told = rf"workers must be an integer of at least 1; got {workers!r}"
+    with pytest.raises(bilevel.InvalidInput, match=told):
+        bilevel.learn("CartPole-v0", workers=workers)
+
+
+def test_values_of_another_kind_are_told() -> None:
+    """By names that the commands take, and the Python functions do not."""
+    name: Any = "CartPole-v0"
+    task = bilevel.get_task(name)
+    hp = small(name)
+    request = bilevel.NES(task, hp).ask(bilevel.NES(task, hp).init())[0]
+    with pytest.raises(bilevel.InvalidInput, match=r"must be a Task, as .*get_task.*; got 'CartPo"):
+        bilevel.NES(name, hp)
+    with pytest.raises(bilevel.InvalidInput, match=r"must be a Hyperparameters, as .*load_recipe"):
+        bilevel.NES(task, name)
+    with pytest.raises(bilevel.InvalidInput, match=r"task of an evaluation must be a Task"):
+        bilevel.evaluate(name, None, request)
+    executor: Any = ThreadPoolExecutor
+    with pytest.raises(bilevel.InvalidInput, match=r"ThreadPoolExecutor, not the class: call it"):
+        bilevel.learn(task, hp, executor=executor)
