@@ -49,16 +49,21 @@ def p_value(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     return float(result.pvalue)
 
 
+def _compared() -> list[tuple[str, dict[str, Any]]]:
+    """The rows of each task whose searches have been compared. Raises NotMeasured without any."""
+    found = []
+    for task in studies.TASKS:
+        with suppress(NotMeasured):
+            found.append((task, read_result(f"search_{task}")["rows"]))
+    if not found:
+        raise NotMeasured("`benchmarks/results/search_*.json`")
+    return found
+
+
 def largest_budget() -> str:
     """How the configurations did that each method gave the largest budget: whether rungs choose
     better ones than chance, and a model better ones than rungs alone. Of seeds that all methods
     have searched. Raises NotMeasured."""
-    rows: list[tuple[str, ...]] = []
-    for task in studies.TASKS:
-        with suppress(NotMeasured):
-            rows += _largest_budget(task, read_result(f"search_{task}")["rows"])
-    if not rows:
-        raise NotMeasured("`benchmarks/results/search_*.json`")
     head = [
         "task",
         "method",
@@ -68,7 +73,7 @@ def largest_budget() -> str:
         "p against the row above",
         "of those proposed by the model",
     ]
-    return table(head, rows)
+    return table(head, [row for task, rows in _compared() for row in _largest_budget(task, rows)])
 
 
 def _largest_budget(task: str, measured: Mapping[str, Any]) -> list[tuple[str, ...]]:
@@ -109,12 +114,6 @@ def _largest_budget(task: str, measured: Mapping[str, Any]) -> list[tuple[str, .
 def incumbents() -> str:
     """What the validation of a search tells of its incumbent: the objective there beside that over
     the fresh runs. Raises NotMeasured."""
-    rows: list[tuple[str, ...]] = []
-    for task in studies.TASKS:
-        with suppress(NotMeasured):
-            rows += _incumbents(task, read_result(f"search_{task}")["rows"])
-    if not rows:
-        raise NotMeasured("`benchmarks/results/search_*.json`")
     head = [
         "task",
         "incumbents",
@@ -123,7 +122,7 @@ def incumbents() -> str:
         "p",
         "standard deviation of a fresh run over its mean",
     ]
-    return table(head, rows)
+    return table(head, [row for task, rows in _compared() for row in _incumbents(task, rows)])
 
 
 def _incumbents(task: str, measured: dict[str, Any]) -> list[tuple[str, ...]]:

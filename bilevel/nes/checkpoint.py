@@ -144,8 +144,8 @@ def _require_run(header: "_Header", task: Task, provenance: Mapping[str, Any], w
         raise _OtherRun(f"{what} is of a run with seed {header.seed}, not {seed}")
     now = json.loads(json.dumps(_made_by(task, provenance)))
     both = header.run.keys() & now.keys()
-    before, now = ({name: run[name] for name in now if name in both} for run in (header.run, now))
-    for name, then, value in differences(before, now):
+    told, asked = ({name: run[name] for name in both} for run in (header.run, now))
+    for name, then, value in differences(told, asked):
         raise _OtherRun(f"{what} is of a run with {name} = {then}, not {value}")
 
 

@@ -196,7 +196,7 @@ class _Header:
 
 
 def _reading(architecture: Architecture) -> dict[str, Any]:
-    """What a reader must know beside the architecture; it is the same in all files."""
+    """What a reader must know beside the architecture, from which it follows."""
     return {
         "inputs": "one-hot action, then state",
         "slope": architecture.slope,

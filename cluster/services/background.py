@@ -12,7 +12,7 @@ import sys
 import time
 import urllib.error
 import urllib.request
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -118,33 +118,31 @@ def up(
     another `up` or `down` is under way; then what this call started has ended again.
     """
     home.prepare()
-    with _alone(home):
-        _up(home, host, ray_port, dashboard_port, mlflow_port, log)
-
-
-def _up(
-    home: Home,
-    host: str,
-    ray_port: int,
-    dashboard_port: int,
-    mlflow_port: int,
-    log: Callable[[str], None],
-) -> None:
     ports = {"ray": (ray_port, dashboard_port), "mlflow": (mlflow_port,)}
     starts: dict[str, Callable[[], Service]] = {
         "ray": lambda: _start_ray(home, host, ray_port, dashboard_port),
         "mlflow": lambda: _start_mlflow(home, host, mlflow_port),
     }
-    known = [service for service in services(home) if service.process is not None]
-    for service in known:
-        log(f"{service.name} is up already: {service.page}")
-        starts.pop(service.name, None)
-    database = home.database
-    if "mlflow" in starts and database.exists():
-        experiments(database)
-    for name in starts:
-        for port in ports[name]:
-            require_free(host, port)
+    with _alone(home):
+        known = [service for service in services(home) if service.process is not None]
+        for service in known:
+            log(f"{service.name} is up already: {service.page}")
+            starts.pop(service.name, None)
+        if "mlflow" in starts and home.database.exists():
+            experiments(home.database)  # raises for one that is damaged
+        for name in starts:
+            for port in ports[name]:
+                require_free(host, port)
+        _start_all(home, starts, known, log)
+
+
+def _start_all(
+    home: Home,
+    starts: Mapping[str, Callable[[], Service]],
+    known: Sequence[Service],
+    log: Callable[[str], None],
+) -> None:
+    """Start services beside those that are `known`; all of them, or none stays."""
     started: list[Service] = []
     try:
         for name, start in starts.items():

@@ -3,8 +3,10 @@
 The code of docs/agents.md, se-files.md and zoo.md is run where what it shows is tested.
 """
 
+import json
 import os
 import re
+import statistics
 import subprocess
 import sys
 from dataclasses import replace
@@ -12,6 +14,7 @@ from pathlib import Path
 
 import pytest
 
+from benchmarks.machine import read_result
 from bilevel.hyperparameters import load_recipe, recipe_text
 from tests.commands import BILEVEL, run_bilevel
 from tests.documents import ROOT, python_blocks
@@ -60,6 +63,22 @@ def told_by(script: str, folder: Path) -> str:
     run = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False, env=env)
     assert run.returncode == 0, run.stderr
     return run.stdout
+
+
+@pytest.mark.parametrize(("task", "name"), [("CartPole-v0", "CartPole"), ("Acrobot-v1", "Acrobot")])
+def test_what_an_se_costs_follows_from_the_results(task: str, name: str) -> None:
+    """The real steps of the seeds that no choice was made on, over those of an agent."""
+    runs = read_result(f"nes_seeds_{task}")["runs"]
+    steps = statistics.median(run["real_env_steps"] for run in runs)
+    folder = ROOT / "benchmarks" / "experiments" / task / "experiment-cost-seed0"
+    median = json.loads((folder / "findings.json").read_text())["summary"][0]
+    an_agent = median["real_steps_to_make_it"] / median["paid_back_in_real_steps_after_agents"]
+    agents = f"{steps / an_agent:.0f}"
+    assert f"{steps / 1e6:.1f}" == "0.9"
+    readme = " ".join((ROOT / "README.md").read_text().split())
+    assert "0.9 million steps on the real task in the median" in readme
+    assert re.search(rf"{agents}( agents)? on {name}\b", readme)
+    assert f"after {agents} " in (ROOT / "docs" / "experiments.md").read_text()
 
 
 def test_the_page_on_recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
