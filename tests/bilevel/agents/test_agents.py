@@ -15,7 +15,7 @@ from bilevel import InvalidInput
 from bilevel.agents import agent as registry
 from bilevel.agents import get_agent, register_agent, registered_agents
 from bilevel.agents.variation import draw_agent
-from bilevel.evaluation import train_and_test
+from bilevel.evaluation import environment_in_python, train_and_test
 from bilevel.hyperparameters import (
     AgentHyperparameters,
     DDQNHyperparameters,
@@ -164,6 +164,24 @@ def test_annotations_may_be_strings(tmp_path: Path) -> None:
     assert replace(hp, hidden_size=3) != hp  # type: ignore[call-arg]
     with pytest.raises(InvalidInput, match="Reinforce hidden_size must be int, 1 to 4096"):
         replace(hp, hidden_size="3")  # type: ignore[call-arg]
+
+
+@pytest.mark.parametrize("on_se", [True, False])
+def test_an_agent_that_changes_its_state_does_not_change_the_environment(
+    on_se: bool, se: SE, cartpole: Task
+) -> None:
+    seen = []
+    for factor in (1.0, 0.5):
+        with environment_in_python(cartpole, se if on_se else None, 3, 0) as env:
+            rewards, states = [], [env.reset(0)]
+            for _ in range(4):
+                states[-1] *= factor
+                state, reward, _, _ = env.step(1)
+                states.append(state)
+                rewards.append(reward)
+        seen.append((rewards, states[-1]))
+    assert seen[0][0] == seen[1][0]
+    np.testing.assert_array_equal(seen[0][1], seen[1][1])
 
 
 def test_a_value_without_a_type_is_refused() -> None:
