@@ -169,7 +169,8 @@ class RunOptions:
         values: dict[str, Any] = {}
         for name, value in [*own, *self.settings]:
             if name in values:
-                raise InvalidInput(f"{name} is given twice, as {values[name]} and as {value}")
+                told = f"{name} is given twice, as {values[name]} and as {value}: give one"
+                raise InvalidInput(told)
             values[name] = value
         return to_hyperparameters(hp, values)
 
