@@ -21,7 +21,7 @@ from search_spaces.translation import to_hyperparameters
 if TYPE_CHECKING:
     from ConfigSpace import ConfigurationSpace
 
-#: Configurations of a space from a file that are tried before it is used.
+#: Configurations of a space that are tried before it is used.
 _TRIED = 256
 
 #: What ConfigSpace and YAML raise for content that is no space.
@@ -123,12 +123,11 @@ class Space:
         reserved: Sequence[str] = (),
         fits: Callable[[Hyperparameters], object] = lambda hp: None,
     ) -> None:
-        """Raise InvalidInput, for a space from a file, if it sets a hyperparameter that `base` does
-        not have, one that is `reserved`, one twice, values that are not allowed, or a combination
-        that `fits` does not accept."""
-        if self.content is None:
-            return
-        space, what = self.build(), f"search space {self.name!r}"
+        """Raise InvalidInput if the space sets a hyperparameter that `base` does not have, one that
+        is `reserved`, one twice, values that are not allowed beside those of `base`, or a
+        combination that `fits` does not accept."""
+        agents = tuple(hp.agent for hp in base.agents)
+        space, what = self.build(agents), f"search space {self.name!r}"
         taken = sorted(set(reserved) & set(space))
         if taken:
             raise InvalidInput(f"{what}: {taken[0]} is set by the search itself")

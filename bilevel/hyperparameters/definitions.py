@@ -127,6 +127,8 @@ class Hyperparameters:
         names = [hp.agent for hp in self.agents]
         if not names or len(set(names)) < len(names):
             raise InvalidInput(f"agents must be one or more, each once; got {names}")
+        for agent in self.agents:
+            self._check_episodes(agent)
         if self.nes.start == "distilled" and self.se.structure != "plain":
             raise InvalidInput(
                 "NES start 'distilled' needs the SE structure 'plain' (as in --recipe distilled); "
@@ -136,6 +138,17 @@ class Hyperparameters:
             raise InvalidInput(
                 "NES restart_after must be 0 with the start 'distilled', which a restart would "
                 f"replace by a random one; got {self.nes.restart_after}"
+            )
+
+    def _check_episodes(self, agent: AgentHyperparameters) -> None:
+        """Refuse training that would end before the agent's first gradient step."""
+        most, named = agent.max_episodes, f"{agent.agent}.max_episodes"
+        if 0 < self.nes.patient_episodes < most:
+            most, named = self.nes.patient_episodes, "nes.patient_episodes"
+        if agent.init_episodes >= most:
+            raise InvalidInput(
+                f"{agent.agent}.init_episodes must be below {named}, {most}, or agents never "
+                f"learn; got {agent.init_episodes}"
             )
 
     @property

@@ -18,7 +18,8 @@ import numpy as np
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, Initialized, scores_of
 from bilevel.hyperparameters import AgentHyperparameters
 
-#: Training episodes of an agent in the choice, at most.
+#: Training episodes of an agent in the choice, at most; twice its `init_episodes`, in which it does
+#: not learn, if these are more.
 EPISODES = 40
 
 #: Per round: agents trained on each candidate, and the share of all candidates that take part.
@@ -67,10 +68,7 @@ class StartRace:
         self, trials: Sequence[tuple[int, AgentHyperparameters]]
     ) -> list[EvaluationRequest]:
         """Requests of this round: every candidate with each of the trials (seed, agent)."""
-        brief = [
-            (trial, replace(agent, max_episodes=min(agent.max_episodes, EPISODES)))
-            for trial, agent in trials
-        ]
+        brief = [(trial, _brief(agent)) for trial, agent in trials]
         pairs = [(seed, *trial) for seed in self.seeds for trial in brief]
         return [
             EvaluationRequest(index, trial, agent, Initialized(seed))
@@ -82,3 +80,9 @@ class StartRace:
         scores = scores_of(results).reshape(len(self.seeds), -1)
         order = np.argsort(-scores.mean(axis=1), kind="stable")[: self._size(self.round + 1)]
         return replace(self, seeds=tuple(self.seeds[i] for i in order), round=self.round + 1)
+
+
+def _brief(agent: AgentHyperparameters) -> AgentHyperparameters:
+    """The agent as it trains in the choice."""
+    episodes = max(EPISODES, 2 * agent.init_episodes)
+    return replace(agent, max_episodes=min(agent.max_episodes, episodes))

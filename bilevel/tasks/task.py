@@ -171,19 +171,22 @@ BUILT_IN_TASKS = {
 
 
 def get_task(
-    task_id: str, solved_reward: float | None = None, step_limit: int | None = None
+    task_id: str,
+    solved_reward: float | None = None,
+    step_limit: int | None = None,
+    worst_score: float | None = None,
 ) -> Task:
     """The task of that name: a built-in one, or any suitable gymnasium id.
 
-    `solved_reward` and `step_limit` replace the values of the environment's spec. The worst score
-    is assumed to be 0 if the solved reward is positive, else -1 per step, or twice the solved
-    reward where that is not below it.
+    `solved_reward` and `step_limit` replace the values of the environment's spec. The worst score,
+    if it is not given, is assumed to be 0 if the solved reward is positive, else -1 per step, or
+    twice the solved reward where that is not below it.
 
-    Raises InvalidInput for an unknown id, unsuitable spaces, or if neither arguments nor spec give
-    the solved reward and the step limit.
+    Raises InvalidInput for an unknown id, unsuitable spaces, a worst score that is not below the
+    solved reward, or if neither arguments nor spec give the solved reward and the step limit.
     """
     built_in = BUILT_IN_TASKS.get(task_id)
-    if built_in is not None and solved_reward is None and step_limit is None:
+    if built_in is not None and (solved_reward, step_limit, worst_score) == (None, None, None):
         return built_in
     env, spec = _inspect(task_id)
     env.close()
@@ -212,14 +215,21 @@ def get_task(
         raise InvalidInput(
             f"{task_id}: step limit (--step-limit) must be 1 to {MAX_STEP_LIMIT}; got {limit}"
         )
-    worst = 0.0 if solved > 0 else -float(limit)
+    if worst_score is None:
+        worst_score = 0.0 if solved > 0 else -float(limit)
+        worst_score = worst_score if worst_score < solved else 2 * float(solved)
+    elif not -math.inf < worst_score < solved:
+        raise InvalidInput(
+            f"{task_id}: worst score (--worst-score) must be finite and below the solved reward, "
+            f"{solved:g}; got {worst_score:g}"
+        )
     return Task(
         task_id,
         observations.shape[0],
         int(actions.n),
         int(limit),
         float(solved),
-        worst if worst < solved else 2 * float(solved),
+        float(worst_score),
         built_in.dynamics if built_in else dynamics.OBSERVED,
     )
 

@@ -101,6 +101,12 @@ def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
             type=WholeNumber(min=1),
             help="NES members per generation, n_p (default: the recipe's).",
         ),
+        click.option(
+            "--worst-score",
+            type=float,
+            help="About the lowest mean return of the task, from which a search measures progress "
+            "(default: the task's).",
+        ),
     ]
     function = common_options(function)
     for option in reversed(options):
@@ -110,7 +116,7 @@ def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Values of the common options; `population` and below only exist for `nes` and `bohb`."""
+    """Values of the common options; those with a default only exist for `nes` and `bohb`."""
 
     task: str
     seed: int
@@ -121,6 +127,7 @@ class RunOptions:
     home: Path
     solved_reward: float | None
     step_limit: int | None
+    worst_score: float | None = None
     population: int | None = None
     recipe: str | None = None
     settings: tuple[tuple[str, Any], ...] = ()
@@ -129,7 +136,7 @@ class RunOptions:
     def the_task(self) -> Task:
         from bilevel.tasks import get_task
 
-        task = get_task(self.task, self.solved_reward, self.step_limit)
+        task = get_task(self.task, self.solved_reward, self.step_limit, self.worst_score)
         task.try_out()
         return task
 

@@ -24,7 +24,7 @@ def small(task_id: str) -> Hyperparameters:
         start_candidates=4,
         population_size=2,
         centre_agents=2,
-        patient_episodes=2,
+        patient_episodes=11,
         generations=2,
     )
     return replace(hp, agents=(agent,), nes=few)
@@ -85,7 +85,7 @@ def test_a_script_needs_no_main_guard(tmp_path: Path) -> None:
         "import bilevel\n"
         "hp = bilevel.load_recipe('default', 'CartPole-v0')\n"
         "few = replace(hp.nes, start_candidates=1, population_size=1, centre_agents=1,\n"
-        "    patient_episodes=2, generations=1)\n"
+        "    patient_episodes=11, generations=1)\n"
         "agent = replace(hp.agents[0], max_episodes=11)\n"
         "hp = replace(hp, nes=few, agents=(agent,))\n"
         "print(bilevel.learn('CartPole-v0', hp, workers=2).task_id)\n"

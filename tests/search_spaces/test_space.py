@@ -1,5 +1,6 @@
 """Search spaces of a user's own, from files."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import ConfigSpace as CS
@@ -69,6 +70,16 @@ def test_combinations_that_do_not_fit_are_told_with_the_space(tmp_path: Path) ->
     space.check(BASE)
     with pytest.raises(InvalidInput, match=r"^search space 'mine': SE structure .* tanh"):
         space.check(BASE, fits=lambda hp: NES(task, hp))
+
+
+def test_a_space_of_the_package_may_not_fit_the_recipe() -> None:
+    full, hp = Space.of("full"), load_recipe("paper", "CartPole-v0", agents=("ddqn", "td3"))
+    full.check(hp)
+    short = tuple(replace(agent, max_episodes=21) for agent in hp.agents)
+    full.check(replace(hp, agents=short))
+    short = (short[0], replace(short[1], max_episodes=20))
+    with pytest.raises(InvalidInput, match=r"'full': td3\.init_episodes must be below td3\."):
+        full.check(replace(hp, agents=short))
 
 
 def test_a_hyperparameter_may_not_be_set_twice(tmp_path: Path) -> None:

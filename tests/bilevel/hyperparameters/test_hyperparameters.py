@@ -86,6 +86,19 @@ def test_the_cost_of_a_step_counts_every_hidden_layer(name: str, layers: int) ->
     assert agent.step_cost == counted
 
 
+def test_agents_train_beyond_their_first_episodes() -> None:
+    """They do not learn in `init_episodes`."""
+    hp = load_recipe("default", "CartPole-v0", agents=("ddqn", "td3"))
+    ddqn, td3 = hp.agents
+    replace(hp, agents=(ddqn, replace(td3, init_episodes=19, max_episodes=20)))
+    with pytest.raises(InvalidInput, match=r"td3\.init_episodes must be below td3\.m.*, 20, or"):
+        replace(hp, agents=(ddqn, replace(td3, init_episodes=20, max_episodes=20)))
+    for patient in (0, ddqn.init_episodes + 1):
+        replace(hp, nes=replace(hp.nes, patient_episodes=patient))
+    with pytest.raises(InvalidInput, match=r"ddqn\.init_episodes must be below nes\.patient"):
+        replace(hp, nes=replace(hp.nes, patient_episodes=ddqn.init_episodes))
+
+
 def test_a_distilled_start_is_not_replaced_by_a_random_one() -> None:
     hp = load_recipe("distilled", "CartPole-v0")
     with pytest.raises(InvalidInput, match="restart_after must be 0 with the start 'distilled'"):

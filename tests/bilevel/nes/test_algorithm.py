@@ -103,8 +103,11 @@ class TestAsk:
 
 class TestStart:
     def test_agents_that_choose_train_briefly(self, cartpole: Task, small: Hyperparameters) -> None:
-        for longest, expected in ((150, EPISODES), (13, 13)):
-            agents = tuple(replace(agent, max_episodes=longest) for agent in small.agents)
+        """But always beyond the episodes in which they do not learn."""
+        cases = ((1, 150, EPISODES), (1, 13, 13), (EPISODES, 150, 2 * EPISODES), (40, 41, 41))
+        for init, longest, expected in cases:
+            lengths = {"init_episodes": init, "max_episodes": longest}
+            agents = tuple(replace(agent, **lengths) for agent in small.agents)
             nes = NES(cartpole, replace(with_nes(small, start_candidates=3), agents=agents), 1)
             trained = {request.agent.max_episodes for request in nes.ask(nes.init())}
             assert trained == {expected}

@@ -8,7 +8,7 @@ import pytest
 from bilevel import InvalidInput
 from bilevel.evaluation import greedy_episodes, train_and_test
 from bilevel.hyperparameters import load_recipe
-from bilevel.tasks import Task, get_task
+from bilevel.tasks import BUILT_IN_TASKS, Task, get_task
 
 
 def test_papers_fixed_values() -> None:
@@ -47,7 +47,15 @@ def test_the_worst_score_is_below_the_solved_one(solved: float, worst: float) ->
     assert get_task("MountainCar-v0", solved_reward=solved).worst_score == worst
 
 
+@pytest.mark.parametrize("worst", [-110.0, 0.0, -np.inf, np.nan])
+def test_a_worst_score_that_is_none(worst: float) -> None:
+    with pytest.raises(InvalidInput, match=r"--worst-score.* below the solved reward, -110; got"):
+        get_task("MountainCar-v0", worst_score=worst)
+
+
 def test_given_values_come_first() -> None:
+    cartpole = BUILT_IN_TASKS["CartPole-v0"]
+    assert get_task("CartPole-v0", worst_score=8.5) == replace(cartpole, worst_score=8.5)
     task = get_task("CartPole-v1", solved_reward=150.0, step_limit=70)
     assert (task.solved_reward, task.step_limit) == (150.0, 70)
     lengths = [len(episode) for episode in greedy_episodes(task, lambda state: 0, 3, seed=1)]

@@ -53,6 +53,8 @@ def test_what_is_counted(state: NESState) -> None:
     assert state.task.worst_score == 0.0
     assert found == Tally(3 * state.cost, 3, 1, found.progress)
     assert found.progress == pytest.approx(0.5)
+    low = replace(half, task=replace(state.task, worst_score=-3 * state.task.solved_reward))
+    assert Tally.of([low]).progress == pytest.approx(3.5 / 4)
     assert Tally.of([confirmed, over]).progress == 0.0
     assert Tally.of([scored(state, 500.0)]).progress == 1.0
     assert Tally.of([]).objective == 0.0

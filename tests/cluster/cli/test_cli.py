@@ -198,6 +198,14 @@ def test_help(command: list[str], tmp_path: Path) -> None:
             "the recipe 'distilled' has plain SEs and the rule antithetic",
         ),
         (["bohb", "CartPole-v0", "--space", "x.json"], "cannot read the search space 'x.json': No"),
+        (
+            ["bohb", "CartPole-v0", "--worst-score", "200"],
+            "worst score (--worst-score) must be finite and below the solved reward, 195; got 200",
+        ),
+        (
+            ["nes", "CartPole-v0", "--set", "ddqn.init_episodes=150"],
+            "ddqn.init_episodes must be below nes.patient_episodes, ",
+        ),
         (["nes", "CartPole-v0", "--seed", "one"], "'--seed': 'one' is not a whole number"),
         (["nes", "CartPole-v0", "--seed", "0.5"], "allowed are 0 or more"),
         (["ui", "--port", "http"], "'http' is not a whole number: allowed are 1 to 65535"),
