@@ -6,8 +6,12 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 from bilevel.decode import decode_json
-from cluster.experiments.table import Row, Value, shown
+from cluster.experiments.conditions import title_of
+from cluster.experiments.table import Row, Value, heading, shown
 from cluster.session.terminal import count
+
+#: Columns of a summary that say how its SEs were learned.
+CONDITION = ("source", "condition")
 
 #: SEs that the authors picked for their best result of TD3.
 PICKED = 5
@@ -35,12 +39,17 @@ def authors_figures() -> tuple[AuthorsFigure, ...]:
     return decode_json(tuple[AuthorsFigure, ...], text, "authors.json")
 
 
-#: Columns of a summary that say how its SEs were learned.
-_SETTING = ("source", "condition")
+def authors_figure(
+    task_id: str, experiment: str, row: Mapping[str, str], what: str
+) -> AuthorsFigure | None:
+    """Their figure of that column and row; None if there is none."""
+    wanted = (task_id, experiment, row, what)
+    found = (f for f in authors_figures() if (f.task, f.experiment, f.row, f.what) == wanted)
+    return next(found, None)
 
 
 def comparison(task_id: str, summaries: Mapping[str, Sequence[Row]]) -> list[Row]:
-    """Their figures on a task beside ours: in the same setting, and with our default recipe.
+    """Their figures on a task beside ours: in the same condition, and with our default recipe.
 
     `summaries` are those of the experiments that have been run, by name.
     """
@@ -53,14 +62,14 @@ def comparison(task_id: str, summaries: Mapping[str, Sequence[Row]]) -> list[Row
         rows.append(
             {
                 "experiment": figure.experiment,
-                "of": ", ".join(figure.row.values()),
-                "figure": figure.what.replace("_", " "),
+                "condition": "; ".join(map(title_of, figure.row.values())),
+                "figure": heading(figure.what),
                 "authors": _with_spread(figure.value, figure.spread),
-                "behind theirs": figure.behind,
-                "ours, same setting": _cell(same, figure.what),
-                "behind it": _behind(same, figure.what),
-                "our default recipe": _cell(default, figure.what),
-                "behind this": _behind(default, figure.what),
+                "evaluations (authors)": figure.behind,
+                "ours, same condition": _cell(same, figure.what),
+                "evaluations (ours)": _behind(same, figure.what),
+                "ours, default recipe": _cell(default, figure.what),
+                "evaluations (default)": _behind(default, figure.what),
                 "source, remarks": "; ".join(part for part in (figure.source, figure.note) if part),
             }
         )
@@ -68,8 +77,8 @@ def comparison(task_id: str, summaries: Mapping[str, Sequence[Row]]) -> list[Row
 
 
 def _same(figure: AuthorsFigure, ours: Sequence[Row]) -> Row | None:
-    """Our row of the same setting; None for an experiment that has no settings."""
-    if not any(name in figure.row for name in _SETTING):
+    """Our row of the same condition; None for an experiment that has none."""
+    if not any(name in figure.row for name in CONDITION):
         return None
     return _row(figure.row, ours)
 
@@ -78,8 +87,8 @@ def _default(figure: AuthorsFigure, ours: Sequence[Row]) -> Row | None:
     """Our row with the default recipe; None for the real task, which has none."""
     if figure.row.get("source") == "real":
         return None
-    setting = {name: "default" for name in _SETTING if name in figure.row}
-    return _row({**figure.row, **setting}, ours)
+    condition = {name: "default" for name in CONDITION if name in figure.row}
+    return _row({**figure.row, **condition}, ours)
 
 
 def _row(wanted: Mapping[str, str], ours: Sequence[Row]) -> Row | None:
@@ -102,7 +111,7 @@ def _behind(row: Row | None, what: str) -> str:
     if "runs" in row:
         share = _number(row, "ever_solved") if what == "median_first_solved" else 1.0
         return count(round(share * _number(row, "runs")), "run")
-    if what == "train_steps":
+    if what.startswith("train_"):
         return count(round(_number(row, "agents")), "agent")
     share = PICKED / _number(row, "ses") if what == "five_best_ses" else 1.0
     return f"{share * _number(row, 'evaluations'):.0f} test episodes"

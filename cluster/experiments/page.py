@@ -26,9 +26,10 @@ details { margin: .6em 0; font-size: .9em; } .smoke { background: #fff3cd; paddi
 
 @dataclass(frozen=True)
 class Picture:
-    """A picture and its caption; `svg` is the content of a file that this package wrote."""
+    """A picture; `svg` is the content of a file that this package wrote."""
 
-    name: str
+    name: str  # differs from those of all others on the page
+    caption: str
     svg: str
 
 
@@ -69,7 +70,7 @@ def _section(section: Section) -> Iterable[str]:
     yield _paragraph(section.explanation)
     yield '<div class="pictures">'
     for picture in section.pictures:
-        caption = html.escape(picture.name)
+        caption = html.escape(picture.caption)
         yield f"<figure>{inlined(picture)}<figcaption>{caption}</figcaption></figure>"
     yield "</div>"
     yield f'<div class="wide">{html_table(section.summary)}</div>'

@@ -7,11 +7,13 @@ from pathlib import Path
 
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
-from cluster.experiments.authors import comparison
+from cluster.experiments.authors import CONDITION, comparison
 from cluster.experiments.command import ExperimentCommand
+from cluster.experiments.conditions import title_of
 from cluster.experiments.page import Picture, Section, page
 from cluster.experiments.registry import EXPERIMENTS
 from cluster.experiments.run import REPORT, REPORT_FILE, ExperimentSettings, StoredFindings
+from cluster.experiments.table import Row
 from cluster.experiments.view import ExperimentViews
 from cluster.storage.run_folder import SETTINGS_FILE, Final, add_final
 
@@ -32,7 +34,9 @@ class Reported:
         settings, findings = ExperimentSettings.read(folder), StoredFindings.read(folder)
         if findings is None:
             return None
-        return cls(settings, findings, tuple(_picture(folder, name) for name in findings.pictures))
+        title = EXPERIMENTS[settings.experiment].title
+        pictures = tuple(_picture(folder, name, title) for name in findings.pictures)
+        return cls(settings, findings, pictures)
 
     @property
     def planned(self) -> dict[str, int]:
@@ -55,7 +59,9 @@ class Reported:
     def section(self) -> Section:
         """The experiment on the page."""
         experiment, findings = EXPERIMENTS[self.settings.experiment], self.findings
-        runs = ", ".join(f"{self.ended(name)} of {n} {name}" for name, n in self.planned.items())
+        runs = "; ".join(
+            f"{title_of(name)}: {self.ended(name)} of {n}" for name, n in self.planned.items()
+        )
         size = ", ".join(f"{name} {value}" for name, value in asdict(findings.size).items())
         agents = "; ".join(
             f"{agent}: " + ", ".join(f"{name} {value}" for name, value in hp.items())
@@ -66,7 +72,7 @@ class Reported:
             experiment.title,
             experiment.explanation,
             self.pictures,
-            findings.summary,
+            [_titled(row) for row in findings.summary],
             findings.notes,
             (
                 ("command", findings.command),
@@ -80,12 +86,21 @@ class Reported:
         )
 
 
-def _picture(folder: Path, name: str) -> Picture:
+def _titled(row: Row) -> Row:
+    """The row with the titles of conditions, as pictures have them."""
+    return {
+        name: title_of(value) if name in CONDITION and isinstance(value, str) else value
+        for name, value in row.items()
+    }
+
+
+def _picture(folder: Path, name: str, title: str) -> Picture:
     path = folder / name
     if path.parent != folder or path.suffix != ".svg":
         raise InvalidInput(f"picture {name!r} of {str(folder)!r} is not allowed")
     try:
-        return Picture(f"{folder.name}/{name}", path.read_text())
+        caption = f"{title}: {path.stem} ({folder.name}/{name})"
+        return Picture(f"{folder.name}/{name}", caption, path.read_text())
     except OSError as error:
         raise InvalidInput(f"cannot read {str(path)!r}: {error.strerror}") from None
 
@@ -121,12 +136,16 @@ def _introduction(command: ExperimentCommand, found: Mapping[str, Reported]) -> 
         f"Reinforcement Learning with Evolution Strategies (2021), on {task.id} (episodes of at "
         f"most {task.step_limit} steps, solved at a mean return of {task.solved_reward:g}). All "
         "SEs are learned by NES from random ones, unless they are called distilled.",
-        "HP varied and HP fixed: whether NES varied its agents' hyperparameters, with our default "
-        "recipe in all else. In sizes other than paper, varied agents are narrowed: a large "
-        "network is replaced by a narrow one that learns at the same pace. The authors' figures in "
-        "the same settings are of their own code; they are from the paper, or from constants, "
-        "plots and curves in its repository, automl/learning_environments. Values are mean ± "
-        "standard deviation.",
+        "Algorithm 1 and the authors' rule: NES as the paper prints it, and as its authors' code "
+        "has it, which does not divide the step by n_p sigma; both with the paper's population "
+        "and agent. HP varied and HP fixed: whether NES varied its agents' hyperparameters, with "
+        "our default recipe in all else. In sizes other than paper, varied agents are narrowed: a "
+        "large network is replaced by a narrow one that learns at the same pace.",
+        "The authors' figures in the same condition are of their own code and their own NES; they "
+        "are from the paper, or from constants, plots and curves in its repository, "
+        "automl/learning_environments. Values are mean ± standard deviation. What our figures "
+        "leave behind theirs, and on how many fewer SEs and agents they rest, is told in "
+        "docs/experiments.md.",
     ]
     if command.size.quick:
         texts.append("Size smoke: this page shows that all works; its numbers mean nothing.")

@@ -32,14 +32,14 @@ class Look:
     hatch: str
 
 
-#: By source and condition, from dark to light within each picture.
+#: By source and condition; those that share a picture differ in lightness.
 LOOKS = {
-    "real": Look("#5c5c5c", "--", "s", ""),
-    "default": Look("#c2491d", "-", "o", "//"),
+    "real": Look("#2b2b2b", "--", "s", ""),
+    "default": Look("#e0622a", "-", "o", "//"),
     "varied": Look("#1f4e9c", "-.", "^", ".."),
     "fixed": Look("#8db9e0", ":", "v", "xx"),
     "authors": Look("#1f4e9c", "--", "^", ".."),
-    "paper": Look("#4fa3a5", ":", "v", "xx"),
+    "paper": Look("#7cc4c6", ":", "v", "xx"),
     "distilled": Look("#e0a92e", "-.", "D", ".."),
 }
 
@@ -47,8 +47,8 @@ LOOKS = {
 SERIES = (
     Look("#1f4e9c", "-", "o", "//"),
     Look("#e0872e", "--", "s", ".."),
-    Look("#6fae8c", "-.", "^", "xx"),
-    Look("#8f8f8f", ":", "v", ""),
+    Look("#a5d3b6", "-.", "^", "xx"),
+    Look("#6e6e6e", ":", "v", ""),
 )
 
 _STYLE: dict[Any, Any] = {
@@ -91,11 +91,16 @@ def svg(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
+def number(value: float, digits: str = "g") -> str:
+    """A number as the axes write it, with a minus sign instead of a hyphen."""
+    return f"{value:{digits}}".replace("-", "\N{MINUS SIGN}")
+
+
 def solved_line(axes: Axes, solved_reward: float) -> None:
     """Mark the return at which the task is solved, by a dotted line and its value beside it."""
     axes.axhline(solved_reward, color=GUIDE, lw=0.7, ls=(0, (1, 1.5)), zorder=0)
     axes.annotate(
-        f"{solved_reward:g}",
+        number(solved_reward),
         (1, solved_reward),
         xycoords=("axes fraction", "data"),
         xytext=(2, 0),

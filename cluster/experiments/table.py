@@ -52,9 +52,13 @@ def cells(rows: Sequence[Row]) -> tuple[list[str], list[list[str]]]:
         told = shown(row.get(name))
         return told if spread is None else f"{told} ± {shown(spread)}"
 
-    return [name.replace("_", " ") for name in names], [
-        [text(row, name) for name in names] for row in rows
-    ]
+    return [*map(heading, names)], [[text(row, name) for name in names] for row in rows]
+
+
+def heading(column: str) -> str:
+    """A column's name in words."""
+    words = {"se": "SE", "ses": "SEs"}
+    return " ".join(words.get(word, word) for word in column.split("_"))
 
 
 def text_lines(rows: Sequence[Row]) -> list[str]:

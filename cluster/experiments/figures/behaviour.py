@@ -111,7 +111,7 @@ def _findings(plan: Plan, material: Material) -> Findings:
     seen = _seen(arrays, se)
     rows: list[Row] = []
     summary: list[Row] = []
-    figure = histograms(seen, _names(plan.task), rows)
+    figure = histograms(seen, _names(plan.task), plan.task.id, rows)
     episodes = tested * units[0].hp.test_episodes
     returns = float(arrays["test_rewards"].sum()) / episodes
     for origin, values in seen.items():
@@ -155,7 +155,7 @@ def _names(task: Task) -> list[str]:
 
 
 def histograms(
-    seen: dict[str, NDArray[np.float32]], names: Sequence[str], rows: list[Row]
+    seen: dict[str, NDArray[np.float32]], names: Sequence[str], task_id: str, rows: list[Row]
 ) -> Figure:
     """A panel for each next state and for the reward; appends the densities to `rows`."""
     panels = -(-len(names) // 2)
@@ -184,7 +184,8 @@ def histograms(
         axes.set_visible(False)
     for look, origin in zip(SERIES, seen, strict=False):
         drawn[0].plot([], [], color=look.colour, ls=look.line, label=origin)
-    figure.supylabel("share of steps a bin (linear below 0.01)", fontsize=7.5)
+    figure.suptitle(task_id, fontsize=8)
+    figure.supylabel("share of steps per bin (log, linear below 0.01)", fontsize=7.5)
     figure.legend(*drawn[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 

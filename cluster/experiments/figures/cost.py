@@ -72,7 +72,7 @@ def _findings(plan: Plan, material: Material) -> Findings:
     return Findings(
         rows,
         [_median(rows), *rows],
-        {"payback": payback(costs, steps, core, plan.kinds[0].agent)},
+        {"payback": payback(costs, steps, core, f"{plan.kinds[0].agent} on {plan.task.id}")},
         {
             "real_env_steps": float(np.median([cost.steps.fixed for cost in costs])),
             "real_train_steps_of_an_agent": steps.marginal,
@@ -110,19 +110,20 @@ def _median(rows: Sequence[Row]) -> Row:
     return medians
 
 
-def payback(costs: Sequence[SECost], steps: Cost, core: Cost, kind: str) -> Figure:
+def payback(costs: Sequence[SECost], steps: Cost, core: Cost, what: str) -> Figure:
     """Cumulated cost over the number of agents, on the real task and on SEs."""
     figure = column(3.6)
     above, below = figure.subplots(2, 1)
     _panel(above, [cost.steps for cost in costs], steps)
     above.set_ylabel("real steps in all")
-    above.set_title(f"{kind}: dots, where an SE is paid back")
+    above.set_title(f"{what}; dots: an SE is paid back")
     _panel(below, [cost.core for cost in costs], core)
     below.set_ylabel("core time in all (s)")
     below.yaxis.set_major_locator(LogLocator(subs=(1, 3)))
     below.yaxis.set_major_formatter("{x:g}")
     below.yaxis.set_minor_locator(NullLocator())
-    below.set_xlabel("agents trained")
+    for axes in (above, below):
+        axes.set_xlabel("agents trained")
     figure.legend(*below.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 

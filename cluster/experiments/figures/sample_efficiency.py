@@ -173,7 +173,7 @@ def learning_curves(
     solved_line(axes, task.solved_reward)
     axes.set_xscale("log")
     axes.set_xlabel("train steps of an agent")
-    axes.set_ylabel(f"test return on {task.id}")
+    axes.set_ylabel(f"mean test return on {task.id}")
     axes.set_title(f"{kind}: mean and standard error")
     figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure

@@ -127,8 +127,8 @@ def panels(values: dict[str, Floats], scores: Floats, task: Task, kind: str) -> 
         solved_line(axes, task.solved_reward)
     for axes in drawn[len(values) :]:
         axes.set_visible(False)
-    figure.supylabel(f"score on {task.id}", fontsize=7.5)
-    figure.suptitle(f"{kind}: points are agents, squares group means", fontsize=8)
+    figure.supylabel(f"mean test return on {task.id}", fontsize=7.5)
+    figure.suptitle(f"{kind}: dots: agents; squares: means of groups", fontsize=8)
     return figure
 
 

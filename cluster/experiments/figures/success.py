@@ -6,11 +6,14 @@ from dataclasses import dataclass
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, NullFormatter
 from numpy.typing import NDArray
 
 from bilevel.nes import GenerationRecord
 from bilevel.tasks import Task
+from cluster.experiments.authors import authors_figure
 from cluster.experiments.conditions import title_of
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan, SERun
 from cluster.experiments.sizes import Size
@@ -29,17 +32,22 @@ class LearningCurve:
     seed: int
     scores: Floats  # (G,) of the unperturbed SE, by generation
     core_seconds: Floats  # (G,) spent until the end of the generation
+    update_norm: Floats  # (G,) of the step on the mean
+    total_core_seconds: float  # with the last confirmation
     final_score: float  # of fresh agents on the best SE
 
     @classmethod
     def of(cls, made: SERun) -> "LearningCurve":
         """The curve of a run that has ended."""
-        records: Sequence[GenerationRecord] = made.state.records
+        state = made.state
+        records: Sequence[GenerationRecord] = state.records
         return cls(
             made.condition,
             made.run.seed,
             np.array([record.score_mean for record in records]),
             np.array([record.cost for record in records]),
+            np.array([record.update_norm for record in records]),
+            state.cost,
             made.final["final_score_mean"],
         )
 
@@ -78,10 +86,11 @@ def findings_of(curves: Sequence[LearningCurve], task: Task) -> Findings:
             "generation": generation,
             "score": float(score),
             "core_seconds": float(seconds),
+            "update_norm": float(norm),
         }
         for curve in curves
-        for generation, (score, seconds) in enumerate(
-            zip(curve.scores, curve.core_seconds, strict=True)
+        for generation, (score, seconds, norm) in enumerate(
+            zip(curve.scores, curve.core_seconds, curve.update_norm, strict=True)
         )
     ]
     return Findings(
@@ -97,7 +106,12 @@ def findings_of(curves: Sequence[LearningCurve], task: Task) -> Findings:
         (
             "A run that has ended early, confirmed, keeps its last score in means and shares.",
             "Ever solved: the score of some generation reached the solved reward. Handed over: "
-            "fresh agents solve the task on the SE that the run hands over.",
+            "fresh agents solve the task on the SE that the run hands over. For our recipe these "
+            "are drawn from the paper's full ranges, for the authors' rule and Algorithm 1 they "
+            "are the one kind that NES trained.",
+            "Core seconds are medians over all runs, with the last confirmation; first solved: "
+            "medians over the runs that solve the task. Update norm: length of a generation's "
+            "step on the parameters of the SE, its median over the generations of all runs.",
         ),
     )
 
@@ -111,7 +125,7 @@ def _summary(condition: str, group: Sequence[LearningCurve], solved_reward: floa
         "condition": condition,
         "runs": len(group),
         "generations": float(np.median([one.scores.size for one in group])),
-        "core_seconds": float(np.median([one.core_seconds[-1] for one in group])),
+        "core_seconds": float(np.median([one.total_core_seconds for one in group])),
         "score_at_end": float(ends.mean()),
         "score_at_end_std": float(ends.std()),
         "ever_solved": len(reached) / len(group),
@@ -119,6 +133,7 @@ def _summary(condition: str, group: Sequence[LearningCurve], solved_reward: floa
         "handed_over_solved": float(np.mean([one.final_score >= solved_reward for one in group])),
         "median_first_solved": float(np.median(reached)) if reached else None,
         "core_seconds_first_solved": float(np.median(seconds)) if reached else None,
+        "update_norm": float(np.median(np.concatenate([one.update_norm for one in group]))),
     }
 
 
@@ -131,18 +146,14 @@ def _curves(groups: dict[str, list[LearningCurve]], task: Task) -> Figure:
         for curve in group:
             axes.plot(curve.scores, color=look.colour, lw=0.5, alpha=0.45)
         mean, spread = scores.mean(axis=0), scores.std(axis=0)
-        axes.fill_between(
-            generations, mean - spread, mean + spread, color=look.colour, alpha=0.18, lw=0
-        )
-        axes.plot(
-            generations,
-            mean,
-            color="black",
-            ls=look.line,
-            marker=look.marker,
-            markevery=max(len(mean) // 8, 1),
-            label="mean and standard deviation",
-        )
+        low, high = scores.min(), scores.max()
+        band = np.clip(mean - spread, low, high), np.clip(mean + spread, low, high)
+        axes.fill_between(generations, *band, color=look.colour, alpha=0.18, lw=0)
+        axes.plot(generations, mean, color="black")
+        theirs = _authors_end(task, name)
+        if theirs is not None:
+            end = scores.shape[1] - 1
+            axes.plot([end], [theirs], color="black", marker="*", ms=7, clip_on=False)
         solved_line(axes, task.solved_reward)
         axes.set_title(f"{title_of(name)} ({count(len(group), 'run')})")
         axes.set_xlim(0, max(len(mean) - 1, 1))
@@ -152,9 +163,23 @@ def _curves(groups: dict[str, list[LearningCurve]], task: Task) -> Figure:
         axes.set_ylim(low, high + 0.05 * (high - low))
     panels[-1].set_xlabel("generation")
     figure.supylabel("score (mean test return)", fontsize=7.5)
-    handles, labels = panels[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center")
+    drawn = [
+        Line2D([], [], color="black", lw=0.5, alpha=0.45, label="a run"),
+        Line2D([], [], color="black", label="mean of the runs"),
+        Patch(color="black", alpha=0.18, lw=0, label="their standard deviation"),
+    ]
+    if any(_authors_end(task, name) is not None for name in groups):
+        drawn.append(
+            Line2D([], [], color="black", marker="*", ms=7, ls="none", label="authors' mean, end")
+        )
+    figure.legend(handles=drawn, loc="outside lower center", ncols=2)
     return figure
+
+
+def _authors_end(task: Task, condition: str) -> float | None:
+    """Where the authors' mean curve of that condition ends."""
+    figure = authors_figure(task.id, "success", {"condition": condition}, "score_at_end")
+    return None if figure is None else figure.value
 
 
 def _shares(groups: dict[str, list[LearningCurve]], task: Task) -> Figure:

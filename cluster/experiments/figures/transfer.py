@@ -14,7 +14,7 @@ from cluster.experiments.authors import PICKED
 from cluster.experiments.conditions import REAL, title_of
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan
 from cluster.experiments.sizes import Size
-from cluster.experiments.style import LOOKS, column, solved_line, violin
+from cluster.experiments.style import LOOKS, column, number, solved_line, violin
 from cluster.experiments.table import Row
 
 #: What agents are trained on, in the order of the paper's violins, then ours.
@@ -68,7 +68,12 @@ def _findings(plan: Plan, material: Material) -> Findings:
         [agent_row(unit, material) for unit in units],
         [_summary(group, groups[place]) for place, group in as_groups.items()],
         {
-            kind: violins([as_groups[kind, name] for name in SOURCES], kind, plan.task)
+            kind: violins(
+                [as_groups[kind, name] for name in SOURCES],
+                kind,
+                plan.task,
+                min(float(group.test_returns.min()) for group in as_groups.values()),
+            )
             for kind in kinds
         },
         {
@@ -128,15 +133,16 @@ def _summary(group: Group, units: Sequence[Unit]) -> Row:
     }
 
 
-def violins(groups: Sequence[Group], kind: str, task: Task) -> Figure:
-    """Violins of test returns; the mean return above, train steps and episodes below."""
+def violins(groups: Sequence[Group], kind: str, task: Task, lowest: float) -> Figure:
+    """Violins of test returns, on an axis from `lowest` on; the mean return above, train steps and
+    episodes below."""
     figure = column(3.0)
     axes = figure.subplots()
     for x, group in enumerate(groups):
         returns = group.test_returns
         violin(axes, x, returns, LOOKS[group.source])
         axes.annotate(
-            f"{returns.mean():.1f}",
+            number(returns.mean(), ".1f"),
             (x, 1.0),
             xycoords=("data", "axes fraction"),
             xytext=(0, 2),
@@ -146,8 +152,12 @@ def violins(groups: Sequence[Group], kind: str, task: Task) -> Figure:
     solved_line(axes, task.solved_reward)
     axes.set_ylabel(f"test return on {task.id}")
     axes.set_xlim(-0.6, len(groups) - 0.4)
-    axes.set_xticks(range(len(groups)), [_below(group) for group in groups], fontsize=5.6)
-    axes.set_title(f"{kind}: mean test return", pad=11)
+    highest = max(float(group.test_returns.max()) for group in groups)
+    low, high = min(lowest, task.solved_reward), max(highest, task.solved_reward)
+    margin = 0.05 * max(high - low, 1.0)
+    axes.set_ylim(low - margin, high + margin)
+    axes.set_xticks(range(len(groups)), [_below(group) for group in groups], fontsize=6)
+    axes.set_title(f"{kind} (above: mean)", pad=11)
     return figure
 
 

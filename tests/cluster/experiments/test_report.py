@@ -33,17 +33,17 @@ def test_each_figure_of_the_authors_has_one_of_ours(tmp_path: Path) -> None:
     assert len(rows) == sum(f.task == "CartPole-v0" for f in authors_figures())
     for row in rows:
         # Of five SEs at least, and of runs that have solved the task.
-        if row["figure"] not in ("five best ses", "median first solved"):
-            assert (row["behind it"], row["behind this"]) != ("-", "-")
-    (steps,) = [row for row in rows if (row["of"], row["figure"]) == ("td3, varied", "train steps")]
+        if row["figure"] not in ("five best SEs", "median first solved"):
+            assert (row["evaluations (ours)"], row["evaluations (default)"]) != ("-", "-")
+    by_name = {(row["condition"], row["figure"]): row for row in rows}
+    steps = by_name["td3; SE, HP varied", "train steps"]
     assert steps["authors"] == "5832 ± 1577"
-    assert steps["behind theirs"] == "400 agents"
-    assert steps["behind it"] == "2 agents"
-    (returns,) = [
-        row for row in rows if (row["of"], row["figure"]) == ("ddqn, real", "test return")
-    ]
-    assert returns["behind it"] == "2 test episodes"
-    assert returns["our default recipe"] == "-"  # the real task has no recipe
+    assert steps["evaluations (authors)"] == "400 agents"
+    assert steps["evaluations (ours)"] == "2 agents"
+    assert by_name["td3; SE, HP varied", "train episodes std"]["evaluations (ours)"] == "2 agents"
+    returns = by_name["ddqn; real task", "test return"]
+    assert returns["evaluations (ours)"] == "2 test episodes"
+    assert returns["ours, default recipe"] == "-"  # the real task has no recipe
 
 
 def test_evaluations_behind_a_part_of_a_row() -> None:
@@ -62,16 +62,16 @@ def test_evaluations_behind_a_part_of_a_row() -> None:
         "median_first_solved": 40.0,
     }
     rows = comparison("CartPole-v0", {"transfer": [transfer], "success": [success]})
-    behind = {(row["of"], row["figure"]): row["behind it"] for row in rows}
-    assert behind["td3, varied", "five best ses"] == "500 test episodes"
-    assert behind["authors", "median first solved"] == "2 runs"
-    assert behind["authors", "ever solved"] == "8 runs"
+    behind = {(row["condition"], row["figure"]): row["evaluations (ours)"] for row in rows}
+    assert behind["td3; SE, HP varied", "five best SEs"] == "500 test episodes"
+    assert behind["authors' rule", "median first solved"] == "2 runs"
+    assert behind["authors' rule", "ever solved"] == "8 runs"
 
 
 def test_figures_without_experiments_of_ours() -> None:
     rows = comparison("Acrobot-v1", {})
     assert rows
-    assert all(row["ours, same setting"] == row["our default recipe"] == "-" for row in rows)
+    assert all(row["ours, same condition"] == row["ours, default recipe"] == "-" for row in rows)
     assert comparison("MountainCar-v0", {}) == []
 
 
@@ -131,7 +131,7 @@ def picture(name: str) -> Picture:
         axes.bar([1, 2], [3, 4], hatch="//")
         axes.plot([1, 2], [3, 4], marker="o")
         axes.set_xlabel(name)
-    return Picture(name, svg(figure).decode())
+    return Picture(name, f"Figure {name}", svg(figure).decode())
 
 
 def test_the_page_is_one_file_that_says_what_it_is_given() -> None:
@@ -152,6 +152,7 @@ def test_the_page_is_one_file_that_says_what_it_is_given() -> None:
     assert "Cost &amp; benefit" in text
     assert "<script>" not in text
     assert text.count("<svg") == 2
+    assert "<figcaption>Figure a/one.svg</figcaption>" in text
 
 
 def test_pictures_keep_their_own_references() -> None:

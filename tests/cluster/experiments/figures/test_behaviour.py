@@ -92,7 +92,7 @@ def test_histograms_hold_nearly_all_values() -> None:
     seen[ORIGINS[1]][:, 2] = 1.0  # as CartPole's reward is
     rows: list[Row] = []
     with styled():
-        figure = histograms(seen, ["a", "b", "reward"], rows)
+        figure = histograms(seen, ["a", "b", "reward"], "CartPole-v0", rows)
     assert [axes.get_xlabel() for axes in figure.axes[:3]] == ["a", "b", "reward"]
     for name in ("a", "b", "reward"):
         for origin in ORIGINS:

@@ -9,8 +9,9 @@ from cluster.experiments.style import styled
 
 
 def course(*scores: float, condition: str = "default", final: float = 200.0) -> LearningCurve:
+    seconds = np.arange(1.0, len(scores) + 1)
     return LearningCurve(
-        condition, 0, np.array(scores), np.arange(1.0, len(scores) + 1), final_score=final
+        condition, 0, np.array(scores), seconds, seconds / 10, seconds[-1] + 7, final_score=final
     )
 
 
@@ -35,6 +36,8 @@ def test_shares_of_runs(cartpole: Task) -> None:
     assert row["handed_over_solved"] == 0.5
     assert row["median_first_solved"] == 1.0
     assert row["core_seconds_first_solved"] == 2.0
+    assert row["core_seconds"] == 4 + 7  # with what is spent after the last generation
+    assert row["update_norm"] == pytest.approx(0.2)
     assert row["score_at_end"] == pytest.approx((196 + 50 + 40 + 0) / 4)
 
 
