@@ -128,7 +128,7 @@ def panels(values: dict[str, Floats], scores: Floats, task: Task, kind: str) -> 
     for axes in drawn[len(values) :]:
         axes.set_visible(False)
     figure.supylabel(f"mean test return on {task.id}", fontsize=7.5)
-    figure.suptitle(f"{kind}: dots: agents; squares: means of groups", fontsize=8)
+    figure.suptitle(f"{kind} (dots: agents; squares: means of groups)", fontsize=8)
     return figure
 
 

@@ -156,7 +156,7 @@ def violins(groups: Sequence[Group], kind: str, task: Task, lowest: float) -> Fi
     low, high = min(lowest, task.solved_reward), max(highest, task.solved_reward)
     margin = 0.05 * max(high - low, 1.0)
     axes.set_ylim(low - margin, high + margin)
-    axes.set_xticks(range(len(groups)), [_below(group) for group in groups], fontsize=6)
+    axes.set_xticks(range(len(groups)), [_below(group) for group in groups], fontsize=5.8)
     axes.set_title(f"{kind} (above: mean)", pad=11)
     return figure
 
@@ -169,7 +169,7 @@ def _below(group: Group) -> str:
             f"{len(group.results)} agents",
             "train steps",
             f"{steps.mean():.0f} ± {steps.std():.0f}",
-            "train episodes",
+            "episodes",
             f"{episodes.mean():.0f} ± {episodes.std():.0f}",
         )
     )
