@@ -30,6 +30,25 @@ def _commands(found: dict[str, dict[str, Any]]) -> str:
     return "(" + ", ".join(f"`{findings['command']}`" for findings in found.values()) + ")"
 
 
+#: Columns of what `success` has found of a condition.
+_SUCCESS = ("ever solved", "at the end", "SE handed over solves", "score at the end")
+_SUCCESS += ("first solved in generation", "after core seconds", "generations", "core seconds")
+_SUCCESS += ("update norm",)
+
+
+def _success(row: dict[str, Any]) -> list[str]:
+    shares = (row[name] for name in ("ever_solved", "solved_at_end", "handed_over_solved"))
+    return [
+        *(f"{round(share * row['runs'])} of {row['runs']}" for share in shares),
+        f"{row['score_at_end']:.0f} ± {row['score_at_end_std']:.0f}",
+        _or_none(row["median_first_solved"]),
+        _or_none(row["core_seconds_first_solved"]),
+        f"{row['generations']:g}",
+        f"{row['core_seconds']:.0f}",
+        f"{row['update_norm']:.2f}",
+    ]
+
+
 def success() -> str:
     """NES runs that solve their task, ours and the authors'."""
     authors = {
@@ -39,34 +58,33 @@ def success() -> str:
     }
     rows, found = [], _findings("success")
     for task, findings in found.items():
-        for row in findings["summary"]:
-            ever, end, first, score = (
-                authors.get((task, row["condition"], what))
-                for what in ("ever_solved", "solved_at_end", "median_first_solved", "score_at_end")
+        ours = {row["condition"]: _success(row) for row in findings["summary"]}
+        theirs = {condition for of, condition, _ in authors if of == task}
+        for condition in [*ours, *sorted(theirs - {*ours})]:
+            ever, end, score, first, seconds = (
+                authors.get((task, condition, what))
+                for what in (
+                    *("ever_solved", "solved_at_end"),
+                    *("score_at_end", "median_first_solved", "core_seconds"),
+                )
             )
-            shares = (row[name] for name in ("ever_solved", "solved_at_end", "handed_over_solved"))
             rows.append(
                 [
                     task,
-                    title_of(row["condition"]),
-                    *(f"{round(share * row['runs'])} of {row['runs']}" for share in shares),
-                    f"{row['score_at_end']:.0f} ± {row['score_at_end_std']:.0f}",
-                    _or_none(row["median_first_solved"]),
-                    _or_none(row["core_seconds_first_solved"]),
-                    f"{row['generations']:g}",
-                    f"{row['core_seconds']:.0f}",
+                    title_of(condition),
+                    *ours.get(condition, ["-"] * len(_SUCCESS)),
                     *("-" if figure is None else f"{figure.value:.0%}" for figure in (ever, end)),
                     *("-" if figure is None else f"{figure.value:g}" for figure in (score, first)),
+                    "-" if seconds is None else f"{seconds.value:.0f}",
                 ]
             )
-    head = ["task", "condition", "ever solved", "at the end", "SE handed over solves"]
-    head += ["score at the end", "first solved in generation", "after core seconds"]
-    head += ["generations", "core seconds", "authors: ever", "at the end", "score", "in generation"]
+    head = ["task", "condition", *_SUCCESS, "authors: ever", "at the end", "score"]
+    head += ["in generation", "core seconds"]
     return f"{table(head, rows)}\n\n{_commands(found)}"
 
 
-def _or_none(value: float | None) -> str:
-    return "-" if value is None else f"{value:.0f}"
+def _or_none(value: float | None, digits: int = 0) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
 
 
 def transfer() -> str:
@@ -90,14 +108,16 @@ def transfer() -> str:
                     title_of(row["source"]),
                     row["agents"],
                     f"{row['test_return']:.1f} ± {row['test_return_std']:.1f}",
+                    _or_none(row["standard_error_over_ses"], 1),
                     f"{row['train_steps']:.0f} ± {row['train_steps_std']:.0f}",
                     f"{row['train_steps_median']:.0f}",
                     f"{row['share_of_agents_solving']:.0%}",
                     *("-" if figure is None else f"{figure.value:g}" for figure in theirs),
                 ]
             )
-    head = ["task", "agent", "trained on", "agents", "test return", "train steps", "median"]
-    head += ["agents that solve it", "authors' return", "authors' train steps"]
+    head = ["task", "agent", "trained on", "agents", "test return", "its standard error"]
+    head += ["train steps", "median", "agents that solve it"]
+    head += ["authors' return", "authors' train steps"]
     return f"{table(head, rows)}\n\n{_commands(found)}"
 
 

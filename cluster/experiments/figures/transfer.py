@@ -114,7 +114,7 @@ def _summary(group: Group, units: Sequence[Unit]) -> Row:
     by_se: dict[int, list[float]] = {}
     for unit, result in zip(units, group.results, strict=True):
         by_se.setdefault(unit.source.number, []).append(result.score)
-    picked = sorted((float(np.mean(scores)) for scores in by_se.values()), reverse=True)[:PICKED]
+    means = sorted((float(np.mean(scores)) for scores in by_se.values()), reverse=True)
     return {
         "agent": group.agent,
         "source": group.source,
@@ -123,14 +123,21 @@ def _summary(group: Group, units: Sequence[Unit]) -> Row:
         "evaluations": group.test_returns.size,
         "test_return": s["test_returns_mean"],
         "test_return_std": s["test_returns_std"],
+        "standard_error_over_ses": _standard_error(means),
         "train_steps": s["train_steps_mean"],
         "train_steps_std": s["train_steps_std"],
         "train_steps_median": s["train_steps_median"],
         "train_episodes": s["train_episodes_mean"],
         "train_episodes_std": s["train_episodes_std"],
         "share_of_agents_solving": s["solved_fraction"],
-        "five_best_ses": float(np.mean(picked)) if len(by_se) > PICKED else None,
+        "five_best_ses": float(np.mean(means[:PICKED])) if len(means) > PICKED else None,
     }
+
+
+def _standard_error(means: Sequence[float]) -> float | None:
+    """Standard error of the mean over SEs, each of which counts once; None of a single one, or of
+    the real task."""
+    return float(np.std(means, ddof=1) / np.sqrt(len(means))) if len(means) > 1 else None
 
 
 def violins(groups: Sequence[Group], kind: str, task: Task, lowest: float) -> Figure:
