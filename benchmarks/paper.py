@@ -31,9 +31,11 @@ def _commands(found: dict[str, dict[str, Any]]) -> str:
 
 
 #: Columns of what `success` has found of a condition.
-_SUCCESS = ("ever solved", "at the end", "SE handed over solves", "score at the end")
-_SUCCESS += ("first solved in generation", "after core seconds", "generations", "core seconds")
-_SUCCESS += ("update norm",)
+_SUCCESS = (
+    *("ever solved", "at the end", "SE handed over solves", "score at the end"),
+    *("first solved in generation", "after core seconds", "generations", "core seconds"),
+    "update norm",
+)
 
 
 def _success(row: dict[str, Any]) -> list[str]:

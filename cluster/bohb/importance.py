@@ -1,9 +1,10 @@
-"""Importance of hyperparameters: how much worse a model of the objective predicts without one.
+"""Importance of hyperparameters: how much worse a model predicts results without one.
 
-The model is a random forest (Breiman, 2001), fitted to the logarithms of the results at the budget
-that has most of them. The importance of a hyperparameter is the drop of R^2 when its values are
-permuted. It tells what mattered within the search space and among the configurations that were
-tried; a forest that predicts little itself tells little.
+The model is a random forest (Breiman, 2001) of the ranks of the results at the budget that has most
+of them; ranks, because results without an SE say little by how large they are. It predicts results
+that it was not fitted to, a fifth at a time. The importance of a hyperparameter is the drop of R^2
+when its values are permuted among all of these. It tells what mattered within the search space and
+among the configurations that were tried; where R^2 is not positive, it tells nothing.
 """
 
 from collections import Counter
@@ -12,12 +13,15 @@ from dataclasses import dataclass
 import ConfigSpace as CS
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import rankdata
 
 from cluster.bohb.journal import Journal
 
+Floats = NDArray[np.float64]
+
 #: Fewest results at one budget that a forest is fitted to, per hyperparameter and besides.
 _PER_HYPERPARAMETER, _BESIDES = 2, 4
-_TREES, _PERMUTATIONS = 100, 10
+_FOLDS, _TREES, _PERMUTATIONS = 5, 100, 10
 
 
 @dataclass(frozen=True)
@@ -25,11 +29,11 @@ class Importance:
     """Importances of d hyperparameters, in the order of `names`."""
 
     names: tuple[str, ...]
-    mean: NDArray[np.float64]  # (d,) drop of R^2
-    std: NDArray[np.float64]  # (d,) over permutations
+    mean: Floats  # (d,) drop of R^2
+    std: Floats  # (d,) over permutations
     budget: int
     results: int
-    out_of_bag: float  # R^2 on the results that a tree has not seen
+    explained: float  # R^2 on results that the forest was not fitted to
 
 
 def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | None:
@@ -43,31 +47,46 @@ def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | N
     if len(at_budget) < _PER_HYPERPARAMETER * len(space) + _BESIDES:
         return None
     inputs = np.array([unit_values(space, values[line.id]) for line in at_budget])
-    objectives = np.log([line.objective for line in at_budget])
+    objectives = rankdata([line.objective for line in at_budget])
     if np.ptp(objectives) == 0:
         return None
-    # Imports pandas and more, which takes a second: only where there is a forest to fit.
-    from sklearn.ensemble import RandomForestRegressor
-    from sklearn.inspection import permutation_importance
-
-    forest = RandomForestRegressor(_TREES, oob_score=True, random_state=0, n_jobs=1)
-    forest.fit(inputs, objectives)
-    found = permutation_importance(
-        forest, inputs, objectives, n_repeats=_PERMUTATIONS, random_state=0
-    )
+    explained, drops = _held_out(inputs, objectives)
     return Importance(
         tuple(space),
-        found.importances_mean,
-        found.importances_std,
+        drops.mean(axis=1),
+        drops.std(axis=1),
         budget[0],
         len(at_budget),
-        float(forest.oob_score_),
+        explained,
     )
 
 
-def unit_values(
-    space: CS.ConfigurationSpace, configuration: dict[str, object]
-) -> NDArray[np.float64]:
+def _held_out(inputs: Floats, objectives: Floats) -> tuple[float, Floats]:
+    """R^2 of forests on the results (n,) that they were not fitted to, and its drops (d, p) when
+    one of the inputs (n, d) is permuted."""
+    # Imports pandas and more, which takes a second: only where there is a forest to fit.
+    from sklearn.ensemble import RandomForestRegressor
+    from sklearn.model_selection import KFold
+
+    folds = []
+    for seen, unseen in KFold(_FOLDS, shuffle=True, random_state=0).split(inputs):
+        forest = RandomForestRegressor(_TREES, random_state=0, n_jobs=1)
+        folds.append((forest.fit(inputs[seen], objectives[seen]), unseen))
+
+    def explained(given: Floats) -> float:
+        errors = [forest.predict(given[unseen]) - objectives[unseen] for forest, unseen in folds]
+        return float(1 - np.mean(np.square(np.concatenate(errors))) / objectives.var())
+
+    random, best = np.random.default_rng(0), explained(inputs)
+    drops = np.empty((inputs.shape[1], _PERMUTATIONS))
+    for column, number in np.ndindex(drops.shape):
+        permuted = inputs.copy()
+        permuted[:, column] = random.permutation(inputs[:, column])
+        drops[column, number] = best - explained(permuted)
+    return best, drops
+
+
+def unit_values(space: CS.ConfigurationSpace, configuration: dict[str, object]) -> Floats:
     """The values (d,) of a configuration, each on [0, 1] over its range, as the search sees them;
     categories evenly spread; NaN for one that the configuration does not have, or out of range."""
     found = []

@@ -112,7 +112,6 @@ def _add_time(axes: Axes, points: Sequence[ResultPoint]) -> None:
 
 def hyperparameters(
     tried: NDArray[np.float64],
-    objectives: NDArray[np.float64],
     incumbents: NDArray[np.float64],
     recipe: NDArray[np.float64],
     names: Sequence[str],
@@ -122,19 +121,19 @@ def hyperparameters(
     """Plot d hyperparameters: the values that were tried, the way from the recipe's to the
     incumbent's, and the importance of each.
 
-    `tried` (n, d), `incumbents` (m, d) and `recipe` (d,) are on [0, 1] over the search space; NaN
-    is out of it. `objectives` (n,) colour what was tried, by rank.
+    `tried` (n, d), the best first, `incumbents` (m, d) and `recipe` (d,) are on [0, 1] over the
+    search space; NaN is out of it. Colours are the ranks of what was tried.
     """
     figure = Figure(figsize=(9, 1.6 + 0.42 * len(names)), layout="constrained")
     places, bars = figure.subplots(1, 2, sharey=True, width_ratios=[3, 1.3])
     rows = np.arange(len(names))
-    order = np.argsort(-objectives, kind="stable")  # the best are drawn last, above the others
-    ranks = np.linspace(0, 1, len(objectives))
+    backwards = tried[::-1]  # the best are drawn last, above the others
+    ranks = np.linspace(0, 1, len(tried))
     for row in rows:
         places.axhline(row, color=GREY, lw=0.5, alpha=0.4, zorder=0)
         shown = places.scatter(
-            tried[order, row],
-            np.full(len(order), row),
+            backwards[:, row],
+            np.full(len(tried), row),
             c=ranks,
             cmap="cividis",
             vmin=0,
@@ -156,17 +155,20 @@ def hyperparameters(
     places.set_xlabel("value within the search space")
     figure.colorbar(shown, ax=places, ticks=[0, 1], pad=0.01).ax.set_yticklabels(["worst", "best"])
     figure.legend(frameon=False, fontsize="small", loc="outside lower center", ncols=2)
-    if found is not None:
+    if found is None:
+        told = "too few results to tell importance"
+    else:
+        told = (
+            f"ranks of {found.results} results of {found.budget} core seconds;\n"
+            f"R² of a forest on unseen ones: {found.explained:.2f}"
+        )
+    if found is not None and found.explained > 0:
         bars.barh(rows, found.mean, xerr=found.std, color=BLUE, height=0.6)
         bars.set_xlabel("importance (drop of R²)")
-        bars.set_title(
-            f"{found.results} results of {found.budget} core seconds;\n"
-            f"R² of the forest on unseen ones {found.out_of_bag:.2f}",
-            fontsize="x-small",
-        )
     else:
-        bars.set_title("too few results to tell importance", fontsize="x-small")
+        told += "" if found is None else ",\nwhich tells nothing of importance"
         bars.set_xticks([])
+    bars.set_title(told, fontsize="x-small")
     for axes in (places, bars):
         axes.spines[["top", "right"]].set_visible(False)
     places.invert_yaxis()

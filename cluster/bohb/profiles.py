@@ -4,6 +4,7 @@ from dataclasses import dataclass, replace
 
 from bilevel.errors import one_of
 from bilevel.hyperparameters import CONFIRMING_AGENTS, Hyperparameters
+from search_spaces import SPACES
 
 #: Search methods and their titles. `bohb` proposes configurations with hpbandster's model, the
 #: others at random; `random` runs all of them at the largest budget.
@@ -48,7 +49,7 @@ PROFILES = {
         population=2,
         start_candidates=2,
         centre_agents=2,
-        max_episodes=15,
+        max_episodes=25,
     ),
     # For a laptop, in half an hour. It begins with the recipe, so that what it hands over has been
     # compared with that, also where the time is enough for a dozen configurations alone.
@@ -62,7 +63,7 @@ PROFILES = {
     ),
     # The paper's scale (Table "Fixed hyperparameters"): about 200 generations.
     "paper": Profile(
-        recipe="paper",
+        recipe=SPACES["full"],
         space="full",
         smallest_budget=100,
         largest_budget=2700,

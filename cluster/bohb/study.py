@@ -4,7 +4,7 @@ import json
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from bilevel.decode import decode
 from bilevel.durable import write_aside
@@ -20,6 +20,9 @@ from cluster.storage.run_folder import SETTINGS_FILE, Settings, read_settings, s
 from search_spaces import SPACES
 from search_spaces.space import Space
 from search_spaces.translation import of_hyperparameters, to_hyperparameters
+
+if TYPE_CHECKING:
+    from ConfigSpace import ConfigurationSpace
 
 #: The kind of run that `settings.json` tells.
 KIND = "study"
@@ -199,6 +202,12 @@ class Study:
                 f"(and --space {path}, for the old ranges)"
             )
         write_aside(path, json.dumps(space.to_serialized_dict(), indent=2).encode())
+
+    def space_then(self) -> "ConfigurationSpace":
+        """The space that it searches, also where this version's has other ranges. Raises
+        InvalidInput if its file is damaged."""
+        path = self.folder / SPACE_FILE
+        return Space.of(str(path)).build() if path.exists() else self.space.build(self.agents)
 
     def settings(self) -> dict[str, Any]:
         """Its settings."""

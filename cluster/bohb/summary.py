@@ -80,6 +80,13 @@ class StudySummary:
         return changes
 
     @property
+    def ranked(self) -> list[ConfigId]:
+        """The configurations that have results, the best first. Those that went on to a larger
+        budget come before those that did not."""
+        last = {line.id: line for line in self.journal.results if line.loss is not None}
+        return sorted(last, key=lambda one: (-last[one].budget, last[one].objective))
+
+    @property
     def model_based(self) -> int:
         """Number of configurations that the model proposed."""
         return sum(line.origin is Origin.MODEL for line in self.journal.configs)

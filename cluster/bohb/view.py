@@ -94,6 +94,7 @@ class StudyViews:
             )
             for number, line in summary.leaders()
         ]
+        points += _best_at_each_budget(journal.results)
         if summary.validation is not None:
             winner = summary.validation.winner
             validated = {"validated_objective": winner.objective}
@@ -175,13 +176,11 @@ class StudyViews:
     def _hyperparameters(self, summary: StudySummary) -> bytes:
         """The picture of what was tried, and what it did."""
         study, journal = self.study, summary.journal
-        space = study.space.build(study.agents)
+        space = study.space_then()
         values = {line.id: unit_values(space, line.configuration) for line in journal.configs}
-        good = [line for line in journal.results if line.loss is not None]
         width = len(space)
         figure = pictures.hyperparameters(
-            np.array([values[line.id] for line in good]).reshape(-1, width),
-            np.array([line.loss for line in good], np.float64),
+            np.array([values[one] for one in summary.ranked]).reshape(-1, width),
             np.array([values[one] for one in _way(summary)]).reshape(-1, width),
             unit_values(space, study.of_recipe),
             tuple(space),
@@ -201,7 +200,9 @@ class StudyViews:
             "promoted one continues in the same run. `objective`, which is minimised, is the "
             "expected core time to an SE that fresh agents confirm: the core seconds of all runs "
             "of a configuration, divided by the number of its confirmed SEs (a run that is not "
-            "over counts as half of one at most). `validated_objective` is that of the recipe that "
+            "over counts as half of one at most). It is that of the best configuration at the "
+            "largest budget so far, and rises when a larger one is reached; `best_at_*` are those "
+            "at each budget. `validated_objective` is that of the recipe that "
             "is handed over, from new runs with seeds that no choice was made on (validation.md). "
             "`final_*` are of fresh agents trained on the best SE of all configurations."
         )
@@ -274,6 +275,17 @@ def _way(summary: StudySummary) -> list[ConfigId]:
     way = [line.id for _, line in summary.leaders()]
     incumbent = summary.incumbent
     return way if incumbent is None or incumbent.id == way[-1] else [*way, incumbent.id]
+
+
+def _best_at_each_budget(results: Sequence[ResultLine]) -> list[Point]:
+    """One point for each result that is the best so far at its budget."""
+    best: dict[int, float] = {}
+    points = []
+    for number, line in enumerate(results, start=1):
+        if line.loss is not None and line.loss < best.get(line.budget, np.inf):
+            best[line.budget] = line.loss
+            points.append(Point({f"best_at_{line.budget}": line.loss}, number, line.finished))
+    return points
 
 
 def _points(states: Sequence[NESState]) -> list[Point]:

@@ -156,8 +156,8 @@ def bohb(
     unread = RULES[hp.nes.update].needs_pairs  # mirrored_sampling and score_transform
     if searched == Space("full") and (unread or hp.se.structure != "plain"):
         raise InvalidInput(
-            "the space 'full' needs plain SEs and the rule paper or authors (--recipe paper or "
-            f"authors); the recipe {hp.recipe!r} has {hp.se.structure} SEs and the rule "
+            "the space 'full' needs plain SEs and the rule paper or authors (--recipe authors or "
+            f"paper); the recipe {hp.recipe!r} has {hp.se.structure} SEs and the rule "
             f"{hp.nes.update}"
         )
     if hp.se.structure == "exogenous":

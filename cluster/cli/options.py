@@ -85,7 +85,7 @@ def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "--recipe",
             help="All hyperparameters of a run: default, paper, authors, distilled, the path of a "
             "recipe file, *.toml, or the name of a study, for its incumbent's (default: default; "
-            "for the profile paper: paper).",
+            "for the profile paper: authors).",
         ),
         click.option(
             "--set",
@@ -127,11 +127,11 @@ class RunOptions:
     home: Path
     solved_reward: float | None
     step_limit: int | None
-    worst_score: float | None = None
     population: int | None = None
     recipe: str | None = None
     settings: tuple[tuple[str, Any], ...] = ()
     vary: str | None = None
+    worst_score: float | None = None
 
     def the_task(self) -> Task:
         from bilevel.tasks import get_task

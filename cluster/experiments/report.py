@@ -143,8 +143,8 @@ def _introduction(command: ExperimentCommand, found: Mapping[str, Reported]) -> 
         "large network is replaced by a narrow one that learns at the same pace.",
         "The authors' figures in the same condition are of their own code and their own NES; they "
         "are from the paper, or from constants, plots and curves in its repository, "
-        "automl/learning_environments. Values are mean ± standard deviation. What our figures "
-        "leave behind theirs, and on how many fewer SEs and agents they rest, is told in "
+        "automl/learning_environments. Values are mean ± standard deviation. Where our figures "
+        "are behind theirs, and on how many fewer SEs and agents they rest, is told in "
         "docs/experiments.md.",
     ]
     if command.size.quick:

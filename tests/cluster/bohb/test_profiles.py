@@ -64,3 +64,10 @@ def test_what_a_user_asks_for_goes_before_the_profile(tmp_path: Path) -> None:
         options.the_task(), "default", lambda hp: sized(hp, smoke)
     ).nes
     assert (nes.population_size, nes.start_candidates, nes.centre_agents) == (5, 3, 2)
+
+
+def test_the_papers_space_is_searched_under_the_rule_of_its_ranges() -> None:
+    """Its step sizes are of the authors' code; Algorithm 1 divides the step by n_p sigma."""
+    profile = get_profile("paper")
+    assert (profile.space, profile.recipe) == ("full", "authors")
+    assert load_recipe(profile.recipe, "CartPole-v0").nes.update == "authors"

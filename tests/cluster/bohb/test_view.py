@@ -1,5 +1,6 @@
 """What MLflow shows of a study."""
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -7,6 +8,7 @@ import pytest
 
 from bilevel import InvalidInput
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
+from cluster.bohb.study import SPACE_FILE
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.validation import Validation
 from cluster.bohb.view import StudyViews, _way
@@ -54,6 +56,45 @@ def test_the_way_ends_at_the_incumbent(tmp_path: Path) -> None:
     other = next(line for line in Journal(tmp_path).results if line.id != leader.id)
     validated = replace(summary, validation=Validation(6, (other, leader)))
     assert _way(validated) == [*way, other.id]
+
+
+def test_the_incumbent_over_time(tmp_path: Path) -> None:
+    """Each change of the leader, and at each budget the best so far, which never rises."""
+    study = make_study(tmp_path, 5)
+    views = StudyViews.of(tmp_path)
+    points = views.view(views.parent).points
+    summary = StudySummary.of(Journal(tmp_path), study.schedule.brackets(5))
+    led = [(p.step, p.values["objective"]) for p in points if "objective" in p.values]
+    assert led == [(number, line.loss) for number, line in summary.leaders()]
+    assert len(led) > 1
+    for budget in study.schedule.budgets:
+        name = f"best_at_{budget}"
+        best = [point.values[name] for point in points if name in point.values]
+        assert best == sorted(best, reverse=True)
+        results = Journal(tmp_path).results
+        assert best[-1] == min(r.objective for r in results if r.budget == budget)
+
+
+def test_the_best_configurations_are_those_that_went_on(tmp_path: Path) -> None:
+    study = make_study(tmp_path, 5)
+    summary = StudySummary.of(Journal(tmp_path), study.schedule.brackets(5))
+    results = [summary.result_of(one) for one in summary.ranked]
+    assert len(results) == len(summary.journal.configs)
+    assert [line.budget for line in results] == sorted((r.budget for r in results), reverse=True)
+    assert summary.leader is not None
+    assert summary.ranked[0] == summary.leader.id
+
+
+def test_a_study_is_drawn_over_the_ranges_that_it_began_with(tmp_path: Path) -> None:
+    """Those of the package may have changed since."""
+    study = make_study(tmp_path, brackets=1)
+    study.write_space()
+    path = tmp_path / SPACE_FILE
+    stored = json.loads(path.read_text())
+    (changed,) = [d for d in stored["hyperparameters"] if d["name"] == "nes.std_dev"]
+    changed["upper"] *= 2
+    path.write_text(json.dumps(stored))
+    assert study.space_then()["nes.std_dev"].to_value(1.0) == pytest.approx(changed["upper"])
 
 
 def test_a_configuration_that_was_never_allowed_is_shown_with_its_failure(tmp_path: Path) -> None:

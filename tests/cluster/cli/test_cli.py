@@ -190,7 +190,7 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         ),
         (
             ["bohb", "CartPole-v0", "--space", "full"],
-            "needs plain SEs and the rule paper or authors (--recipe paper or authors); the "
+            "needs plain SEs and the rule paper or authors (--recipe authors or paper); the "
             "recipe 'default' has exogenous SEs and the rule snes",
         ),
         (
