@@ -16,6 +16,8 @@ from benchmarks.machine import NotMeasured
 from benchmarks.markdown import table
 from benchmarks.nes import tables as nes
 from benchmarks.search import tables as search
+from benchmarks.search.cards import FILE as CARDS
+from benchmarks.search.cards import cards
 from benchmarks.speed import tables as speed
 from bilevel.zoo import ENTRIES, card
 
@@ -46,6 +48,7 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
         "inner-loop": partial(speed.inner_loop, bound=False),
         "nes-seeds": nes.seeds,
     },
+    CARDS: {"cards": cards},
     ROOT / "docs" / "agents.md": agents.TABLES,
     ROOT / "docs" / "experiments.md": paper.TABLES,
     ROOT / "docs" / "nes.md": nes.TABLES,

@@ -15,6 +15,7 @@ from benchmarks.search.studies import TASKS, committed, summary
 from benchmarks.search.tables import by_method, expected_core_seconds
 from cluster.bohb.pictures import objective_against_cost
 from cluster.bohb.profiles import METHODS
+from cluster.bohb.view import hyperparameters
 from cluster.pictures import BLUE, GREY, ORANGE
 
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
@@ -64,6 +65,7 @@ def main() -> None:
         points, validated = told.points(), told.validated_points()
         figure = objective_against_cost(points, validated, study.task, study.method_name)
         _save(figure, f"search-{study.task.id}-{study.name}")
+        _save(hyperparameters(study, told), f"hyperparameters-{study.task.id}-{study.name}")
     for task in TASKS:
         try:
             measured = read_result(f"search_{task}")["rows"]

@@ -9,6 +9,7 @@ seeds that no choice was made on.
 import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +18,7 @@ from scipy.stats import fisher_exact, mannwhitneyu
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import mean_and_range, source, table
-from cluster.bohb.journal import Journal, Origin
+from cluster.bohb.journal import Journal, Origin, ResultLine
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
 
@@ -72,8 +73,7 @@ def searches() -> str:
                 str(len(study.space.build())),
                 str(len(told.journal.configs)),
                 str(told.model_based),
-                f"{told.points()[-1].spent / 3600:.1f}",
-                f"{sum(line.budget for line in told.finalists) / 3600:.1f}",
+                *map(str, hours(told)),
             )
         )
     head = [
@@ -82,10 +82,38 @@ def searches() -> str:
         "hyperparameters",
         "configurations",
         "of the model",
-        "core hours",
-        "of validation",
+        "search",
+        "validation",
     ]
     return table(head, rows)
+
+
+@dataclass(frozen=True)
+class Hours:
+    """What a part of a study took."""
+
+    core: float  # by its budgets
+    elapsed: float  # while any of its configurations ran, on as many cores as there were
+
+    def __str__(self) -> str:
+        return f"{self.core:.1f} core hours in {60 * self.elapsed:.0f} min"
+
+
+def hours(told: StudySummary) -> tuple[Hours, Hours]:
+    """What the search and its validation took."""
+    return (
+        Hours(told.points()[-1].spent / 3600, _elapsed(told.journal.results)),
+        Hours(sum(line.budget for line in told.finalists) / 3600, _elapsed(told.finalists)),
+    )
+
+
+def _elapsed(lines: Sequence[ResultLine]) -> float:
+    """Hours in which at least one of these ran."""
+    total = end = 0.0
+    for begun, finished in sorted((line.timestamps["started"], line.finished) for line in lines):
+        total += max(finished - max(begun, end), 0.0)
+        end = max(end, finished)
+    return total / 3600
 
 
 def proposals() -> str:

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from bilevel.errors import InvalidInput
 from bilevel.nes import NESState
@@ -164,7 +165,7 @@ class StudyViews:
                 Document(
                     "hyperparameters.png",
                     f"{number} results" + (f", incumbent {name}" if summary.validation else ""),
-                    lambda: self._hyperparameters(summary),
+                    lambda: png(hyperparameters(study, summary)),
                 )
             )
             values = summary.configuration(incumbent.id)
@@ -172,22 +173,6 @@ class StudyViews:
             text = study.recipe_text(incumbent.id, values)
             documents.append(Document.of_text(RECIPE_FILE, text))
         return documents
-
-    def _hyperparameters(self, summary: StudySummary) -> bytes:
-        """The picture of what was tried, and what it did."""
-        study, journal = self.study, summary.journal
-        space = study.space_then()
-        values = {line.id: unit_values(space, line.configuration) for line in journal.configs}
-        width = len(space)
-        figure = pictures.hyperparameters(
-            np.array([values[one] for one in summary.ranked]).reshape(-1, width),
-            np.array([values[one] for one in _way(summary)]).reshape(-1, width),
-            unit_values(space, study.of_recipe),
-            tuple(space),
-            importance(space, journal),
-            f"{study.name}, {study.task.id}",
-        )
-        return png(figure)
 
     def _description(self) -> str:
         study = self.study
@@ -267,6 +252,22 @@ class StudyViews:
             identity=replace(self.identity, code={}),  # which of it has run, nobody knows
             description=f"Configuration {name} of the study `{study.name}`.",
         )
+
+
+def hyperparameters(study: Study, summary: StudySummary) -> Figure:
+    """The picture of what was tried, and what it did. Raises InvalidInput if the file of the space
+    is damaged."""
+    space, journal = study.space_then(), summary.journal
+    values = {line.id: unit_values(space, line.configuration) for line in journal.configs}
+    width = len(space)
+    return pictures.hyperparameters(
+        np.array([values[one] for one in summary.ranked]).reshape(-1, width),
+        np.array([values[one] for one in _way(summary)]).reshape(-1, width),
+        unit_values(space, study.of_recipe),
+        tuple(space),
+        importance(space, journal),
+        f"{study.name}, {study.task.id}",
+    )
 
 
 def _way(summary: StudySummary) -> list[ConfigId]:

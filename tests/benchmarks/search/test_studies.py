@@ -1,5 +1,6 @@
 import math
 import re
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -7,8 +8,10 @@ import pytest
 
 import benchmarks
 from benchmarks.machine import read_result
+from benchmarks.search.cards import cards
 from benchmarks.search.studies import (
     RECIPES,
+    _elapsed,
     _p_values,
     _quality,
     at_smallest,
@@ -19,6 +22,7 @@ from benchmarks.search.studies import (
 from bilevel.hyperparameters import load_recipe
 from cluster.bohb.journal import ConfigLine, Journal, Origin, ResultLine
 from cluster.bohb.study import RECIPE_FILE
+from search_spaces.translation import INVERSE, of_hyperparameters
 
 STAMPS = {"submitted": 0.0, "started": 0.0, "finished": 0.0}
 
@@ -35,6 +39,41 @@ def test_the_committed_studies_hand_over_what_their_finalists_say() -> None:
         recipe = load_recipe(str(study.folder / RECIPE_FILE), study.task.id)
         proposed = told.configuration(told.incumbent.id)
         assert proposed["nes.population_size"] == recipe.nes.population_size
+
+
+@pytest.mark.parametrize("task", RECIPES)
+def test_the_default_is_what_the_last_search_found(task: str) -> None:
+    """Its values in the space that was searched, rounded; all others are as the search had them,
+    but for the most generations of a run."""
+    *_, study = (one for one in committed() if one.task.id == task)
+    told, default = summary(study), load_recipe("default", task)
+    assert told.incumbent is not None
+    found = told.configuration(told.incumbent.id)
+    assert of_hyperparameters(default, found) == pytest.approx(found, rel=0.02)
+    recipe = load_recipe(str(study.folder / RECIPE_FILE), task)
+    free = {name.replace(INVERSE, "") for name in found} | {"nes.generations"}
+    for section in ("nes", "se"):
+        one, other = (asdict(hp.sections[section]) for hp in (recipe, default))
+        assert {f"{section}.{name}" for name in one if one[name] != other[name]} <= free
+    assert (recipe.agents, recipe.vary_agent) == (default.agents, default.vary_agent)
+
+
+def test_pauses_do_not_count_and_trials_at_a_time_count_once() -> None:
+    def ran(begun: float, finished: float) -> ResultLine:
+        stamps = {"submitted": 0.0, "started": begun, "finished": finished}
+        return ResultLine((0, 0, 0), 1, 1.0, {}, stamps)
+
+    lines = [ran(7200, 10800), ran(0, 3600), ran(1800, 5400), ran(2000, 3000)]
+    assert _elapsed(lines) == 2.5
+    assert _elapsed([]) == 0.0
+
+
+def test_each_study_has_its_card() -> None:
+    text = cards()
+    for study in committed():
+        assert f"## {study.task.id}/{study.name}\n" in text
+    assert text.count("bilevel bohb") == len(committed())
+    assert re.search(r"`nes.population_size` \| 6 → 3 \(3 to 48\)", text)
 
 
 def test_nothing_committed_names_a_folder_of_the_machine() -> None:
