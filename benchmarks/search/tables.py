@@ -68,17 +68,19 @@ def largest_budget() -> str:
         "task",
         "method",
         "searches",
-        "configurations",
+        "configurations at 45 core seconds",
         "found an SE",
-        "p against the row above",
         "of those proposed by the model",
+        "found an SE, a search",
+        "p of the share against random search",
+        "p against Hyperband",
     ]
     return table(head, [row for task, rows in _compared() for row in _largest_budget(task, rows)])
 
 
 def _largest_budget(task: str, measured: Mapping[str, Any]) -> list[tuple[str, ...]]:
     rows: list[tuple[str, ...]] = []
-    before: tuple[int, int] | None = None
+    before: dict[str, tuple[int, int]] = {}
     done = {(row["method"], row["seed"]) for row in measured.values() if "search" in row}
     seeds = {seed for _, seed in done if all((method, seed) in done for method in METHODS)}
     for method in ("random", "hyperband", "bohb"):
@@ -103,11 +105,15 @@ def _largest_budget(task: str, measured: Mapping[str, Any]) -> list[tuple[str, .
                 str(len(searches)),
                 str(len(every)),
                 str(with_one),
-                f"{fisher_exact([before, counts]).pvalue:.2g}" if before else "",
                 f"{with_an_se(of_model)} of {len(of_model)}" if of_model else "",
+                f"{with_one / len(searches):.1f}",
+                *(
+                    f"{fisher_exact([before[other], counts]).pvalue:.2g}" if other in before else ""
+                    for other in ("random", "hyperband")
+                ),
             )
         )
-        before = counts
+        before[method] = counts
     return rows
 
 

@@ -88,6 +88,15 @@ def brackets_to_reach(
     return begun + more if complete else max(begun, more)
 
 
+def deadlines(started: float, time_budget: float | None) -> tuple[float, float]:
+    """When the search is over, and when its validation is, for which SHARE of the time is kept;
+    infinite without a time budget. Scoring the best SE, which comes then, has a minute, or half of
+    a budget that is shorter than two."""
+    budget = math.inf if time_budget is None else time_budget
+    time = max(budget - _RESERVE, budget / 2)
+    return started + (1 - SHARE) * time, started + time
+
+
 def run_study(command: StudyCommand) -> int:
     """Run or resume the study; return exit code 0, or 1 if no trial succeeded.
 
@@ -168,12 +177,6 @@ class _Runner:
         if self._unfinished and self.brackets > command.brackets and command.time_budget is None:
             log(f"it was begun with {count(self.brackets, 'bracket')}, which it completes")
 
-    def _until(self, share: float) -> float:
-        """When so much of the time budget is over, but for the time that scoring the best SE takes;
-        seconds of `time.monotonic`, infinite where there is no budget."""
-        budget = math.inf if self.command.time_budget is None else self.command.time_budget
-        return self.terminal.started + share * max(budget - _RESERVE, budget / 2)
-
     def _pool(self) -> EvaluationPool:
         """A pool as large as those of all trials together, for use while no trial runs."""
         return EvaluationPool(self.command.workers_per_trial * self.command.trials)
@@ -185,7 +188,7 @@ class _Runner:
             require_server_for_nodes(command.context.tracking_uri)  # a node may have joined
             return command.trials
 
-        deadline = self._until(1 - SHARE)
+        deadline, end = deadlines(self.terminal.started, command.time_budget)
         searcher = BohbSearcher(self.search, trials, deadline, command.workers_per_trial)
         report = StudyReport(
             command.study,
@@ -218,6 +221,5 @@ class _Runner:
             )
         mirror.mark([views.parent])
         with self._pool() as pool:
-            end = self._until(1.0)
             found = self.handover.finish(pool, command.final_agents, lambda: time.monotonic() > end)
         return 0 if found and self.search.succeeded else 1

@@ -1,12 +1,13 @@
 """How a study spreads over a cluster."""
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from cluster.bohb.brackets import Schedule
-from cluster.bohb.command import StudyCommand
+from cluster.bohb.command import StudyCommand, deadlines
 from cluster.ray.connection import Capacity
 from cluster.session.context import RunContext
 from cluster.storage.home import Home
@@ -49,3 +50,10 @@ def test_it_asks_for_the_cores_that_it_can_use(command: StudyCommand) -> None:
     assert replace(command, workers_per_trial=4, concurrent_trials=2).cores_wanted == 8
     endless = replace(command, brackets=1000)  # a cycle of its brackets
     assert endless.cores_wanted == 5
+
+
+def test_a_quarter_of_the_time_is_for_validation() -> None:
+    """But for what scoring the best SE takes."""
+    assert deadlines(1000.0, 3660.0) == (1000.0 + 2700.0, 1000.0 + 3600.0)
+    assert deadlines(0.0, 80.0) == (30.0, 40.0)
+    assert deadlines(0.0, None) == (math.inf, math.inf)

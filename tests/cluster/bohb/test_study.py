@@ -13,6 +13,7 @@ from bilevel.tasks import get_task
 from cluster.bohb.journal import Journal
 from cluster.bohb.study import RECIPE_FILE, SPACE_FILE, Study
 from cluster.bohb.view import study_progress
+from cluster.cli.options import RunOptions
 from search_spaces.bohb import search_space
 from search_spaces.space import Space
 from tests.commands import run_bilevel
@@ -27,6 +28,20 @@ def test_a_configuration_is_handed_over_as_the_recipe_that_its_runs_had(tmp_path
     found = load_recipe(str(path), study.task)
     assert replace(found, recipe="default") == study.run(line.id, line.configuration, 0).hp
     assert found.nes.solved_for > 0
+
+
+def test_the_name_of_a_study_stands_for_its_recipe(tmp_path: Path) -> None:
+    made = make_study(tmp_path / "CartPole-v0" / "mine")
+    line = Journal(made.folder).configs[-1]
+    (made.folder / RECIPE_FILE).write_text(made.recipe_text(line.id, line.configuration))
+    options = RunOptions(
+        "CartPole-v0", 0, None, (), None, None, tmp_path, None, None, recipe="mine"
+    )
+    hp = options.the_hyperparameters(made.task)
+    assert hp.recipe == "mine"
+    assert replace(hp, recipe="default") == made.run(line.id, line.configuration, 0).hp
+    larger = replace(options, population=77).the_hyperparameters(made.task)
+    assert larger.nes == replace(hp.nes, population_size=77)
 
 
 def test_a_study_without_an_incumbent_has_no_recipe(tmp_path: Path) -> None:

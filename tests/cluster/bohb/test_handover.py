@@ -1,0 +1,34 @@
+"""Which SEs a study chooses among."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from cluster.bohb.handover import _contenders
+from cluster.bohb.journal import Journal
+from cluster.bohb.runs import ConfigurationRuns
+from cluster.nes.selection import RACERS
+from tests.studies import make_study
+
+
+def test_confirmed_ses_come_first_then_those_that_scored_highest(tmp_path: Path) -> None:
+    study = make_study(tmp_path, brackets=8)
+    every = [
+        ConfigurationRuns.read(study, line.id, line.configuration)
+        for line in Journal(tmp_path).configs
+    ]
+    begun = [runs for runs in every if runs.states and runs.states[0].finalists]
+    worst = min(begun, key=lambda runs: runs.states[0].finalists[0].rank)
+    scored = [
+        (finalist.rank, se)
+        for runs in every
+        for state in runs.states
+        for finalist, se in zip(state.finalists, state.candidates, strict=False)
+        if state is not worst.states[0]
+    ]
+    scored.sort(key=lambda pair: pair[0], reverse=True)
+    worst.states[0] = replace(worst.states[0], finished=True, confirmed=True)
+    first, *others = _contenders(every)
+    assert first.se == worst.states[0].best
+    assert first.hp == worst.run(0).hp
+    assert len(scored) > RACERS == 1 + len(others)
+    assert [one.se for one in others] == [se for _, se in scored[: RACERS - 1]]
