@@ -74,6 +74,7 @@ def searches() -> str:
                 str(len(told.journal.configs)),
                 str(told.model_based),
                 *map(str, hours(told)),
+                _over(told.journal.results),
             )
         )
     head = [
@@ -84,8 +85,17 @@ def searches() -> str:
         "of the model",
         "search",
         "validation",
+        "over the smallest budget, mean and most",
     ]
     return table(head, rows)
+
+
+def _over(results: Sequence[ResultLine]) -> str:
+    """By how much configurations outran the smallest budget: each ends with a generation."""
+    smallest = min(line.budget for line in results)
+    spent = [line.info["core_seconds"] for line in results if line.budget == smallest if line.info]
+    over = np.array(spent) / smallest - 1
+    return f"{over.mean():.0%}, {over.max():.0%}"
 
 
 @dataclass(frozen=True)
