@@ -16,7 +16,7 @@ import yaml
 from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters import Hyperparameters
 from search_spaces import SPACES
-from search_spaces.translation import to_hyperparameters
+from search_spaces.translation import INVERSE, to_hyperparameters
 
 if TYPE_CHECKING:
     from ConfigSpace import ConfigurationSpace
@@ -100,6 +100,13 @@ class Space:
         if seed is not None:
             space.seed(seed)
         return space
+
+    def sets(self, name: str, agents: Sequence[str]) -> bool:
+        """Whether it searches that hyperparameter, `section.field`, or one minus it."""
+        section, _, field = name.partition(".")
+        plain = field.removeprefix(INVERSE)
+        names = f"{section}.{plain}", f"{section}.{INVERSE}{plain}"
+        return not set(names).isdisjoint(self.build(agents))
 
     def fitting(self, name: str, least: int) -> Self:
         """The space; one that comes with the package with a whole-numbered dimension that begins at

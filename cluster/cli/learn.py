@@ -160,6 +160,17 @@ def bohb(
             f"paper); the recipe {hp.recipe!r} has {hp.se.structure} SEs and the rule "
             f"{hp.nes.update}"
         )
+    given = {"nes.population_size": common.population, **dict(common.settings)}
+    for name, value in given.items():
+        if (
+            value is not None
+            and size.prior != "recipe"
+            and searched.sets(name, [one.agent for one in hp.agents])
+        ):
+            raise InvalidInput(
+                f"{name} is searched in the space {searched.name!r}, so that setting it to {value} "
+                "has no effect: leave it out, or begin with it (--prior recipe)"
+            )
     if hp.se.structure == "exogenous":
         searched = searched.fitting("se.hidden_size", least_units(task))
     searched.check(hp, SET_BY_SEARCH, lambda tried: NES(task, tried))

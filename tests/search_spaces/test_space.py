@@ -82,6 +82,15 @@ def test_a_space_of_the_package_may_not_fit_the_recipe() -> None:
         full.check(replace(hp, agents=short))
 
 
+def test_what_a_space_sets() -> None:
+    core = Space.of("core")
+    for name in ("nes.averaging", "nes.1-averaging", "se.spread"):
+        assert core.sets(name, ("ddqn",))
+    for name in ("nes.update", "ddqn.discount"):
+        assert not core.sets(name, ("ddqn",))
+    assert Space.of("full").sets("td3.discount", ("td3",))
+
+
 def test_a_hyperparameter_may_not_be_set_twice(tmp_path: Path) -> None:
     both = CS.Float("nes.averaging", (0.1, 0.9)), CS.Float("nes.1-averaging", (0.1, 0.9))
     with pytest.raises(InvalidInput, match=r"'mine': hyperparameter nes.averaging is set twice"):

@@ -125,6 +125,14 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         ),
         (["nes", "CartPole-v0", "--set", "nes.std_dev"], "'nes.std_dev' is not a setting"),
         (
+            ["bohb", "CartPole-v0", "--prior", "none", "--set", "nes.averaging=0.5"],
+            "nes.averaging is searched in the space 'core', so that setting it to 0.5 has no",
+        ),
+        (
+            ["bohb", "CartPole-v0", "--profile", "smoke", "--population", "4"],
+            "nes.population_size is searched in the space 'core'",
+        ),
+        (
             ["nes", "CartPole-v0", "--set", "nes.mirrored_sampling=false"],
             "NES update 'snes' needs mirrored_sampling true",
         ),
