@@ -16,38 +16,38 @@ from benchmarks.search.tables import by_method, expected_core_seconds
 from cluster.bohb.pictures import objective_against_cost
 from cluster.bohb.profiles import METHODS
 from cluster.bohb.view import hyperparameters
-from cluster.pictures import BLUE, GREY, ORANGE
+from cluster.experiments.style import GUIDE, SERIES, column, styled
 
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 
-_COLOURS = {"bohb": BLUE, "hyperband": ORANGE, "random": GREY}
+_LOOKS = dict(zip(METHODS, SERIES, strict=False))
 
 
 def compared(task: str, measured: dict[str, Any]) -> Figure:
     """The rows of `benchmarks.search.compare`: a point for every search, a line that joins those of
     a seed, and the median of each method."""
-    figure = Figure(figsize=(5, 3.2), layout="constrained")
+    figure = column(2.3)
     axes = figure.subplots()
     found = {method: by_method(measured, method) for method in METHODS}
     for seed in sorted(set.intersection(*(set(of) for of in found.values()))):
         costs = [expected_core_seconds(of[seed]) for of in found.values()]
-        axes.plot(costs, color=GREY, lw=0.7, zorder=0)
+        axes.plot(costs, color=GUIDE, lw=0.4, alpha=0.5, zorder=0)
     for place, (method, of) in enumerate(found.items()):
         costs = [expected_core_seconds(fresh) for fresh in of.values()]
-        axes.scatter([place] * len(costs), costs, color=_COLOURS[method])
+        look = _LOOKS[method]
+        axes.scatter([place] * len(costs), costs, s=14, color=look.colour, marker=look.marker)
         if costs:
             ends = place - 0.2, place + 0.2
-            axes.hlines(float(np.median(costs)), *ends, color=_COLOURS[method], lw=2)
+            axes.hlines(float(np.median(costs)), *ends, color=look.colour, lw=2)
     if "default" in measured:
         default = expected_core_seconds(measured["default"]["fresh"])
-        axes.axhline(default, color="black", lw=0.8, ls="--", label="the recipe default")
-        axes.legend(frameon=False, fontsize="small", loc="lower right")
+        axes.axhline(default, color=GUIDE, lw=0.7, ls="--", label="the recipe default")
+        axes.legend(loc="lower right")
     axes.set_ylim(bottom=0)
     axes.set_xticks(range(len(METHODS)), [*METHODS.values()])
     axes.set_xlim(-0.5, len(METHODS) - 0.5)
     axes.set_ylabel("core seconds a solved run")
-    axes.set_title(task)
-    axes.spines[["top", "right"]].set_visible(False)
+    axes.set_title(f"{task} (bars: medians)")
     return figure
 
 
@@ -72,7 +72,8 @@ def main() -> None:
         except NotMeasured:
             continue
         if any(by_method(measured, method) for method in METHODS):
-            _save(compared(task, measured), f"comparison-{task}")
+            with styled():
+                _save(compared(task, measured), f"comparison-{task}")
 
 
 if __name__ == "__main__":
