@@ -105,7 +105,7 @@ def _print_estimate(command: StudyCommand, trials: int, terminal: Terminal) -> N
     if command.brackets > schedule.cycle:
         terminal.log("    ...   and so on")
 
-    estimate = _estimate(command, trials)
+    estimate = _estimate(command, trials, terminal)
     if command.time_budget is not None and estimate.seconds > command.time_budget:
         estimate, budget = estimate.within(command.time_budget), duration(command.time_budget)
         enough = estimate.seconds <= command.time_budget
@@ -121,7 +121,7 @@ def _print_estimate(command: StudyCommand, trials: int, terminal: Terminal) -> N
     )
 
 
-def _estimate(command: StudyCommand, trials: int) -> Estimate:
+def _estimate(command: StudyCommand, trials: int, terminal: Terminal) -> Estimate:
     study, cores = command.study, trials * command.workers_per_trial
     samples = study.space.build(study.agents, study.seed % 2**32).sample_configuration(_SAMPLES)
     jobs = []
@@ -129,9 +129,13 @@ def _estimate(command: StudyCommand, trials: int) -> Estimate:
         nes = NES(study.task, to_hyperparameters(study.base, dict(sample)), number)
         state = nes.init()
         jobs += [(state.se, request) for request in nes.ask(state)[:_EVALUATIONS]]
+    terminal.bar("timing", 0, len(jobs), "evaluations")
     evaluate(study.task, *jobs[0])  # loads the kernels, untimed
+    results = []
     with ThreadPoolExecutor(_busy(study.agents, cores)) as pool:
-        results = list(pool.map(lambda job: evaluate(study.task, *job), jobs))
+        for result in pool.map(lambda job: evaluate(study.task, *job), jobs):
+            results.append(result)
+            terminal.bar("timing", len(results), len(jobs), "evaluations")
     seconds = sum(result.seconds for result in results)
     cost = sum(result.cost for result in results)
     return Estimate(study.schedule, command.brackets, seconds / max(cost, 1e-9), cores)

@@ -12,6 +12,7 @@ from cluster.bohb.brackets import Schedule
 from cluster.bohb.command import StudyCommand
 from cluster.bohb.estimate import Estimate
 from cluster.session.context import RunContext
+from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
 from tests.results import made_up_result
 from tests.studies import new_study
@@ -30,7 +31,8 @@ def test_the_speed_is_what_evaluations_of_random_configurations_take(
     study = new_study(tmp_path)
     context = RunContext(Home(tmp_path), "sqlite:///none.db")
     command = StudyCommand(study, context, 2, None, 4, workers_per_trial=1)
-    found = estimating._estimate(command, trials=2)
+    with Terminal() as terminal:
+        found = estimating._estimate(command, 2, terminal)
     assert found == Estimate(study.schedule, 2, speed=7.0, cores=2)
     assert len({request.seed for request in asked}) == 6  # one of each configuration
 
