@@ -101,12 +101,14 @@ class Space:
             space.seed(seed)
         return space
 
-    def sets(self, name: str, agents: Sequence[str]) -> bool:
-        """Whether it searches that hyperparameter, `section.field`, or one minus it."""
+    def searches(self, name: str, agents: Sequence[str]) -> bool:
+        """Whether every configuration has a value for that hyperparameter, `section.field`, or for
+        one minus it."""
         section, _, field = name.partition(".")
         plain = field.removeprefix(INVERSE)
         names = f"{section}.{plain}", f"{section}.{INVERSE}{plain}"
-        return not set(names).isdisjoint(self.build(agents))
+        space = self.build(agents)
+        return not set(names).isdisjoint(set(space) - {*space.conditional_hyperparameters})
 
     def fitting(self, name: str, least: int) -> Self:
         """The space; one that comes with the package with a whole-numbered dimension that begins at

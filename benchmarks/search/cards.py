@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 
 from benchmarks.markdown import table
-from benchmarks.search.studies import STUDIES, committed, hours, summary
+from benchmarks.search.studies import STUDIES, committed, summary, time_spent
 from bilevel.decode import decode
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
@@ -24,7 +24,7 @@ def _card(study: Study) -> str:
     author = decode(Author, read_settings(study.folder)["author"], study.name)
     incumbent = told.incumbent
     assert incumbent is not None
-    searched, validated = hours(told)
+    searched, validated = time_spent(told)
     configurations = f"{len(told.journal.configs)} configurations, {told.model_based} of the model"
     facts = [
         ("command", f"`{author.command}`"),
@@ -46,7 +46,17 @@ def _card(study: Study) -> str:
 
 def _hyperparameters(study: Study, told: StudySummary) -> Iterable[tuple[str, str]]:
     assert told.incumbent is not None
-    found, space = told.configuration(told.incumbent.id), study.space_then()
+    found, space = told.configuration(told.incumbent.id), study.stored_space()
     for name, before in study.of_recipe.items():
-        ends = " to ".join(f"{space[name].to_value(end):.4g}" for end in (0.0, 1.0))
-        yield f"`{name}`", f"{before:.4g} → {found[name]:.4g} ({ends})"
+        dimension = space[name]
+        choices = getattr(dimension, "choices", None)
+        range_of = (
+            f"{_told(dimension.to_value(0.0))} to {_told(dimension.to_value(1.0))}"
+            if choices is None
+            else ", ".join(map(_told, choices))
+        )
+        yield f"`{name}`", f"{_told(before)} → {_told(found[name])} ({range_of})"
+
+
+def _told(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

@@ -15,7 +15,7 @@ from benchmarks.search.studies import TASKS, committed, summary
 from benchmarks.search.tables import by_method, expected_core_seconds
 from cluster.bohb.pictures import objective_against_cost
 from cluster.bohb.profiles import METHODS
-from cluster.bohb.view import hyperparameters
+from cluster.bohb.view import hyperparameter_picture
 from cluster.experiments.style import GUIDE, SERIES, column, styled
 
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
@@ -23,6 +23,7 @@ PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 _LOOKS = dict(zip(METHODS, SERIES, strict=False))
 
 
+@styled()
 def compared(task: str, measured: dict[str, Any]) -> Figure:
     """The rows of `benchmarks.search.compare`: a point for every search, a line that joins those of
     a seed, and the median of each method."""
@@ -65,15 +66,14 @@ def main() -> None:
         points, validated = told.points(), told.validated_points()
         figure = objective_against_cost(points, validated, study.task, study.method_name)
         _save(figure, f"search-{study.task.id}-{study.name}")
-        _save(hyperparameters(study, told), f"hyperparameters-{study.task.id}-{study.name}")
+        _save(hyperparameter_picture(study, told), f"hyperparameters-{study.task.id}-{study.name}")
     for task in TASKS:
         try:
             measured = read_result(f"search_{task}")["rows"]
         except NotMeasured:
             continue
         if any(by_method(measured, method) for method in METHODS):
-            with styled():
-                _save(compared(task, measured), f"comparison-{task}")
+            _save(compared(task, measured), f"comparison-{task}")
 
 
 if __name__ == "__main__":

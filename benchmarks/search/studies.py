@@ -73,8 +73,8 @@ def searches() -> str:
                 str(len(study.space.build())),
                 str(len(told.journal.configs)),
                 str(told.model_based),
-                *map(str, hours(told)),
-                _over(told.journal.results),
+                *map(str, time_spent(told)),
+                _overrun(told.journal.results),
             )
         )
     head = [
@@ -90,7 +90,7 @@ def searches() -> str:
     return table(head, rows)
 
 
-def _over(results: Sequence[ResultLine]) -> str:
+def _overrun(results: Sequence[ResultLine]) -> str:
     """By how much configurations outran the smallest budget: each ends with a generation."""
     smallest = min(line.budget for line in results)
     spent = [line.info["core_seconds"] for line in results if line.budget == smallest if line.info]
@@ -99,7 +99,7 @@ def _over(results: Sequence[ResultLine]) -> str:
 
 
 @dataclass(frozen=True)
-class Hours:
+class TimeSpent:
     """What a part of a study took."""
 
     core: float  # by its budgets
@@ -109,11 +109,11 @@ class Hours:
         return f"{self.core:.1f} core hours in {60 * self.elapsed:.0f} min"
 
 
-def hours(told: StudySummary) -> tuple[Hours, Hours]:
+def time_spent(told: StudySummary) -> tuple[TimeSpent, TimeSpent]:
     """What the search and its validation took."""
     return (
-        Hours(told.points()[-1].spent / 3600, _elapsed(told.journal.results)),
-        Hours(sum(line.budget for line in told.finalists) / 3600, _elapsed(told.finalists)),
+        TimeSpent(told.points()[-1].spent / 3600, _elapsed(told.journal.results)),
+        TimeSpent(sum(line.budget for line in told.finalists) / 3600, _elapsed(told.finalists)),
     )
 
 

@@ -68,7 +68,7 @@ def largest_budget() -> str:
         "task",
         "method",
         "searches",
-        "configurations at 45 core seconds",
+        "configurations",
         "found an SE",
         "of those proposed by the model",
         "found an SE, a search",

@@ -141,13 +141,13 @@ class Hyperparameters:
             )
 
     def _check_episodes(self, agent: AgentHyperparameters) -> None:
-        """Refuse training that would end before the agent's first gradient step."""
-        most, named = agent.max_episodes, f"{agent.agent}.max_episodes"
+        """Refuse training that ends before the agent's first gradient step."""
+        most, named, who = agent.max_episodes, f"{agent.agent}.max_episodes", "agents"
         if 0 < self.nes.patient_episodes < most:
-            most, named = self.nes.patient_episodes, "nes.patient_episodes"
+            most, named, who = self.nes.patient_episodes, "nes.patient_episodes", "patient agents"
         if agent.init_episodes >= most:
             raise InvalidInput(
-                f"{agent.agent}.init_episodes must be below {named}, {most}, or agents never "
+                f"{agent.agent}.init_episodes must be below {named}, {most}, or {who} never "
                 f"learn; got {agent.init_episodes}"
             )
 

@@ -19,7 +19,7 @@ from cluster.bohb.journal import Journal
 
 Floats = NDArray[np.float64]
 
-#: Fewest results at one budget that a forest is fitted to, per hyperparameter and besides.
+#: Fewest results at one budget for importances, per hyperparameter and besides.
 _PER_HYPERPARAMETER, _BESIDES = 2, 4
 _FOLDS, _TREES, _PERMUTATIONS = 5, 100, 10
 
@@ -47,10 +47,10 @@ def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | N
     if len(at_budget) < _PER_HYPERPARAMETER * len(space) + _BESIDES:
         return None
     inputs = np.array([unit_values(space, values[line.id]) for line in at_budget])
-    objectives = rankdata([line.objective for line in at_budget])
-    if np.ptp(objectives) == 0:
+    ranks = rankdata([line.objective for line in at_budget])
+    if np.ptp(ranks) == 0:
         return None
-    explained, drops = _held_out(inputs, objectives)
+    explained, drops = _held_out(inputs, ranks)
     return Importance(
         tuple(space),
         drops.mean(axis=1),
@@ -61,9 +61,9 @@ def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | N
     )
 
 
-def _held_out(inputs: Floats, objectives: Floats) -> tuple[float, Floats]:
-    """R^2 of forests on the results (n,) that they were not fitted to, and its drops (d, p) when
-    one of the inputs (n, d) is permuted."""
+def _held_out(inputs: Floats, ranks: Floats) -> tuple[float, Floats]:
+    """R^2 of forests on the ranks (n,) that they were not fitted to, and its drops (d, p) when one
+    of the inputs (n, d) is permuted."""
     # Imports pandas and more, which takes a second: only where there is a forest to fit.
     from sklearn.ensemble import RandomForestRegressor
     from sklearn.model_selection import KFold
@@ -71,19 +71,25 @@ def _held_out(inputs: Floats, objectives: Floats) -> tuple[float, Floats]:
     folds = []
     for seen, unseen in KFold(_FOLDS, shuffle=True, random_state=0).split(inputs):
         forest = RandomForestRegressor(_TREES, random_state=0, n_jobs=1)
-        folds.append((forest.fit(inputs[seen], objectives[seen]), unseen))
+        folds.append((forest.fit(inputs[seen], ranks[seen]), unseen))
 
-    def explained(given: Floats) -> float:
-        errors = [forest.predict(given[unseen]) - objectives[unseen] for forest, unseen in folds]
-        return float(1 - np.mean(np.square(np.concatenate(errors))) / objectives.var())
+    def explained(given: Floats) -> Floats:
+        """R^2 (p,) on inputs (p, n, d)."""
+        predicted = np.empty(given.shape[:2])
+        for forest, unseen in folds:
+            rows = given[:, unseen]
+            flat = forest.predict(rows.reshape(-1, inputs.shape[1]))
+            predicted[:, unseen] = flat.reshape(rows.shape[:2])
+        found: Floats = 1 - np.square(predicted - ranks).mean(axis=1) / ranks.var()
+        return found
 
-    random, best = np.random.default_rng(0), explained(inputs)
+    (best,), random = explained(inputs[None]), np.random.default_rng(0)
     drops = np.empty((inputs.shape[1], _PERMUTATIONS))
-    for column, number in np.ndindex(drops.shape):
-        permuted = inputs.copy()
-        permuted[:, column] = random.permutation(inputs[:, column])
-        drops[column, number] = best - explained(permuted)
-    return best, drops
+    for column, values in enumerate(inputs.T):
+        permuted = np.repeat(inputs[None], _PERMUTATIONS, axis=0)
+        permuted[:, :, column] = [random.permutation(values) for _ in range(_PERMUTATIONS)]
+        drops[column] = best - explained(permuted)
+    return float(best), drops
 
 
 def unit_values(space: CS.ConfigurationSpace, configuration: dict[str, object]) -> Floats:

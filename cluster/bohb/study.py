@@ -203,9 +203,9 @@ class Study:
             )
         write_aside(path, json.dumps(space.to_serialized_dict(), indent=2).encode())
 
-    def space_then(self) -> "ConfigurationSpace":
-        """The space that it searches, also where this version's has other ranges. Raises
-        InvalidInput if its file is damaged."""
+    def stored_space(self) -> "ConfigurationSpace":
+        """The space with the ranges that it was begun with, which are its own also where this
+        version's has others. Raises InvalidInput if its file is damaged."""
         path = self.folder / SPACE_FILE
         return Space.of(str(path)).build() if path.exists() else self.space.build(self.agents)
 

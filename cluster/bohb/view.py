@@ -155,8 +155,8 @@ class StudyViews:
         if summary.validation is not None:
             documents.append(Document.of_text("validation.md", summary.validation_table()))
         if incumbent is not None:
-            # While the study runs, at every tenth result from the tenth on: the forest takes half
-            # a second.
+            # While the study runs, at every tenth result from the tenth on: the forests take a
+            # second.
             number = len(journal.results)
             if number > 10 and not over:
                 number -= number % 10
@@ -165,7 +165,7 @@ class StudyViews:
                 Document(
                     "hyperparameters.png",
                     f"{number} results" + (f", incumbent {name}" if summary.validation else ""),
-                    lambda: png(hyperparameters(study, summary)),
+                    lambda: png(hyperparameter_picture(study, summary)),
                 )
             )
             values = summary.configuration(incumbent.id)
@@ -254,10 +254,10 @@ class StudyViews:
         )
 
 
-def hyperparameters(study: Study, summary: StudySummary) -> Figure:
+def hyperparameter_picture(study: Study, summary: StudySummary) -> Figure:
     """The picture of what was tried, and what it did. Raises InvalidInput if the file of the space
     is damaged."""
-    space, journal = study.space_then(), summary.journal
+    space, journal = study.stored_space(), summary.journal
     values = {line.id: unit_values(space, line.configuration) for line in journal.configs}
     width = len(space)
     return pictures.hyperparameters(

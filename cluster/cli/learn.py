@@ -127,6 +127,7 @@ def bohb(
     **options: Any,
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
+    from bilevel.agents.variation import VARIED
     from bilevel.errors import InvalidInput
     from bilevel.nes import NES
     from bilevel.nes.rules import RULES
@@ -160,16 +161,18 @@ def bohb(
             f"paper); the recipe {hp.recipe!r} has {hp.se.structure} SEs and the rule "
             f"{hp.nes.update}"
         )
-    given = {"nes.population_size": common.population, **dict(common.settings)}
-    for name, value in given.items():
-        if (
-            value is not None
-            and size.prior != "recipe"
-            and searched.sets(name, [one.agent for one in hp.agents])
-        ):
+    agents, where = [one.agent for one in hp.agents], f"is searched in the space {searched.name!r}"
+    for name, value in common.replaced if size.prior != "recipe" else ():
+        if searched.searches(name, agents):
             raise InvalidInput(
-                f"{name} is searched in the space {searched.name!r}, so that setting it to {value} "
-                "has no effect: leave it out, or begin with it (--prior recipe)"
+                f"{name} {where}, so that setting it to {value} has no effect: leave it out, or "
+                "begin with it (--prior recipe)"
+            )
+    for name in (f"{agent}.{field}" for agent in agents for field in VARIED):
+        if hp.vary_agent != "no" and searched.searches(name, agents):
+            raise InvalidInput(
+                f"{name} {where}, but runs draw it anew for each agent (--vary-hp "
+                f"{hp.vary_agent}): give --vary-hp no, or another space"
             )
     if hp.se.structure == "exogenous":
         searched = searched.fitting("se.hidden_size", least_units(task))

@@ -104,8 +104,8 @@ def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
         click.option(
             "--worst-score",
             type=float,
-            help="About the lowest mean return of the task, from which a search measures progress "
-            "(default: the task's).",
+            help="About the lowest mean return of the task: what a diverged agent scores, and from "
+            "where a search measures progress (default: the task's).",
         ),
     ]
     function = common_options(function)
@@ -171,15 +171,20 @@ class RunOptions:
         hp = sized(replace(load_recipe(file, task.id, self.the_agents()), recipe=name))
         vary: Any = self.vary or hp.vary_agent  # checked where it is set
         hp = replace(hp, vary_agent=vary)
-        nes |= {"population_size": self.population}
         own = [(f"nes.{field}", value) for field, value in nes.items() if value is not None]
         values: dict[str, Any] = {}
-        for name, value in [*own, *self.settings]:
+        for name, value in [*own, *self.replaced]:
             if name in values:
                 told = f"{name} is given twice, as {values[name]} and as {value}: give one"
                 raise InvalidInput(told)
             values[name] = value
         return to_hyperparameters(hp, values)
+
+    @property
+    def replaced(self) -> list[tuple[str, Any]]:
+        """The hyperparameters that the options replace, with their values."""
+        own = [] if self.population is None else [("nes.population_size", self.population)]
+        return [*own, *self.settings]
 
     def _recipe(self, task: Task, usual: str) -> tuple[str, str]:
         """Name of the recipe, and the same or its file: for a study on the task, the incumbent's.

@@ -13,6 +13,9 @@ from cluster.session.terminal import count
 #: Columns of a summary that say how its SEs were learned.
 CONDITION = ("source", "condition")
 
+#: Generations of the authors' NES runs.
+AUTHORS_GENERATIONS = 200
+
 #: SEs that the authors picked for their best result of TD3.
 PICKED = 5
 
@@ -62,7 +65,10 @@ def comparison(task_id: str, summaries: Mapping[str, Sequence[Row]]) -> list[Row
         rows.append(
             {
                 "experiment": figure.experiment,
-                "condition": "; ".join(map(title_of, figure.row.values())),
+                "condition": "; ".join(
+                    title_of(value) if name in CONDITION else value
+                    for name, value in figure.row.items()
+                ),
                 "figure": heading(figure.what),
                 "authors": _with_spread(figure.value, figure.spread),
                 "evaluations (authors)": figure.behind,

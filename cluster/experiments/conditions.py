@@ -71,8 +71,6 @@ CONDITIONS = {
 REAL, REAL_TITLE = "real", "real task"
 
 
-def title_of(name: str) -> str:
-    """Title of a condition, or of the real task; any other name is its own."""
-    if name == REAL:
-        return REAL_TITLE
-    return CONDITIONS[name].title if name in CONDITIONS else name
+def title_of(source: str) -> str:
+    """Title of a condition, or of the real task."""
+    return REAL_TITLE if source == REAL else CONDITIONS[source].title

@@ -121,15 +121,18 @@ def report_of(command: ExperimentCommand) -> str:
             f"begin with `bilevel experiment all {task.id}{size}`"
         )
     summaries = {name: one.findings.summary for name, one in found.items()}
+    compared = comparison(task.id, summaries)
     return page(
         f"Synthetic environments for {task.id}",
-        _introduction(command, found),
-        comparison(task.id, summaries),
+        _introduction(command, found, bool(compared)),
+        compared,
         [one.section for one in found.values()],
     )
 
 
-def _introduction(command: ExperimentCommand, found: Mapping[str, Reported]) -> list[str]:
+def _introduction(
+    command: ExperimentCommand, found: Mapping[str, Reported], compared: bool
+) -> list[str]:
     task, missing = command.task, [name for name in EXPERIMENTS if name not in found]
     texts = [
         f"The experiments of Ferreira, Nierhoff and Hutter, Learning Synthetic Environments for "
@@ -140,13 +143,15 @@ def _introduction(command: ExperimentCommand, found: Mapping[str, Reported]) -> 
         "has it, which does not divide the step by n_p sigma; both with the paper's population "
         "and agent. HP varied and HP fixed: whether NES varied its agents' hyperparameters, with "
         "our default recipe in all else. In sizes other than paper, varied agents are narrowed: a "
-        "large network is replaced by a narrow one that learns at the same pace.",
-        "The authors' figures in the same condition are of their own code and their own NES; they "
-        "are from the paper, or from constants, plots and curves in its repository, "
-        "automl/learning_environments. Values are mean ± standard deviation. Where our figures "
-        "are behind theirs, and on how many fewer SEs and agents they rest, is told in "
-        "docs/experiments.md.",
+        "large network is replaced by a narrow one that learns at the same pace. Values are mean ± "
+        "standard deviation.",
     ]
+    if compared:
+        texts.append(
+            "The authors' figures in the same condition are of their own code and their own NES; "
+            "they are from the paper, or from constants, plots and curves in its repository, "
+            "automl/learning_environments. The table tells the evaluations behind each figure."
+        )
     if command.size.quick:
         texts.append("Size smoke: this page shows that all works; its numbers mean nothing.")
     if under_way := [text for one in found.values() if (text := one.under_way) is not None]:

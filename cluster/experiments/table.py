@@ -8,10 +8,19 @@ import html
 import io
 from collections.abc import Mapping, Sequence
 
+import numpy as np
+from numpy.typing import NDArray
+
 Value = str | float | int | None
 Row = Mapping[str, Value]
 
 _SPREAD = "_std"
+
+
+def standard_error(means: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Standard error (...) of the mean of independent samples (n, ...), two or more."""
+    error: NDArray[np.float64] = np.std(means, axis=0, ddof=1) / np.sqrt(len(means))
+    return error
 
 
 def csv_bytes(rows: Sequence[Row]) -> bytes:

@@ -82,13 +82,24 @@ def test_a_space_of_the_package_may_not_fit_the_recipe() -> None:
         full.check(replace(hp, agents=short))
 
 
-def test_what_a_space_sets() -> None:
+def test_what_a_space_searches() -> None:
     core = Space.of("core")
     for name in ("nes.averaging", "nes.1-averaging", "se.spread"):
-        assert core.sets(name, ("ddqn",))
+        assert core.searches(name, ("ddqn",))
     for name in ("nes.update", "ddqn.discount"):
-        assert not core.sets(name, ("ddqn",))
-    assert Space.of("full").sets("td3.discount", ("td3",))
+        assert not core.searches(name, ("ddqn",))
+    assert Space.of("full").searches("td3.discount", ("td3",))
+
+
+def test_a_value_is_read_where_a_condition_leaves_a_dimension_out(tmp_path: Path) -> None:
+    space = CS.ConfigurationSpace(
+        space=[CS.Categorical("nes.ties", ("mean", "order")), CS.Float("nes.std_dev", (0.1, 0.4))]
+    )
+    space.add(CS.EqualsCondition(space["nes.std_dev"], space["nes.ties"], "mean"))
+    space.to_json(tmp_path / "mine.json")
+    mine = Space.of(str(tmp_path / "mine.json"))
+    assert mine.searches("nes.ties", ("ddqn",))
+    assert not mine.searches("nes.std_dev", ("ddqn",))
 
 
 def test_a_hyperparameter_may_not_be_set_twice(tmp_path: Path) -> None:

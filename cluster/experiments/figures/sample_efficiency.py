@@ -6,7 +6,7 @@ the same agent as one that goes on. k climbs a ladder until training has stopped
 steps of 2/5 a ladder costs about three and a half times the training.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -19,7 +19,7 @@ from cluster.experiments.conditions import REAL, title_of
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan
 from cluster.experiments.sizes import Size
 from cluster.experiments.style import LOOKS, column, solved_line
-from cluster.experiments.table import Row
+from cluster.experiments.table import Row, standard_error
 
 Floats = NDArray[np.float64]
 
@@ -101,11 +101,13 @@ def scores_at(steps: Floats, curves: Sequence[tuple[Floats, Floats]]) -> Floats:
 def _findings(plan: Plan, material: Material) -> Findings:
     rows: list[Row] = []
     summary: list[Row] = []
-    curves = {}
+    curves, samples = {}, {}
     for name in SOURCES:
         agents = _agents(plan, material, name)
         each = [steps_and_scores(unit, material.found) for unit in agents]
         curves[name] = each
+        # Agents on one SE have it in common; those on the real task have nothing.
+        samples[name] = len(agents) if name == REAL else plan.size.curve_ses
         for unit, (at, scores) in zip(agents, each, strict=True):
             facts = {"source": name, "position": f"{unit.place.se}-{unit.place.agent}"}
             rows += [
@@ -116,11 +118,12 @@ def _findings(plan: Plan, material: Material) -> Findings:
     return Findings(
         rows,
         summary,
-        {"curves": learning_curves(curves, plan.task, plan.kinds[0].agent)},
+        {"curves": learning_curves(curves, samples, plan.task, plan.kinds[0].agent)},
         {f"final_return/{row['source']}": float(row["return_at_stop"] or 0) for row in summary},
         (
             "Agents train until their stopping rule holds, and keep their last return in the "
-            "means; their hyperparameters are drawn from the paper's ranges.",
+            "means; their hyperparameters are drawn from the paper's ranges. Standard errors are "
+            "those over SEs, and on the real task over agents.",
             "Distilled SEs are the supervised baseline: regressed from action values that were "
             "learned on the real task, not found by NES.",
         ),
@@ -150,16 +153,21 @@ def _summary(name: str, each: Sequence[tuple[Floats, Floats]], solved_reward: fl
 
 
 def learning_curves(
-    curves: dict[str, list[tuple[Floats, Floats]]], task: Task, kind: str
+    curves: Mapping[str, Sequence[tuple[Floats, Floats]]],
+    samples: Mapping[str, int],
+    task: Task,
+    kind: str,
 ) -> Figure:
-    """The mean return over train steps, with its standard error, by source."""
+    """The mean return over train steps, by source, with its standard error over so many independent
+    samples, to each of which as many consecutive curves belong."""
     figure = column(2.5)
     axes = figure.subplots()
     for name, each in curves.items():
         look, grid = LOOKS[name], _grid(each)
         scores = scores_at(grid, each)
         mean = scores.mean(axis=0)
-        error = scores.std(axis=0) / np.sqrt(len(each))
+        means = scores.reshape(samples[name], -1, len(grid)).mean(axis=1)
+        error = standard_error(means) if len(means) > 1 else np.zeros_like(mean)
         axes.fill_between(grid, mean - error, mean + error, color=look.colour, alpha=0.2, lw=0)
         axes.plot(
             grid,

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from bilevel.nes import GenerationRecord
 from bilevel.tasks import Task
-from cluster.experiments.authors import authors_figure
+from cluster.experiments.authors import AUTHORS_GENERATIONS, authors_figure
 from cluster.experiments.conditions import title_of
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan, SERun
 from cluster.experiments.sizes import Size
@@ -111,7 +111,8 @@ def findings_of(curves: Sequence[LearningCurve], task: Task) -> Findings:
             "are the one kind that NES trained.",
             "Core seconds are medians over all runs, with the last confirmation; first solved: "
             "medians over the runs that solve the task. Update norm: length of a generation's "
-            "step on the parameters of the SE, its median over the generations of all runs.",
+            "step on the parameters of the SE, its median over the generations of all runs (of "
+            "our recipe: on NES's coordinates of them, not comparable with the other two).",
         ),
     )
 
@@ -140,20 +141,21 @@ def _summary(condition: str, group: Sequence[LearningCurve], solved_reward: floa
 def _curves(groups: dict[str, list[LearningCurve]], task: Task) -> Figure:
     figure = column(0.5 + 1.35 * len(groups))
     panels: list[Axes] = list(np.atleast_1d(figure.subplots(len(groups), 1, sharey=True)))
+    starred = False
     for axes, (name, group) in zip(panels, groups.items(), strict=True):
         look, scores = LOOKS[name], carried_forward(group)
         generations = np.arange(scores.shape[1])
         for curve in group:
             axes.plot(curve.scores, color=look.colour, lw=0.5, alpha=0.45)
         mean, spread = scores.mean(axis=0), scores.std(axis=0)
-        low, high = scores.min(), scores.max()
-        band = np.clip(mean - spread, low, high), np.clip(mean + spread, low, high)
+        ends = scores.min(), scores.max()
+        band = np.clip(mean - spread, *ends), np.clip(mean + spread, *ends)
         axes.fill_between(generations, *band, color=look.colour, alpha=0.18, lw=0)
         axes.plot(generations, mean, color="black")
-        theirs = _authors_end(task, name)
+        theirs = _authors_end(task, name, scores)
         if theirs is not None:
-            end = scores.shape[1] - 1
-            axes.plot([end], [theirs], color="black", marker="*", ms=7, clip_on=False)
+            axes.plot(generations[-1:], [theirs], color="black", marker="*", ms=7, clip_on=False)
+            starred = True
         solved_line(axes, task.solved_reward)
         axes.set_title(f"{title_of(name)} ({count(len(group), 'run')})")
         axes.set_xlim(0, max(len(mean) - 1, 1))
@@ -166,9 +168,9 @@ def _curves(groups: dict[str, list[LearningCurve]], task: Task) -> Figure:
     drawn = [
         Line2D([], [], color="black", lw=0.5, alpha=0.45, label="a run"),
         Line2D([], [], color="black", label="mean of the runs"),
-        Patch(color="black", alpha=0.18, lw=0, label="their standard deviation"),
+        Patch(color="black", alpha=0.18, lw=0, label="standard deviation, cut at the range"),
     ]
-    if any(_authors_end(task, name) is not None for name in groups):
+    if starred:
         drawn.append(
             Line2D([], [], color="black", marker="*", ms=7, ls="none", label="authors' mean, end")
         )
@@ -176,8 +178,11 @@ def _curves(groups: dict[str, list[LearningCurve]], task: Task) -> Figure:
     return figure
 
 
-def _authors_end(task: Task, condition: str) -> float | None:
-    """Where the authors' mean curve of that condition ends."""
+def _authors_end(task: Task, condition: str, scores: Floats) -> float | None:
+    """Where the authors' mean curve of that condition ends, if our scores (runs, G) go on for as
+    many generations."""
+    if scores.shape[1] != AUTHORS_GENERATIONS:
+        return None
     figure = authors_figure(task.id, "success", {"condition": condition}, "score_at_end")
     return None if figure is None else figure.value
 

@@ -15,7 +15,7 @@ from cluster.experiments.conditions import REAL, title_of
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan
 from cluster.experiments.sizes import Size
 from cluster.experiments.style import LOOKS, column, number, solved_line, violin
-from cluster.experiments.table import Row
+from cluster.experiments.table import Row, standard_error
 
 #: What agents are trained on, in the order of the paper's violins, then ours.
 SOURCES = (REAL, "varied", "fixed", "default")
@@ -123,7 +123,9 @@ def _summary(group: Group, units: Sequence[Unit]) -> Row:
         "evaluations": group.test_returns.size,
         "test_return": s["test_returns_mean"],
         "test_return_std": s["test_returns_std"],
-        "standard_error_over_ses": _standard_error(means),
+        "standard_error_over_ses": float(standard_error(np.array(means)))
+        if len(means) > 1
+        else None,
         "train_steps": s["train_steps_mean"],
         "train_steps_std": s["train_steps_std"],
         "train_steps_median": s["train_steps_median"],
@@ -132,12 +134,6 @@ def _summary(group: Group, units: Sequence[Unit]) -> Row:
         "share_of_agents_solving": s["solved_fraction"],
         "five_best_ses": float(np.mean(means[:PICKED])) if len(means) > PICKED else None,
     }
-
-
-def _standard_error(means: Sequence[float]) -> float | None:
-    """Standard error of the mean over SEs, each of which counts once; None of a single one, or of
-    the real task."""
-    return float(np.std(means, ddof=1) / np.sqrt(len(means))) if len(means) > 1 else None
 
 
 def violins(groups: Sequence[Group], kind: str, task: Task, lowest: float) -> Figure:

@@ -11,7 +11,9 @@ from benchmarks.machine import read_result
 from benchmarks.search.cards import cards
 from benchmarks.search.studies import (
     RECIPES,
+    TimeSpent,
     _elapsed,
+    _overrun,
     _p_values,
     _quality,
     at_smallest,
@@ -66,6 +68,16 @@ def test_pauses_do_not_count_and_trials_at_a_time_count_once() -> None:
     lines = [ran(7200, 10800), ran(0, 3600), ran(1800, 5400), ran(2000, 3000)]
     assert _elapsed(lines) == 2.5
     assert _elapsed([]) == 0.0
+
+
+def test_what_a_study_took() -> None:
+    assert str(TimeSpent(1.25, 0.5)) == "1.2 core hours in 30 min"
+    stamps = {"submitted": 0.0, "started": 0.0, "finished": 1.0}
+    lines = [
+        ResultLine((0, 0, number), budget, 1.0, {"core_seconds": spent}, stamps)
+        for number, (budget, spent) in enumerate([(10, 11.0), (10, 13.0), (30, 60.0)])
+    ]
+    assert _overrun(lines) == "20%, 30%"
 
 
 def test_each_study_has_its_card() -> None:

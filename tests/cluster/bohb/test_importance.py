@@ -23,24 +23,28 @@ SPACE = CS.ConfigurationSpace(
 )
 
 
-def searched(folder: Path, brackets: int) -> Journal:
-    """A random search of an objective that is known."""
+def searched(folder: Path, brackets: int, power: float = 1.0) -> Journal:
+    """A random search of an objective that is known, or of a power of it."""
     journal = Journal(folder)
     search = BracketSearch(SPACE, Schedule((1,), 1), brackets, 0, journal, model=False)
     while (job := search.next_job()) is not None:
         values = unit_values(SPACE, job.configuration)
-        search.register(job, float(np.exp(10 * values[1] + values[0])))
+        search.register(job, float(np.exp(power * (10 * values[1] + values[0]))))
     return journal
 
 
 def test_of_a_known_objective(tmp_path: Path) -> None:
-    found = importance(SPACE, searched(tmp_path, 60))
+    found = importance(SPACE, searched(tmp_path / "one", 60))
     assert found is not None
     mean = dict(zip(found.names, found.mean, strict=True))
     assert mean["matters"] > 0.5
     assert mean["matters"] > 5 * mean["hardly"] > 5 * abs(mean["not"])
     assert (found.budget, found.results) == (1, 60)
     assert 0.8 < found.explained < 1
+    # Ranks alone count.
+    other = importance(SPACE, searched(tmp_path / "other", 60, power=3.0))
+    assert other is not None
+    np.testing.assert_array_equal(other.mean, found.mean)
 
 
 def test_too_few_results_tell_nothing(tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ import pytest
 from bilevel.hyperparameters import RECIPES, load_recipe
 from cluster.bohb.profiles import PROFILES, get_profile, sized
 from cluster.cli.options import RunOptions
+from search_spaces.space import Space
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
@@ -71,3 +72,11 @@ def test_the_papers_space_is_searched_under_the_rule_of_its_ranges() -> None:
     profile = get_profile("paper")
     assert (profile.space, profile.recipe) == ("full", "authors")
     assert load_recipe(profile.recipe, "CartPole-v0").nes.update == "authors"
+
+
+@pytest.mark.parametrize("profile", PROFILES)
+@pytest.mark.parametrize("recipe", ["authors", "paper"])
+@pytest.mark.parametrize("task", ["CartPole-v0", "Acrobot-v1"])
+def test_the_papers_space_fits_every_profile(profile: str, recipe: str, task: str) -> None:
+    """Also the one that cuts training short."""
+    Space.of("full").check(sized(load_recipe(recipe, task), get_profile(profile)))

@@ -4,6 +4,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bilevel import InvalidInput
@@ -11,7 +12,7 @@ from cluster.bohb.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.study import SPACE_FILE
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.validation import Validation
-from cluster.bohb.view import StudyViews, _way
+from cluster.bohb.view import StudyViews, _way, hyperparameter_picture
 from cluster.storage.run_folder import RunStatus
 from tests.studies import make_study
 
@@ -94,7 +95,19 @@ def test_a_study_is_drawn_over_the_ranges_that_it_began_with(tmp_path: Path) -> 
     (changed,) = [d for d in stored["hyperparameters"] if d["name"] == "nes.std_dev"]
     changed["upper"] *= 2
     path.write_text(json.dumps(stored))
-    assert study.space_then()["nes.std_dev"].to_value(1.0) == pytest.approx(changed["upper"])
+    assert study.stored_space()["nes.std_dev"].to_value(1.0) == pytest.approx(changed["upper"])
+    summary = StudySummary.of(Journal(tmp_path), study.schedule.brackets(1))
+    places = hyperparameter_picture(study, summary).axes[0]
+    row = [label.get_text() for label in places.get_yticklabels()].index("nes.std_dev")
+    (drawn,) = [
+        np.asarray(artist.get_offsets(), np.float64)
+        for artist in places.collections
+        if len(np.asarray(artist.get_offsets())) == len(summary.ranked)
+        and {y for _, y in np.asarray(artist.get_offsets())} == {row}
+    ]
+    values = [summary.configuration(one)["nes.std_dev"] for one in reversed(summary.ranked)]
+    ends = np.log([changed["lower"], changed["upper"]])
+    np.testing.assert_allclose(drawn[:, 0], (np.log(values) - ends[0]) / np.ptp(ends))
 
 
 def test_a_configuration_that_was_never_allowed_is_shown_with_its_failure(tmp_path: Path) -> None:

@@ -128,6 +128,14 @@ def test_help(command: list[str], tmp_path: Path) -> None:
             ["bohb", "CartPole-v0", "--prior", "none", "--set", "nes.averaging=0.5"],
             "nes.averaging is searched in the space 'core', so that setting it to 0.5 has no",
         ),
+        (  # the search begins there
+            ["bohb", "CartPole-v0", "--set", "nes.std_dev=0.3", "--home", "/proc/none"],
+            "cannot write to '/proc/none'",
+        ),
+        (
+            ["bohb", "CartPole-v0", "--space", "full", "--recipe", "authors", "--vary-hp", "all"],
+            "ddqn.learning_rate is searched in the space 'full', but runs draw it anew",
+        ),
         (
             ["bohb", "CartPole-v0", "--profile", "smoke", "--population", "4"],
             "nes.population_size is searched in the space 'core'",

@@ -4,14 +4,16 @@ import re
 from html.parser import HTMLParser
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bilevel.tasks import BUILT_IN_TASKS
 from cluster.experiments.authors import authors_figures, comparison
 from cluster.experiments.page import Picture, Section, inlined, page
 from cluster.experiments.registry import EXPERIMENTS
+from cluster.experiments.report import _titled
 from cluster.experiments.style import column, styled, svg
-from cluster.experiments.table import Row, cells, csv_bytes, shown, text_lines
+from cluster.experiments.table import Row, cells, csv_bytes, shown, standard_error, text_lines
 from tests.cluster.experiments.made_up import findings_of
 
 
@@ -93,6 +95,19 @@ def test_figures_without_experiments_of_ours() -> None:
 )
 def test_digits(value: str | float | int | None, text: str) -> None:
     assert shown(value) == text
+
+
+def test_the_standard_error_of_independent_samples() -> None:
+    samples = np.array([[1.0, 10.0], [3.0, 10.0], [5.0, 10.0]])
+    np.testing.assert_allclose(standard_error(samples), [2 / np.sqrt(3), 0])
+
+
+def test_rows_of_the_page_have_the_titles_of_conditions() -> None:
+    assert _titled({"source": "varied", "agent": "td3", "ses": 3}) == {
+        "source": "SE, HP varied",
+        "agent": "td3",
+        "ses": 3,
+    }
 
 
 def test_tables() -> None:

@@ -38,3 +38,4 @@ def test_what_shares_a_picture_differs_in_lightness(looks: Sequence[Look]) -> No
 def test_numbers_have_a_minus_sign() -> None:
     assert number(-100.0) == "\N{MINUS SIGN}100"
     assert number(195.0) == "195"
+    assert number(-87.24, ".1f") == "\N{MINUS SIGN}87.2"
