@@ -10,6 +10,7 @@ import math
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -82,10 +83,10 @@ def searches() -> str:
         "study",
         "hyperparameters",
         "configurations",
-        "of the model",
+        "proposed by the model",
         "search",
         "validation",
-        "over the smallest budget, mean and most",
+        "overrun of the smallest budget, mean and most",
     ]
     return table(head, rows)
 
@@ -128,12 +129,12 @@ def _elapsed(lines: Sequence[ResultLine]) -> float:
 
 def proposals() -> str:
     """How the configurations of each origin did at the smallest budget, where all of them were
-    run: in each study, and in all searches by BOHB of the comparison."""
+    run: in each study, and in all searches by BOHB of the comparison, which count once each."""
     rows = [
         row
         for study in committed()
         for row in _proposals(
-            study.task.id, f"`{study.name}`", at_smallest(outcomes(Journal(study.folder)))
+            study.task.id, f"`{study.name}`", [at_smallest(outcomes(Journal(study.folder), True))]
         )
     ]
     for task in TASKS:
@@ -144,19 +145,16 @@ def proposals() -> str:
                 for row in compared
                 if row.get("method") == "bohb" and "search" in row
             ]
-            pooled = {
-                origin: [result for search in found for result in search[origin]]
-                for origin in (Origin.RANDOM.value, Origin.MODEL.value)
-            }
             noun = "search" if len(found) == 1 else "searches"
-            rows += _proposals(task, f"compared below: {len(found)} {noun}", pooled)
+            rows += _proposals(task, f"compared below: {len(found)} {noun}", found)
     head = [
         "task",
         "study",
         "configurations",
         "found an SE",
         "objective, median and quartiles",
-        "p against random",
+        "better than one drawn at random",
+        "p",
     ]
     return table(head, rows)
 
@@ -167,9 +165,11 @@ Outcome = tuple[float, int]
 ByOrigin = dict[str, list[Outcome]]
 
 
-def outcomes(journal: Journal) -> dict[str, ByOrigin]:
+def outcomes(journal: Journal, at_budget: bool = False) -> dict[str, ByOrigin]:
     """The results of a search by budget, the smallest first, and by the origin of their
-    configurations, but for the recipe itself; the objective of a failure is infinite."""
+    configurations, but for the recipe itself; the objective of a failure is infinite. `at_budget`
+    scales objectives as if each had cost its budget: all outrun it by a part of a generation, those
+    with large generations by more."""
     origins = {line.id: line.origin for line in journal.configs}
     found: dict[str, ByOrigin] = {
         str(budget): {
@@ -180,6 +180,8 @@ def outcomes(journal: Journal) -> dict[str, ByOrigin]:
     for line in journal.results:
         if origins[line.id] is not Origin.RECIPE:
             objective = math.inf if line.loss is None else line.loss
+            if at_budget and "core_seconds" in line.info:
+                objective *= line.budget / line.info["core_seconds"]
             outcome = objective, line.info.get("confirmed", 0)
             found[str(line.budget)][origins[line.id].value].append(outcome)
     return found
@@ -200,25 +202,33 @@ def with_an_se(found: Sequence[Outcome]) -> int:
     return sum(confirmed > 0 for _, confirmed in found)
 
 
-def _proposals(
-    task: str, study: str, by_origin: Mapping[str, Sequence[Outcome]]
-) -> list[tuple[str, ...]]:
-    objectives = {origin: [one[0] for one in found] for origin, found in by_origin.items()}
-    at_random = objectives[Origin.RANDOM.value]
-    return [
-        (
-            task,
-            study,
-            origin,
-            f"{with_an_se(found)} of {len(found)}",
-            quartiles(objectives[origin]),
-            ""
-            if origin == Origin.RANDOM.value
-            else f"{mannwhitneyu(objectives[origin], at_random).pvalue:.1g}",
-        )
-        for origin, found in by_origin.items()
-        if found
-    ]
+def _proposals(task: str, study: str, searches: Sequence[ByOrigin]) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    for origin in searches[0]:
+        found = [outcome for search in searches for outcome in search[origin]]
+        if found:
+            told = ("", "") if origin == Origin.RANDOM.value else _against_random(searches, origin)
+            objectives = quartiles([objective for objective, _ in found])
+            number = f"{with_an_se(found)} of {len(found)}"
+            rows.append((task, study, origin, number, objectives, *told))
+    return rows
+
+
+def _against_random(searches: Sequence[ByOrigin], origin: str) -> tuple[str, str]:
+    """Chance that the objective of a configuration of that origin is lower than that of one drawn
+    at random in the same search, and a two-sided p that it is one half: of one search by
+    Mann-Whitney, of several by exchange within each."""
+    better, p = [], math.nan
+    for search in searches:
+        ours, random = ([one[0] for one in search[kind]] for kind in (origin, Origin.RANDOM.value))
+        if ours and random:
+            found = mannwhitneyu(ours, random)
+            better.append(1 - float(found.statistic) / (len(ours) * len(random)))
+            p = float(found.pvalue)
+    if len(searches) > 1:
+        exchanged = np.array([*product((-1, 1), repeat=len(better))]) @ (np.array(better) - 0.5)
+        p = float(np.mean(np.abs(exchanged) >= np.abs(exchanged[-1]) - 1e-12))
+    return f"{np.mean(better):.0%}", f"{p:.1g}"
 
 
 def quartiles(values: Sequence[float]) -> str:
@@ -241,7 +251,7 @@ def validations() -> str:
                     f"`{study.name}`",
                     "the recipe" if recipe else configuration_name(line.id),
                     *(
-                        f"{one.info['confirmed']} in {one.info['core_seconds']:.0f}"
+                        f"{one.info['confirmed']} in {one.info['core_seconds']:.0f} core s"
                         for one in (before, line)
                     ),
                     f"{before.loss:.0f}",
@@ -252,10 +262,10 @@ def validations() -> str:
         "task",
         "study",
         "configuration",
-        "SEs in core seconds, search",
-        "new seeds",
-        "objective, search",
-        "new seeds",
+        "SEs in the search",
+        "in the validation",
+        "objective in the search",
+        "in the validation",
     ]
     return table(head, rows)
 
@@ -289,7 +299,7 @@ def found() -> str:
         "recipe",
         "solved",
         "confirmed",
-        "of these solved",
+        "confirmed runs that solve the task",
         "core seconds, median and range",
         "core seconds an SE",
         "train steps of an agent",

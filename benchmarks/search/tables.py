@@ -177,7 +177,7 @@ def comparison() -> str:
         "searches",
         "fresh runs solved",
         "core seconds a solved run",
-        "BOHB's less, equal, more",
+        "seeds on which BOHB's takes less, equal, more",
         "p against BOHB",
     ]
     return f"{table(head, rows)}\n\n{source(*results)}"

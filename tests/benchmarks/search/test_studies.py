@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from scipy.stats import mannwhitneyu
 
 import benchmarks
 from benchmarks.machine import read_result
@@ -15,6 +16,7 @@ from benchmarks.search.studies import (
     _elapsed,
     _overrun,
     _p_values,
+    _proposals,
     _quality,
     at_smallest,
     committed,
@@ -113,6 +115,32 @@ def test_proposals_are_compared_where_all_were_run(tmp_path: Path) -> None:
         Origin.AROUND_RECIPE: [],
         Origin.MODEL: [(7.0, 0)],
     }
+
+
+def test_a_search_counts_once_where_several_are_compared() -> None:
+    def searched(random: list[float], model: list[float]) -> dict[str, list[tuple[float, int]]]:
+        return {
+            Origin.RANDOM.value: [(one, 0) for one in random],
+            Origin.MODEL.value: [(one, 1) for one in model],
+        }
+
+    searches = [searched([3.0, 4.0], [1.0, 2.0])] * 4 + [searched([1.0], [2.0, 3.0, 4.0])]
+    random, model = _proposals("CartPole-v0", "five", searches)
+    assert random[2:4] == (Origin.RANDOM.value, "0 of 9")
+    assert model[3] == "11 of 11"
+    # Four of five are as far apart as can be, and one the other way round: so are 12 of 32 signs.
+    assert model[5:] == ("80%", "0.4")
+    ((_, *_, better, p),) = _proposals("CartPole-v0", "one", searches[:1])[1:]
+    assert better == "100%"
+    assert float(p) == pytest.approx(mannwhitneyu([1, 2], [3, 4]).pvalue, rel=0.1)
+
+
+def test_what_outran_the_budget_is_scaled_to_it(tmp_path: Path) -> None:
+    journal = Journal(tmp_path)
+    journal.add_config(ConfigLine((0, 0, 0), {}, {}))
+    journal.add_result(ResultLine((0, 0, 0), 30, 80.0, {"core_seconds": 40.0}, STAMPS))
+    assert at_smallest(outcomes(journal))[Origin.RANDOM] == [(80.0, 0)]
+    assert at_smallest(outcomes(journal, at_budget=True))[Origin.RANDOM] == [(60.0, 0)]
 
 
 @pytest.mark.parametrize("task", RECIPES)
