@@ -32,7 +32,7 @@ def _commands(found: dict[str, dict[str, Any]]) -> str:
 
 #: Columns of what `success` has found of a condition.
 _SUCCESS = (
-    *("ever solved", "at the end", "SE handed over solves", "score at the end"),
+    *("solved in some generation", "in the last one", "SE handed over solves", "score at the end"),
     *("first solved in generation", "after core seconds", "generations", "core seconds"),
     "update norm",
 )
@@ -131,7 +131,7 @@ def sample_efficiency() -> str:
             task,
             title_of(row["source"]),
             row["agents"],
-            "never"
+            "not before all had stopped"
             if row["train_steps_until_mean_return_solves"] is None
             else f"{row['train_steps_until_mean_return_solves']:.0f}",
             f"{row['train_steps_at_stop']:.0f} ± {row['train_steps_at_stop_std']:.0f}",
