@@ -19,7 +19,6 @@ from cluster.bohb.tune.stopping import StudyStopper
 from cluster.bohb.tune.tuner import run_trials
 from cluster.bohb.validation import SHARE
 from cluster.bohb.view import StudyViews
-from cluster.nes.run import start_of
 from cluster.ray.connection import Capacity, require_server_for_nodes, scaled_to
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext
@@ -153,12 +152,10 @@ class _Runner:
     def _introduce(self) -> None:
         command, log = self.command, self.terminal.log
         study = command.study
-        searched = "nes.start_candidates" in study.space.build(study.agents)
-        start = "" if searched else f"{start_of(study.base.nes)}, "
         self.session.introduce(
             f"{study.method_name} on {study.task.id}: study {study.name!r}, "
-            f"space {study.space.name}, recipe {study.base.recipe}, prior {study.prior}, {start}"
-            f"rule {study.base.nes.update}, "
+            f"space {study.space.name}, recipe {study.base.recipe}, prior {study.prior}, "
+            f"{study.start}rule {study.base.nes.update}, "
             f"budgets {'/'.join(map(str, study.schedule.budgets))} core seconds, "
             f"{count(command.trials, 'trial')} at a time with "
             f"{count(command.workers_per_trial, 'worker')} each"

@@ -15,7 +15,7 @@ from bilevel.tasks import Task
 from cluster.bohb.brackets import Schedule
 from cluster.bohb.journal import ConfigId, Configuration, Journal
 from cluster.bohb.profiles import METHODS, get_method
-from cluster.nes.run import NESRun
+from cluster.nes.run import NESRun, start_of
 from cluster.storage.run_folder import SETTINGS_FILE, Settings, read_settings, settings_of
 from search_spaces import SPACES
 from search_spaces.space import Space
@@ -81,6 +81,12 @@ class Study:
     def method_name(self) -> str:
         """Its method, for people."""
         return METHODS[self.method]
+
+    @property
+    def start(self) -> str:
+        """How its runs start, in words before a comma; nothing where that is searched."""
+        searched = self.space.searches("nes.start_candidates", self.agents)
+        return "" if searched else f"{start_of(self.base.nes)}, "
 
     @property
     def agents(self) -> tuple[str, ...]:

@@ -20,7 +20,6 @@ from cluster.bohb.runs import ConfigurationRuns
 from cluster.bohb.study import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.tables import TALLIED, incumbents_csv, results_csv
-from cluster.nes.run import start_of
 from cluster.nes.selection import BEST_FILE
 from cluster.nes.view import (
     edition,
@@ -178,7 +177,7 @@ class StudyViews:
         study = self.study
         return (
             f"{study.method_name} over NES on **{study.task.id}**, recipe "
-            f"`{study.base.recipe}`, {start_of(study.base.nes)}, "
+            f"`{study.base.recipe}`, {study.start}"
             f"rule `{study.base.nes.update}`: search space `{study.space.name}`, "
             f"budgets {list(study.schedule.budgets)} core seconds (eta 3), seed {study.seed}. Each "
             "child run is one configuration, which runs NES with one seed after the other; a "
