@@ -49,7 +49,7 @@ PROFILES = {
         population=2,
         start_candidates=2,
         centre_agents=2,
-        max_episodes=25,
+        max_episodes=15,
     ),
     # For a laptop, in half an hour. It begins with the recipe, so that what it hands over has been
     # compared with that, also where the time is enough for a dozen configurations alone.
@@ -110,5 +110,12 @@ def sized(hp: Hyperparameters, profile: Profile) -> Hyperparameters:
     agents, most = hp.agents, profile.max_episodes
     if most is not None:
         nes = replace(nes, patient_episodes=min(nes.patient_episodes, most))
-        agents = tuple(replace(one, max_episodes=min(one.max_episodes, most)) for one in agents)
+        agents = tuple(
+            replace(
+                one,
+                init_episodes=min(one.init_episodes, most - 1),  # so that it learns at all
+                max_episodes=min(one.max_episodes, most),
+            )
+            for one in agents
+        )
     return replace(hp, nes=nes, agents=agents)

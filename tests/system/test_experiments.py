@@ -1,5 +1,6 @@
 """`bilevel experiment` as a user runs it: real Ray, MLflow and kills."""
 
+import html
 import json
 import os
 import shutil
@@ -101,7 +102,8 @@ def test_success_grows_with_each_nes_run(tmp_home: Path, address: str) -> None:
     assert report.returncode == 0, report.stderr
     page = (folder.with_name("experiment-smoke-report-seed0") / REPORT_FILE).read_text()
     assert "Under way: success (1 of 6 NES runs have ended)." in page
-    assert "1 of 2 default, 0 of 2 authors, 0 of 2 paper" in page
+    told = "SE, our recipe: 1 of 2; authors' rule: 0 of 2; Algorithm 1: 0 of 2"
+    assert html.escape(told) in page
 
     ended = run_bilevel(*success, "--address", address, "--workers", "1")
     assert ended.returncode == 0, ended.stderr
