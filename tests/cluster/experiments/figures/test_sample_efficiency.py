@@ -13,9 +13,11 @@ from cluster.experiments.conditions import REAL
 from cluster.experiments.figures.sample_efficiency import (
     climbed,
     ladder,
+    learning_curves,
     scores_at,
     steps_and_scores,
 )
+from cluster.experiments.style import styled
 from tests.cluster.experiments.made_up import result_of
 from tests.ses import make_se
 
@@ -94,3 +96,18 @@ def test_curves_keep_their_first_and_last_values() -> None:
     ]
     found = scores_at(np.array([5.0, 10.0, 19.9, 20.0, 100.0]), curves)
     np.testing.assert_array_equal(found, [[1, 1, 1, 2, 2], [5, 5, 5, 5, 9]])
+
+
+def test_agents_on_one_se_are_one_sample(cartpole: Task) -> None:
+    """The band is the standard error over SEs: here of two, whose agents score 10 and 30 on one and
+    50 and 70 on the other."""
+    steps = np.array([10.0, 1000.0])
+    each = [(steps, np.full(2, score)) for score in (10.0, 30.0, 50.0, 70.0)]
+    with styled():
+        over_ses, over_agents = (
+            learning_curves({"default": each}, {"default": samples}, cartpole, "ddqn").axes[0]
+            for samples in (2, 4)
+        )
+    for axes, error in ((over_ses, 20.0), (over_agents, np.sqrt(2000 / 3) / 2)):
+        heights = np.concatenate([path.vertices for path in axes.collections[0].get_paths()])[:, 1]
+        assert (heights.min(), heights.max()) == pytest.approx((40 - error, 40 + error))
