@@ -24,6 +24,9 @@ from bilevel.zoo import ENTRIES, env_id, get_entry
 
 KINDS = ("DQN", "PPO")
 STEPS = (2_500, 5_000, 10_000)
+#: First seed of the tests: those of training begin at 0, so that no agent is tested from initial
+#: states that it was trained from.
+_TESTS = 1_000_000
 
 
 def trained(kind: str, make: Callable[[], Any], steps: int, seed: int) -> Any:
@@ -71,11 +74,11 @@ def trained(kind: str, make: Callable[[], Any], steps: int, seed: int) -> Any:
 
 
 def score(agent: Any, env: Any, seed: int) -> float:
-    """Mean return of the agent in 20 episodes of an environment."""
+    """Mean return in 20 episodes of an environment of an agent that was trained with this seed."""
     from stable_baselines3.common.evaluation import evaluate_policy
 
     recorded = gymnasium.wrappers.RecordEpisodeStatistics(env)
-    recorded.reset(seed=seed)
+    recorded.reset(seed=_TESTS + seed)
     returns, _ = evaluate_policy(
         agent, recorded, n_eval_episodes=20, warn=False, return_episode_rewards=True
     )

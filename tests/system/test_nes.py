@@ -14,6 +14,7 @@ from mlflow.exceptions import MlflowException
 
 from bilevel import InvalidInput  # (registers the environment)
 from bilevel.nes import NESState
+from bilevel.tasks.task import SCALE_STEPS
 from cluster.nes.run import NESRun
 from tests.commands import run_bilevel
 from tests.system.conftest import client, run_until, untimed
@@ -93,7 +94,7 @@ def test_a_run_its_tracking_and_its_continuation(
     costs = [record["cost"] for record in scores(tmp_home)]
     assert 0 < costs[0] < costs[1] < costs[2]
     steps = [record["real_env_steps"] for record in scores(tmp_home)]
-    assert 1000 < steps[0] < steps[1] < steps[2]  # a thousand gave the scale of observations
+    assert SCALE_STEPS < steps[0] < steps[1] < steps[2]
     for output, last in ((result.stdout, steps[1]), (longer.stdout, steps[2])):
         found = re.search(r"(\d+) steps on the real task", output)
         assert found is not None

@@ -1,5 +1,6 @@
-from typing import Any
+from typing import Any, ClassVar
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -24,3 +25,20 @@ def test_an_agent_trains_for_so_many_steps(kind: str, cartpole: Task) -> None:
     agent = trained(kind, cartpole.make, 256, 0)
     assert type(agent).__name__ == kind
     assert agent.num_timesteps == 256
+
+
+def test_no_agent_is_tested_from_states_that_it_was_trained_from(cartpole: Task) -> None:
+    class Watched(gymnasium.Wrapper[Any, Any, Any, Any]):
+        seen: ClassVar[list[Any]] = []
+
+        def reset(self, **options: Any) -> Any:
+            state, info = super().reset(**options)
+            self.seen.append(tuple(state))
+            return state, info
+
+    trained("DQN", lambda: Watched(cartpole.make()), 64, 3)
+    before = {*Watched.seen}
+    Watched.seen.clear()
+    score(Left(), Watched(cartpole.make()), 3)
+    assert len(before) > 1
+    assert not before & {*Watched.seen}

@@ -12,6 +12,7 @@ from bilevel.synthetic_env import SE, SEDistribution, StoredSE, coordinates, loa
 from bilevel.synthetic_env.coordinates import ExogenousCoordinates
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import get_task
+from bilevel.tasks.task import SCALE_STEPS
 from tests.documents import ROOT
 
 TASKS = ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"]
@@ -167,7 +168,7 @@ def test_the_scale_of_observations_is_that_of_random_episodes() -> None:
     one, two, other = (task.observation_scale(seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(one.deviation, two.deviation)
     assert not np.array_equal(one.deviation, other.deviation)
-    assert one.real_env_steps == 1000
+    assert one.real_env_steps == SCALE_STEPS
     assert 0.3 < one.deviation[1] < 0.9  # a cart's velocity in units a second
 
 
