@@ -25,23 +25,12 @@ from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from benchmarks.arguments import format_seeds, known_task, parse_seeds
 from benchmarks.machine import NotMeasured, read_result, write_result
+from benchmarks.nes.run import run_nes
 from benchmarks.search.studies import outcomes
-from bilevel.evaluation import (
-    EvaluationRequest,
-    EvaluationResult,
-    SESource,
-    evaluate,
-    train_and_test,
-)
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.hyperparameters import Hyperparameters, load_recipe
-from bilevel.nes import NES
-from bilevel.nes.confirmation import FINAL_AGENTS
-from bilevel.nes.requests import fresh_agent
-from bilevel.seeds import Purpose
 from bilevel.synthetic_env import least_units
 from bilevel.tasks import Task, get_task
 from cluster.bohb.brackets import Schedule, core_seconds_to_run
@@ -146,23 +135,8 @@ def search(task_id: str, method: str, seed: int, core_seconds: int, home: Path) 
 
 def fresh_run(task_id: str, configuration: dict[str, Any], number: int) -> dict[str, Any]:
     """Run NES by a configuration (empty: by the recipe `default`) with a fresh seed."""
-    task, seed = get_task(task_id), _FRESH + number
-    hp = to_hyperparameters(base_of(task), configuration)
-    state = NES(task, hp, seed).run(
-        lambda ses, requests: [evaluate(task, ses, r) for r in requests]
-    )
-    scores = []
-    for agent in range(FINAL_AGENTS):
-        trial, drawn = fresh_agent(hp.agents, "all", seed, Purpose.FINAL, agent)
-        scores.append(train_and_test(task, state.best.se, drawn, trial).score)
-    return {
-        "seed": seed,
-        "confirmed": state.confirmed,
-        "core_seconds": round(state.cost, 1),
-        "generations": state.generation,
-        "score": round(float(np.mean(scores)), 1),
-        "solved": bool(np.mean(scores) >= task.solved_reward),
-    }
+    task = get_task(task_id)
+    return run_nes(task, to_hyperparameters(base_of(task), configuration), _FRESH + number)
 
 
 def end_with_parent() -> None:

@@ -9,6 +9,7 @@ import psutil
 import pytest
 
 from benchmarks import machine
+from benchmarks.nes import run
 from benchmarks.readme import ROOT
 from benchmarks.search import compare
 from benchmarks.search.compare import SPACE, Comparison, brackets_of, fresh_run, run_in_process
@@ -71,7 +72,7 @@ def test_a_failing_configuration_does_not_end_a_search(
 def test_a_fresh_run_is_a_function_of_configuration_and_number(
     small_hp: Hyperparameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compare, "FINAL_AGENTS", 1)  # of any size
+    monkeypatch.setattr(run, "FINAL_AGENTS", 1)  # of any size
     monkeypatch.setattr(compare, "base_of", lambda task: small_hp)
     small = {"nes.generations": 1}
     one, again, other = (fresh_run("CartPole-v0", small, number) for number in (0, 0, 1))

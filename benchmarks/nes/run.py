@@ -1,0 +1,33 @@
+"""An NES run in this process, and what its SE is worth."""
+
+from typing import Any
+
+import numpy as np
+
+from bilevel.evaluation import evaluate, train_and_test
+from bilevel.hyperparameters import Hyperparameters
+from bilevel.nes import NES
+from bilevel.nes.confirmation import FINAL_AGENTS
+from bilevel.nes.requests import fresh_agent
+from bilevel.seeds import Purpose
+from bilevel.tasks import Task
+
+
+def run_nes(task: Task, hp: Hyperparameters, seed: int) -> dict[str, Any]:
+    """Run NES until an SE is confirmed or the generations are over; ten fresh agents of the paper's
+    full ranges score its SE."""
+    state = NES(task, hp, seed).run(
+        lambda ses, requests: [evaluate(task, ses, r) for r in requests]
+    )
+    scores = []
+    for agent in range(FINAL_AGENTS):
+        trial, drawn = fresh_agent(hp.agents, "all", seed, Purpose.FINAL, agent)
+        scores.append(train_and_test(task, state.best.se, drawn, trial).score)
+    return {
+        "seed": seed,
+        "confirmed": state.confirmed,
+        "core_seconds": round(state.cost, 1),
+        "generations": state.generation,
+        "score": round(float(np.mean(scores)), 1),
+        "solved": bool(np.mean(scores) >= task.solved_reward),
+    }
