@@ -5,6 +5,9 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import Any
 
+import numpy as np
+from scipy.stats import spearmanr, wilcoxon
+
 from benchmarks.arguments import parse_seeds
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import mean_and_range, source, table
@@ -74,6 +77,63 @@ def longer() -> str:
 def others() -> str:
     """Both tables for a task outside the paper."""
     return _both("", OTHER_TASKS)
+
+
+def scale() -> str:
+    """NES with the scale of observations measured over more and fewer random steps. An error is the
+    distance of a mean from that of all runs with most steps, in deviations."""
+    results = {}
+    for task in PAPER_TASKS:
+        with suppress(NotMeasured):
+            results[task] = read_result(f"nes_scale_{task}", "runs")
+    if not results:
+        raise NotMeasured("`benchmarks/results/nes_scale_*.json`")
+    rows = [row for task, result in results.items() for row in scale_rows(task, result["runs"])]
+    head = [
+        "task",
+        "random steps",
+        "solved",
+        "core seconds an SE",
+        "core seconds, median and range",
+        "p against the row above",
+        "largest error of a mean, median and most",
+        "rank correlation with core seconds",
+        "p",
+    ]
+    return f"{table(head, rows)}\n\n{source(*results.values())}"
+
+
+def scale_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
+    """The rows of a task, by the seeds that ran with every number of steps."""
+    by_steps: dict[int, dict[int, dict[str, Any]]] = {}
+    for run in runs:
+        by_steps.setdefault(run["steps"], {})[run["seed"]] = run
+    common = sorted(set.intersection(*(set(found) for found in by_steps.values())))
+    exact = np.mean([run["mean"] for run in by_steps[max(by_steps)].values()], axis=0)
+    rows: list[list[str]] = []
+    before: list[float] | None = None
+    for steps, found in sorted(by_steps.items()):
+        chosen = [found[seed] for seed in common]
+        costs = [run["core_seconds"] for run in chosen]
+        confirmed = sum(run["confirmed"] for run in chosen)
+        errors = [float(np.abs(np.array(run["mean"]) - exact).max()) for run in chosen]
+        agreement = spearmanr(errors, costs)
+        p = "" if before is None else f"{wilcoxon(np.log(before), np.log(costs)).pvalue:.2g}"
+        rows.append(
+            [
+                task,
+                f"{steps:,}".replace(",", " "),
+                f"{sum(run['solved'] for run in chosen)} of {len(chosen)}",
+                f"{sum(costs) / confirmed:.0f}" if confirmed else "-",
+                _spread(costs, ".0f"),
+                p,
+                f"{np.median(errors):.2f}, {max(errors):.2f}",
+                f"{agreement.statistic:.2f}",
+                f"{agreement.pvalue:.2g}",
+            ]
+        )
+        before = costs
+    return rows
 
 
 def _both(ending: str, tasks: Sequence[str]) -> str:
@@ -155,5 +215,6 @@ TABLES: dict[str, Callable[[], str]] = {
     "nes-seeds": seeds,
     "nes-taught": taught,
     "nes-longer": longer,
+    "nes-scale": scale,
     "nes-distilled": distilled,
 }

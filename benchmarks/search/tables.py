@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.stats import f as f_distribution
 from scipy.stats import fisher_exact, permutation_test, spearmanr
 
 from benchmarks.machine import NotMeasured, read_result
@@ -159,6 +160,52 @@ def _incumbents(task: str, measured: dict[str, Any]) -> list[tuple[str, ...]]:
     ]
 
 
+def noise() -> str:
+    """What the core time of a fresh run depends on: its recipe, its seed, or neither. Raises
+    NotMeasured."""
+    head = [
+        "task",
+        "recipes",
+        "seeds",
+        *(f"variance of log core seconds: {of}" for of in ("recipes", "seeds", "the rest")),
+        "p of seeds",
+    ]
+    return table(head, [row for task, rows in _compared() for row in _noise(task, rows)])
+
+
+def _noise(task: str, measured: Mapping[str, Any]) -> list[tuple[str, ...]]:
+    """Components of a two-way analysis of variance without replicates: all recipes ran with the
+    same seeds. A recipe that several searches found counts once."""
+    complete = max(len(row.get("fresh", ())) for row in measured.values())
+    each = {
+        repr(row.get("search", {}).get("configuration")): [
+            np.log(run["core_seconds"]) for run in row["fresh"]
+        ]
+        for row in measured.values()
+        if len(row.get("fresh", ())) == complete
+    }
+    costs = np.array([*each.values()])
+    recipes, seeds = costs.shape
+    if min(recipes, seeds) < _FEWEST:
+        return []
+    of_recipe, of_seed = costs.mean(1, keepdims=True), costs.mean(0, keepdims=True)
+    left = recipes * seeds - recipes - seeds + 1
+    rest = float(((costs - of_recipe - of_seed + costs.mean()) ** 2).sum() / left)
+    between_seeds = recipes * float(of_seed.var(ddof=1))
+    between_recipes = seeds * float(of_recipe.var(ddof=1))
+    return [
+        (
+            task,
+            str(recipes),
+            str(seeds),
+            f"{max(between_recipes - rest, 0.0) / seeds:.2f}",
+            f"{max(between_seeds - rest, 0.0) / recipes:.2f}",
+            f"{rest:.2f}",
+            f"{f_distribution.sf(between_seeds / rest, seeds - 1, left):.1g}",
+        )
+    ]
+
+
 def comparison() -> str:
     """What the recipes of each method are worth, and whether BOHB's are worth more."""
     rows, results = [], []
@@ -220,6 +267,7 @@ TABLES: dict[str, Callable[[], str]] = {
     "search": comparison,
     "largest-budget": largest_budget,
     "incumbents": incumbents,
+    "noise": noise,
     "searches": studies.searches,
     "proposals": studies.proposals,
     "validations": studies.validations,

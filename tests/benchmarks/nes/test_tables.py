@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks import machine
 from benchmarks.machine import NotMeasured, write_result
-from benchmarks.nes.tables import seeds, taught
+from benchmarks.nes.tables import scale_rows, seeds, taught
 
 
 def run(seed: int, **changes: Any) -> dict[str, Any]:
@@ -65,3 +65,26 @@ def test_what_ses_teach_is_told_se_by_se() -> None:
     told = "| 2 | 2 | 194.5 (191.0 to 198.0) |"
     assert ours == f"| CartPole-v0 | ddqn {told} 1 (target 195) | 200 |"
     assert theirs == f"| CartPole-v0 | sb3 DQN, 2,500 steps {told} 2 (target 190) | - |"
+
+
+def test_steps_that_measure_the_scale_are_compared_seed_by_seed() -> None:
+    runs = [
+        {
+            "steps": steps,
+            "seed": seed,
+            "mean": [0.0, error * (seed - first)],
+            "core_seconds": cost * (seed + 1.0),
+            "confirmed": True,
+            "solved": seed < solved,
+        }
+        for steps, error, first, cost, solved in (
+            (1000, 0.1, -1, 40, 5),
+            (10_000, 0.01, 2.5, 20, 6),
+        )
+        for seed in range(6)
+    ]
+    runs.append({**runs[0], "seed": 6, "core_seconds": 9000.0})  # the others have not run it
+    fewer, more = scale_rows("CartPole-v0", runs)
+    assert fewer[1:6] == ["1 000", "5 of 6", "140", "140 (40 to 240)", ""]
+    assert fewer[6:8] == ["0.35, 0.60", "1.00"]
+    assert more[1:6] == ["10 000", "6 of 6", "70", "70 (20 to 120)", "0.031"]

@@ -6,6 +6,7 @@ import pytest
 from benchmarks.search.tables import (
     _incumbents,
     _largest_budget,
+    _noise,
     _rows,
     expected_core_seconds,
     p_value,
@@ -97,3 +98,28 @@ def test_incumbents_are_compared_with_their_validation() -> None:
     ]
     measured["random 3"]["fresh"] = measured["bohb 3"]["fresh"] = runs[:1]  # not complete
     assert _incumbents("CartPole-v0", measured) == []
+
+
+def test_noise_is_split_into_what_seeds_and_recipes_have_in_common() -> None:
+    rng = np.random.default_rng(0)
+    recipes, seeds = rng.normal(0, 1.0, (80, 1)), rng.normal(0, 0.5, (1, 60))
+    costs = np.exp(3 + recipes + seeds + rng.normal(0, 0.2, (80, 60)))
+    measured = {
+        str(place): {
+            "search": {"configuration": {"nes.step_size": place}},
+            "fresh": [{"core_seconds": cost} for cost in row],
+        }
+        for place, row in enumerate(costs)
+    }
+    measured["again"] = measured["7"]  # the same recipe, found by another search
+    ((_, n, m, of_recipes, of_seeds, rest, p),) = _noise("CartPole-v0", measured)
+    assert (n, m) == ("80", "60")
+    assert float(of_recipes) == pytest.approx(1.0, abs=0.3)
+    assert float(of_seeds) == pytest.approx(0.25, abs=0.1)
+    assert float(rest) == pytest.approx(0.04, abs=0.011)
+    assert float(p) < 1e-9
+    for row in measured.values():  # now every run has a seed of its own
+        rng.shuffle(row["fresh"])
+    ((*_, of_seeds, _, p),) = _noise("CartPole-v0", measured)
+    assert float(of_seeds) < 0.05
+    assert float(p) > 1e-3
