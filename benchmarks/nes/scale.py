@@ -34,7 +34,7 @@ def measured(task_id: str, steps: int, seed: int) -> dict[str, Any]:
     bilevel.tasks.task.SCALE_STEPS = steps
     task = get_task(task_id)
     scale = task.observation_scale(derive(seed, Purpose.OBSERVATIONS))
-    mean = np.round(scale.mean / scale.deviation, 3).tolist()
+    mean = np.round(scale.mean.astype(float) / scale.deviation, 3).tolist()
     return {"steps": steps, "mean": mean, **run_nes(task, load_recipe("default", task), seed)}
 
 
