@@ -24,14 +24,14 @@ from bilevel.hyperparameters import load_recipe
 from bilevel.seeds import Purpose, derive
 from bilevel.tasks import get_task
 
-#: Numbers of random steps: a tenth of what NES takes, as many, and ten times as many.
+#: Numbers of random steps: a hundredth of those that a compiled task has, a tenth, and as many.
 STEPS = 1_000, 10_000, 100_000
 
 
 def measured(task_id: str, steps: int, seed: int) -> dict[str, Any]:
     """Run NES with the scale measured over so many steps; `mean` is that of the observations, in
     their deviations."""
-    bilevel.tasks.task.SCALE_STEPS = steps
+    bilevel.tasks.task.SCALE_STEPS = bilevel.tasks.task.GYMNASIUM_SCALE_STEPS = steps
     task = get_task(task_id)
     scale = task.observation_scale(derive(seed, Purpose.OBSERVATIONS))
     mean = np.round(scale.mean.astype(float) / scale.deviation, 3).tolist()

@@ -35,10 +35,10 @@ GYMNASIUM_INITIAL_STATES = 200
 MAX_STEP_LIMIT = 1_000_000
 
 
-#: Random steps on the real task that measure the scale of its observations. With a tenth of them
-#: the mean of CartPole's angle is off by up to a third of its deviation, and NES takes up to ten
-#: times as long (docs/nes.md).
-SCALE_STEPS = 10_000
+#: Random steps on the real task that measure the scale of its observations: of a compiled task, and
+#: of one that gymnasium runs, where as many would take long. With a hundredth the mean of CartPole's
+#: angle is off by up to a third of its deviation, and NES takes twice as long (docs/nes.md).
+SCALE_STEPS, GYMNASIUM_SCALE_STEPS = 100_000, 10_000
 
 #: Range of an observation, relative to its mean, up to which it counts as constant.
 _CONSTANT = 1e-6
@@ -137,22 +137,43 @@ class Task:
         return ObservationScale(zero, np.ones_like(zero), 0)
 
     def observation_scale(self, seed: int) -> ObservationScale:
-        """Measure the scale of observations over SCALE_STEPS random actions; the standard deviation
-        of a constant observation is set to 1."""
-        seen = []
-        with closing(self.make()) as env:
-            env.action_space.seed(seed % 2**31)
-            state, _ = env.reset(seed=seed % 2**31)
-            for _ in range(SCALE_STEPS):
-                seen.append(state)
-                state, _, terminated, truncated, _ = env.step(env.action_space.sample())
-                if terminated or truncated:
-                    state, _ = env.reset()
-        mean, deviation = np.mean(seen, axis=0), np.std(seen, axis=0)
+        """Measure the scale of observations over episodes of random actions, SCALE_STEPS or
+        GYMNASIUM_SCALE_STEPS in all; the standard deviation of a constant observation is set to
+        1."""
+        steps = SCALE_STEPS if self.compiled else GYMNASIUM_SCALE_STEPS
+        seen = (self._simulated if self.compiled else self._seen)(seed, steps).astype(np.float64)
+        mean, deviation = seen.mean(axis=0), seen.std(axis=0)
         # The computed deviation of a constant need not be 0.
         constant = np.ptp(seen, axis=0) <= _CONSTANT * np.maximum(np.abs(mean), 1.0)
         deviation = np.where(constant, 1.0, deviation)
-        return ObservationScale(mean.astype(np.float32), deviation.astype(np.float32), SCALE_STEPS)
+        return ObservationScale(mean.astype(np.float32), deviation.astype(np.float32), steps)
+
+    def _simulated(self, seed: int, steps: int) -> NDArray[np.float32]:
+        """Observations (steps, S) of a compiled task under random actions."""
+        rng = np.random.default_rng(seed)
+        actions = rng.integers(self.n_actions, size=steps)
+        seen = np.empty((steps, self.state_size), np.float32)
+        physics, age = self.initial_physics(rng, 1)[0], 0
+        for action, state in zip(actions, seen, strict=True):
+            dynamics.observe(self.dynamics, physics, state)
+            _, terminated = dynamics.step(self.dynamics, physics, action)
+            age += 1
+            if terminated or age == self.step_limit:
+                physics, age = self.initial_physics(rng, 1)[0], 0
+        return seen
+
+    def _seen(self, seed: int, steps: int) -> NDArray[np.float32]:
+        """The same of a task that gymnasium runs."""
+        seen = np.empty((steps, self.state_size), np.float32)
+        with closing(self.make()) as env:
+            env.action_space.seed(seed % 2**31)
+            seen[0], _ = env.reset(seed=seed % 2**31)
+            for place in range(1, steps):
+                state, _, terminated, truncated, _ = env.step(env.action_space.sample())
+                if terminated or truncated:
+                    state, _ = env.reset()
+                seen[place] = state
+        return seen
 
 
 @cache

@@ -6,8 +6,10 @@ import numpy as np
 import pytest
 import torch
 
+import bilevel.tasks.task
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters, load_recipe
+from bilevel.kernels import dynamics
 from bilevel.synthetic_env import SE, SEDistribution, StoredSE, coordinates, load_se, save_se
 from bilevel.synthetic_env.coordinates import ExogenousCoordinates
 from bilevel.synthetic_env.torch_module import SEModule
@@ -170,6 +172,20 @@ def test_the_scale_of_observations_is_that_of_random_episodes() -> None:
     assert not np.array_equal(one.deviation, other.deviation)
     assert one.real_env_steps == SCALE_STEPS
     assert 0.3 < one.deviation[1] < 0.9  # a cart's velocity in units a second
+
+
+@pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
+def test_simulated_and_real_episodes_have_the_same_scale(
+    task_id: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulated = get_task(task_id).observation_scale(0)
+    observed = replace(get_task(task_id), dynamics=dynamics.OBSERVED)  # gymnasium runs it
+    monkeypatch.setattr(bilevel.tasks.task, "GYMNASIUM_SCALE_STEPS", 30_000)
+    real = observed.observation_scale(0)
+    assert real.real_env_steps == 30_000
+    np.testing.assert_allclose(simulated.deviation, real.deviation, rtol=0.3)
+    error = (simulated.mean - real.mean) / real.deviation
+    np.testing.assert_allclose(error, 0.0, atol=0.15)
 
 
 def test_the_numbers_that_the_documents_give() -> None:
