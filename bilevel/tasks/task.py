@@ -36,8 +36,8 @@ MAX_STEP_LIMIT = 1_000_000
 
 
 #: Random steps on the real task that measure the scale of its observations: of a compiled task, and
-#: of one that gymnasium runs, where as many would take long. With a hundredth the mean of CartPole's
-#: angle is off by up to a third of its deviation, and NES takes twice as long (docs/nes.md).
+#: of one that gymnasium runs, where as many would take long. With a hundredth of them the mean of
+#: CartPole's angle is off by up to a third of its deviation, and NES takes longer (docs/nes.md).
 SCALE_STEPS, GYMNASIUM_SCALE_STEPS = 100_000, 10_000
 
 #: Range of an observation, relative to its mean, up to which it counts as constant.

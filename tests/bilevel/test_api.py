@@ -13,6 +13,7 @@ import pytest
 
 import bilevel
 from bilevel.hyperparameters import Hyperparameters
+from bilevel.tasks.task import SCALE_STEPS
 
 
 def small(task_id: str) -> Hyperparameters:
@@ -43,7 +44,9 @@ def test_a_loop_of_ones_own(task_id: str, tmp_path: Path) -> None:
             state = nes.tell(state, results[::-1] if backwards else results)
         ends.append(state)
     np.testing.assert_array_equal(ends[0].se.mean, ends[1].se.mean)
-    assert ends[0].real_env_steps == ends[1].real_env_steps > state.scale.real_env_steps == 1000
+    assert (
+        ends[0].real_env_steps == ends[1].real_env_steps > state.scale.real_env_steps == SCALE_STEPS
+    )
 
     path = tmp_path / "se.safetensors"
     bilevel.save(state.best, path)

@@ -10,6 +10,7 @@ from bilevel.hyperparameters import load_recipe
 from bilevel.nes import NES
 from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task
+from bilevel.tasks.task import SCALE_STEPS
 
 
 @pytest.fixture
@@ -39,7 +40,7 @@ def test_nes_begins_there_with_that_recipe_alone(cartpole: Task) -> None:
     assert state.race is None
     assert state.real_env_steps > 500
     default = NES(cartpole, load_recipe("default", cartpole.id), 3).init()
-    assert default.real_env_steps == 1000
+    assert default.real_env_steps == SCALE_STEPS
     assert default.race is not None
 
 
