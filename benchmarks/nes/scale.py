@@ -1,6 +1,6 @@
 """NES with the scale of observations measured over more and fewer random steps.
 
-    python -m benchmarks.nes.scale CartPole-v0 --seeds 650-669
+    python -m benchmarks.nes.scale CartPole-v0 --seeds 650-661,690-697
 
 Each seed runs NES by the recipe `default` in one process, once with each number of steps, as many
 runs at a time as there are cores. Results are written one by one to `results/nes_scale_TASK.json`;

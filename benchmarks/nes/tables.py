@@ -23,6 +23,9 @@ TARGETS: dict[str, dict[str, float]] = {
 #: The paper's tasks, and another one.
 PAPER_TASKS, OTHER_TASKS = ("CartPole-v0", "Acrobot-v1"), ("MountainCar-v0",)
 
+#: Seeds from which on numbers of random steps are compared.
+_FEWEST = 4
+
 _SEEDS = (
     "task",
     "solved",
@@ -108,6 +111,8 @@ def scale_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
     for run in runs:
         by_steps.setdefault(run["steps"], {})[run["seed"]] = run
     common = sorted(set.intersection(*(set(found) for found in by_steps.values())))
+    if len(common) < _FEWEST:
+        return []
     exact = np.mean([run["mean"] for run in by_steps[max(by_steps)].values()], axis=0)
     rows: list[list[str]] = []
     before: list[float] | None = None

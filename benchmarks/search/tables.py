@@ -177,6 +177,8 @@ def _noise(task: str, measured: Mapping[str, Any]) -> list[tuple[str, ...]]:
     """Components of a two-way analysis of variance without replicates: all recipes ran with the
     same seeds. A recipe that several searches found counts once."""
     complete = max(len(row.get("fresh", ())) for row in measured.values())
+    if not complete:
+        return []
     each = {
         repr(row.get("search", {}).get("configuration")): [
             np.log(run["core_seconds"]) for run in row["fresh"]

@@ -109,7 +109,7 @@ class NES:
     def init(self) -> NESState:
         """The state before anything is evaluated.
 
-        It may make a few real steps for the scale of observations (`Task.observation_scale`); a
+        It may make real steps for the scale of observations (`Task.observation_scale`); a
         distilled start takes seconds and many more of them.
         """
         scale, real_steps = self.task.unit_scale, 0

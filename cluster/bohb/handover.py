@@ -64,7 +64,7 @@ class Handover:
         path, real_steps = export_best(best.se, score, study.folder, number, learned, tests)
         (study.folder / INCUMBENT_FILE).unlink(missing_ok=True)  # of an interruption before
         log(str(score))
-        log(f"{real_steps} steps on the real task in all runs, nearly all of them in tests")
+        log(f"{real_steps} steps on the real task in all runs, the scale of observations included")
         if incumbent is not None:
             self._report_recipe()
         model = model_address(study.task.id, "newest")

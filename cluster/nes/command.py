@@ -181,7 +181,7 @@ class _Runner:
         path, real_steps = export_best(
             best.se, score, run.folder, state.generation, state.real_env_steps, tests
         )
-        log(f"{real_steps} steps on the real task, nearly all of them in tests")
+        log(f"{real_steps} steps on the real task, the scale of observations included")
         log(str(score))
         model = model_address(run.task.id, "newest")
         log(f"best SE: {path}  ({model} in MLflow's model registry)")

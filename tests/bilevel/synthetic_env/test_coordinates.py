@@ -1,7 +1,9 @@
 """Exogenous SEs are plain MLPs with the structure that their docstring describes."""
 
 from dataclasses import replace
+from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 import torch
@@ -13,7 +15,7 @@ from bilevel.kernels import dynamics
 from bilevel.synthetic_env import SE, SEDistribution, StoredSE, coordinates, load_se, save_se
 from bilevel.synthetic_env.coordinates import ExogenousCoordinates
 from bilevel.synthetic_env.torch_module import SEModule
-from bilevel.tasks import get_task
+from bilevel.tasks import Task, get_task
 from bilevel.tasks.task import SCALE_STEPS
 from tests.documents import ROOT
 
@@ -172,6 +174,50 @@ def test_the_scale_of_observations_is_that_of_random_episodes() -> None:
     assert not np.array_equal(one.deviation, other.deviation)
     assert one.real_env_steps == SCALE_STEPS
     assert 0.3 < one.deviation[1] < 0.9  # a cart's velocity in units a second
+
+
+def test_the_scale_of_a_task_that_gymnasium_runs_takes_fewer_steps() -> None:
+    assert get_task("MountainCar-v0").observation_scale(0).real_env_steps == 1000
+
+
+def test_each_state_in_which_an_action_was_taken_counts_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Also the first of an episode, not the last."""
+
+    class Counting(gymnasium.Env[Any, Any]):
+        observation_space = gymnasium.spaces.Box(0, 9, (1,), np.float32)
+        action_space = gymnasium.spaces.Discrete(2)
+
+        def __init__(self, **_: Any) -> None:
+            self.age = 0
+
+        def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+            super().reset(seed=seed)
+            self.age = 0
+            return np.array([0], np.float32), {}
+
+        def step(self, action: Any) -> Any:
+            self.age += 1
+            return np.array([self.age], np.float32), 0.0, self.age == 4, False, {}
+
+    spec = gymnasium.envs.registration.EnvSpec(
+        "test/Counting-v0", entry_point=Counting, reward_threshold=1.0, max_episode_steps=10
+    )
+    monkeypatch.setitem(gymnasium.registry, spec.id, spec)
+    scale = get_task(spec.id).observation_scale(0)
+    assert scale.mean == pytest.approx(np.mean([0, 1, 2, 3]))
+    assert scale.deviation == pytest.approx(np.std([0, 1, 2, 3]))
+
+
+def test_a_compiled_task_is_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Episodes begin with an initial state, in which a pole stands nearly upright."""
+    task = get_task("CartPole-v0")
+    monkeypatch.setattr(Task, "make", None)
+    monkeypatch.setattr(bilevel.tasks.task, "SCALE_STEPS", 2)
+    means = [task.observation_scale(seed).mean[2] for seed in range(20)]
+    assert np.abs(means).max() < 0.07
+    assert np.abs(means).min() < 0.01
 
 
 @pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
