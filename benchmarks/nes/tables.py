@@ -98,7 +98,7 @@ def scale() -> str:
         "solved",
         "core seconds an SE",
         "core seconds, median and range",
-        "p against the row above",
+        "p against the first row",
         "largest error of a mean, median and most",
         "rank correlation of each mean's error with core seconds",
     ]
@@ -115,14 +115,14 @@ def scale_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
         return []
     exact = np.mean([run["mean"] for run in by_steps[max(by_steps)].values()], axis=0)
     rows: list[list[str]] = []
-    before: list[float] | None = None
+    first: list[float] = []
     for steps, found in sorted(by_steps.items()):
         chosen = [found[seed] for seed in common]
         costs = [run["core_seconds"] for run in chosen]
         confirmed = sum(run["confirmed"] for run in chosen)
         errors = np.abs([np.array(run["mean"]) - exact for run in chosen])
         agreement = [float(spearmanr(of_mean, costs).statistic) for of_mean in errors.T]
-        p = "" if before is None else f"{wilcoxon(np.log(before), np.log(costs)).pvalue:.2g}"
+        p = f"{wilcoxon(np.log(first), np.log(costs)).pvalue:.2g}" if first else ""
         rows.append(
             [
                 task,
@@ -135,7 +135,7 @@ def scale_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
                 ", ".join(f"{one:.2f}" for one in agreement),
             ]
         )
-        before = costs
+        first = first or costs
     return rows
 
 
