@@ -19,7 +19,8 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"Python 3.11 to 3.13 is needed, $(PYTHON) is {v[0]}.{v[1]}: make PYTHON=...")'
 	@echo "setting up $(VENV), once; on 2 cores it takes 2 minutes or so"
 	@echo "  1 of 2: all packages but PyTorch, some seconds"
-	@test -x $(BIN)/python || $(PYTHON) -m venv $(VENV)
+	@# Whoever interrupts this has a Python without pip, which is made anew.
+	@$(BIN)/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	@grep -vE '^torch==' constraints.txt > $(VENV)/others.txt
 	@# uv is several times as fast as pip; without it, pip does the same.
 	@command -v uv > /dev/null || $(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^uv==' constraints.txt) || true

@@ -118,6 +118,11 @@ def _largest_budget(task: str, measured: Mapping[str, Any]) -> list[tuple[str, .
     return rows
 
 
+def _recipe(row: Mapping[str, Any]) -> str:
+    """The recipe of a row as a key: several searches may have found the same one."""
+    return repr(sorted(row.get("search", {}).get("configuration", {}).items()))
+
+
 def incumbents() -> str:
     """What the validation of a search tells of its incumbent: the objective there beside that over
     the fresh runs. Raises NotMeasured."""
@@ -141,7 +146,7 @@ def _incumbents(task: str, measured: dict[str, Any]) -> list[tuple[str, ...]]:
             continue
         costs = np.array([run["core_seconds"] for run in fresh])
         confirmed = sum(run["confirmed"] for run in fresh)
-        key = repr(sorted(row["search"]["configuration"].items()))
+        key = _recipe(row)
         fresh_objective = float(costs.sum() / confirmed) if confirmed else float("inf")
         each[key] = row["search"]["incumbent"], fresh_objective, float(costs.std() / costs.mean())
     if len(each) < _FEWEST:
@@ -180,9 +185,7 @@ def _noise(task: str, measured: Mapping[str, Any]) -> list[tuple[str, ...]]:
     if not complete:
         return []
     each = {
-        repr(row.get("search", {}).get("configuration")): [
-            np.log(run["core_seconds"]) for run in row["fresh"]
-        ]
+        _recipe(row): [np.log(run["core_seconds"]) for run in row["fresh"]]
         for row in measured.values()
         if len(row.get("fresh", ())) == complete
     }

@@ -42,3 +42,7 @@ def test_no_agent_is_tested_from_states_that_it_was_trained_from(cartpole: Task)
     score(Left(), Watched(cartpole.make()), 3)
     assert len(before) > 1
     assert not before & {*Watched.seen}
+    # Nor from those of other seeds; PPO trains in eight environments, from its seed on.
+    for seed in range(20):
+        first, _ = cartpole.make().reset(seed=seed)
+        assert tuple(first) not in Watched.seen

@@ -116,12 +116,13 @@ def test_noise_is_split_into_what_seeds_and_recipes_have_in_common() -> None:
     costs = np.exp(3 + effects(8, 2.0)[:, None] + effects(6, 1.0) + rest)
     measured = {
         str(place): {
-            "search": {"configuration": {"nes.step_size": place}},
+            "search": {"configuration": {"nes.step_size": place, "nes.std_dev": 1.0}},
             "fresh": [{"core_seconds": cost} for cost in row],
         }
         for place, row in enumerate(costs)
     }
-    measured["again"] = measured["7"]  # the same recipe, found by another search
+    same = {"configuration": {"nes.std_dev": 1.0, "nes.step_size": 7}}
+    measured["again"] = {**measured["7"], "search": same}  # found by another search
     measured["begun"] = {"search": {"configuration": {}}, "fresh": [{"core_seconds": 1.0}]}
     measured["searched"] = {"search": {"configuration": {"nes.step_size": 9}}}
     ((_, recipes, seeds, *told, p),) = _noise("CartPole-v0", measured)
