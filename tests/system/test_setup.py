@@ -15,7 +15,7 @@ def test_an_interrupted_set_up_is_made_anew(tmp_path: Path) -> None:
     (tmp_path / "constraints.txt").touch()  # nothing to install: `make` ends after the first step
     half = tmp_path / ".venv"
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", half], check=True)
-    pip = [half / "bin" / "python", "-m", "pip", "--version"]
+    pip = [str(half / "bin" / "python"), "-m", "pip", "--version"]
     assert subprocess.run(pip, capture_output=True, check=False).returncode != 0
     command = ["make", "setup", f"PYTHON={sys.executable}"]
     subprocess.run(command, cwd=tmp_path, capture_output=True, check=False)
