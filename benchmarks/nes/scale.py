@@ -29,13 +29,15 @@ STEPS = 1_000, 10_000, 100_000
 
 
 def measured(task_id: str, steps: int, seed: int) -> dict[str, Any]:
-    """Run NES with the scale measured over so many steps; `mean` is that of the observations, in
-    their deviations."""
+    """Run NES with the scale measured over so many steps, which is told beside it."""
     bilevel.tasks.task.SCALE_STEPS = bilevel.tasks.task.GYMNASIUM_SCALE_STEPS = steps
     task = get_task(task_id)
     scale = task.observation_scale(derive(seed, Purpose.OBSERVATIONS))
-    mean = np.round(scale.mean.astype(float) / scale.deviation, 3).tolist()
-    return {"steps": steps, "mean": mean, **run_nes(task, load_recipe("default", task), seed)}
+    of_observations = {
+        "mean": np.round(scale.mean.astype(float), 5).tolist(),
+        "deviation": np.round(scale.deviation.astype(float), 5).tolist(),
+    }
+    return {"steps": steps, **of_observations, **run_nes(task, load_recipe("default", task), seed)}
 
 
 def main() -> None:

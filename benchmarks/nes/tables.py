@@ -113,14 +113,15 @@ def scale_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
     common = sorted(set.intersection(*(set(found) for found in by_steps.values())))
     if len(common) < _FEWEST:
         return []
-    exact = np.mean([run["mean"] for run in by_steps[max(by_steps)].values()], axis=0)
+    most = by_steps[max(by_steps)].values()
+    exact, deviation = (np.mean([run[name] for run in most], 0) for name in ("mean", "deviation"))
     rows: list[list[str]] = []
     first: list[float] = []
     for steps, found in sorted(by_steps.items()):
         chosen = [found[seed] for seed in common]
         costs = [run["core_seconds"] for run in chosen]
         confirmed = sum(run["confirmed"] for run in chosen)
-        errors = np.abs([np.array(run["mean"]) - exact for run in chosen])
+        errors = np.abs([np.array(run["mean"]) - exact for run in chosen]) / deviation
         agreement = [float(spearmanr(of_mean, costs).statistic) for of_mean in errors.T]
         p = f"{wilcoxon(np.log(first), np.log(costs)).pvalue:.2g}" if first else ""
         rows.append(

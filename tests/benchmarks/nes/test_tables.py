@@ -72,7 +72,8 @@ def test_steps_that_measure_the_scale_are_compared_seed_by_seed() -> None:
         {
             "steps": steps,
             "seed": seed,
-            "mean": [0.01 * (seed % 3), error * (seed - first)],
+            "mean": [0.01 * (seed % 3), 2 * error * (seed - first)],
+            "deviation": [2.0, 2.0],
             "core_seconds": cost * (seed + 1.0),
             "confirmed": (steps, seed) != (1000, 5),
             "solved": seed < solved,
