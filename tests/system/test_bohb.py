@@ -271,7 +271,7 @@ def test_a_failing_trial_counts_as_worst_and_the_study_goes_on(
 
 def test_budgets_that_end_before_a_generation_are_told(tmp_home: Path, address: str) -> None:
     space = tmp_home / "mine.json"
-    CS.ConfigurationSpace(space=[CS.Constant("nes.start_candidates", 5000)]).to_json(space)
+    CS.ConfigurationSpace(space=[CS.Constant("nes.start_candidates", 1000)]).to_json(space)
     alone = ("--space", space, "--workers-per-trial", "1", *ONE_BY_ONE)
     result = run_bilevel(*SMOKE, *alone, "--home", tmp_home, "--address", address)
     assert result.returncode == 1
