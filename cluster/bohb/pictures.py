@@ -29,7 +29,7 @@ def objective_against_cost(
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
     axes.set_xlabel("core seconds spent by the search (marker size: budget of the result)")
-    axes.set_ylabel("expected core seconds to a confirmed SE")
+    axes.set_ylabel("objective: core seconds an SE")
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5, 7)))
     axes.yaxis.set_major_formatter("{x:g}")
@@ -50,7 +50,7 @@ def objective_against_cost(
                 color=colour,
                 alpha=0.6,
                 lw=0,
-                label=Origin.MODEL.value if model_based else "others",
+                label=Origin.MODEL.value if model_based else "drawn at random or around the recipe",
             )
     _mark_leader(axes, points)
     _mark_finalists(axes, validated)
@@ -141,9 +141,11 @@ def hyperparameters(
             s=16,
             lw=0,
         )
-    for before, after in itertools.pairwise([recipe, *incumbents]):
+    for step, (before, after) in enumerate(itertools.pairwise([recipe, *incumbents])):
         for row in rows:
-            places.plot([before[row], after[row]], [row, row], color=ORANGE, lw=1.5, alpha=0.8)
+            label = "the best so far, one after the other" if step == row == 0 else None
+            xs = before[row], after[row]
+            places.plot(xs, (row, row), color=ORANGE, lw=1.5, alpha=0.8, label=label)
     places.scatter(recipe, rows, marker="|", s=160, color="black", zorder=3, label="recipe")
     if len(incumbents):
         places.scatter(
@@ -154,7 +156,7 @@ def hyperparameters(
     places.set_xticks([0, 1], ["lowest", "highest"])
     places.set_xlabel("value within the search space")
     figure.colorbar(shown, ax=places, ticks=[0, 1], pad=0.01).ax.set_yticklabels(["worst", "best"])
-    figure.legend(frameon=False, fontsize="small", loc="outside lower center", ncols=2)
+    figure.legend(frameon=False, fontsize="small", loc="outside lower center", ncols=3)
     if found is None:
         told = "too few results to tell importance"
     else:
