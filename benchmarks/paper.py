@@ -32,9 +32,9 @@ def _commands(found: dict[str, dict[str, Any]]) -> str:
 
 #: Columns of what `success` has found of a condition.
 _SUCCESS = (
-    *("solved in some generation", "in the last one", "SE handed over solves", "score at the end"),
-    *("first solved in generation", "after core seconds", "generations", "core seconds"),
-    "update norm",
+    *("solved in some generation", "in the last generation", "by the SE that is handed over"),
+    *("score at the end", "first solved in generation", "core seconds until then", "generations"),
+    *("core seconds", "update norm"),
 )
 
 
@@ -80,8 +80,8 @@ def success() -> str:
                     "-" if seconds is None else f"{seconds.value:.0f}",
                 ]
             )
-    head = ["task", "condition", *_SUCCESS, "authors: ever", "at the end", "score"]
-    head += ["in generation", "core seconds"]
+    theirs = ("in some generation", "at the end", "score", "first in generation", "core seconds")
+    head = ["task", "condition", *_SUCCESS, *(f"authors: {what}" for what in theirs)]
     return f"{table(head, rows)}\n\n{_commands(found)}"
 
 

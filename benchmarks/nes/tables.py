@@ -43,7 +43,7 @@ _TAUGHT = (
     "task",
     "agent",
     "SEs",
-    "agents an SE",
+    "agents per SE",
     "score",
     "SEs at or above the target",
     "train steps",
@@ -96,10 +96,10 @@ def scale() -> str:
         "task",
         "random steps",
         "solved",
-        "core seconds an SE",
+        "core seconds per SE",
         "core seconds, median and range",
         "p against the first row",
-        "largest error of a mean, median and most",
+        "largest error of a mean, median and maximum over seeds",
         "rank correlation of each mean's error with core seconds",
     ]
     return f"{table(head, rows)}\n\n{source(*results.values())}"

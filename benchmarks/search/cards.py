@@ -35,7 +35,7 @@ def _card(study: Study) -> str:
         ("validation", f"{len(told.finalists)} finalists; {validated}"),
         (
             "incumbent",
-            f"{configuration_name(incumbent.id)}: {incumbent.objective:.0f} core seconds an SE "
+            f"{configuration_name(incumbent.id)}: {incumbent.objective:.0f} core seconds per SE "
             "over new seeds",
         ),
         ("hyperparameters", "recipe → incumbent (range)"),

@@ -47,7 +47,7 @@ def compared(task: str, measured: dict[str, Any]) -> Figure:
     axes.set_ylim(bottom=0)
     axes.set_xticks(range(len(METHODS)), [*METHODS.values()])
     axes.set_xlim(-0.5, len(METHODS) - 0.5)
-    axes.set_ylabel("core seconds a solved run")
+    axes.set_ylabel("core seconds per solved run")
     axes.set_title(f"{task} (bars: medians)")
     return figure
 

@@ -87,7 +87,7 @@ def searches() -> str:
         "proposed by the model",
         "search",
         "validation",
-        "overrun of the smallest budget, mean and most",
+        "overrun of the smallest budget, mean and maximum",
     ]
     return table(head, rows)
 
@@ -154,7 +154,7 @@ def proposals() -> str:
         "configurations",
         "found an SE",
         "objective, median and quartiles",
-        "better than one drawn at random",
+        "probability of beating a random one",
         "p",
     ]
     return table(head, rows)
@@ -302,7 +302,7 @@ def found() -> str:
         "confirmed",
         "confirmed runs that solve the task",
         "core seconds, median and range",
-        "core seconds an SE",
+        "core seconds per SE",
         "train steps of an agent",
         "p of core seconds",
         "p of solved",

@@ -72,7 +72,7 @@ def largest_budget() -> str:
         "configurations",
         "found an SE",
         "of those proposed by the model",
-        "found an SE, a search",
+        "with an SE, per search",
         "p of the share against random search",
         "p against Hyperband",
     ]
@@ -129,7 +129,7 @@ def incumbents() -> str:
     head = [
         "task",
         "incumbents",
-        "core seconds an SE, fresh runs over validation",
+        "core seconds per SE, fresh runs over validation",
         "rank correlation",
         "p",
         "standard deviation of a fresh run over its mean",
@@ -228,7 +228,7 @@ def comparison() -> str:
         "method",
         "searches",
         "fresh runs solved",
-        "core seconds a solved run",
+        "core seconds per solved run",
         "seeds on which BOHB's takes less, equal, more",
         "p against BOHB",
     ]

@@ -99,7 +99,7 @@ def cost() -> str:
         for agents, case in result["results"].items()
     ]
     return _table(
-        ["agents", "milliseconds an agent", "measured time over core seconds"], rows, result
+        ["agents", "milliseconds per agent", "measured time over core seconds"], rows, result
     )
 
 

@@ -29,7 +29,7 @@ def objective_against_cost(
     figure = Figure(figsize=(8, 5), layout="constrained")
     axes = figure.subplots()
     axes.set_xlabel("core seconds spent by the search (marker size: budget of the result)")
-    axes.set_ylabel("objective: core seconds an SE")
+    axes.set_ylabel("objective: core seconds per SE")
     axes.set_yscale("log")
     axes.yaxis.set_major_locator(LogLocator(subs=(1, 2, 3, 5, 7)))
     axes.yaxis.set_major_formatter("{x:g}")

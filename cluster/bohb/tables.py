@@ -15,7 +15,7 @@ _COLUMNS = (
     "configuration",
     "bracket",
     "budget",  # core seconds
-    "objective",  # core seconds an SE; empty of a failed job
+    "objective",  # core seconds per SE; empty of a failed job
     *TALLIED,
     "origin",
     "started",  # seconds since the first job was submitted

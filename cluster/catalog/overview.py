@@ -27,7 +27,7 @@ class Line:
     kind: str
     state: str  # running, finished, stopped, killed, failed, damaged; old: of another format
     progress: str = ""
-    best: str = ""  # incumbent's core seconds an SE (study), or best score (NES run) so far
+    best: str = ""  # incumbent's core seconds per SE (study), or best score (NES run) so far
     final: str = ""  # mean score of fresh agents on the best SE
     fault: str = ""  # what is wrong with a run that cannot be read
 

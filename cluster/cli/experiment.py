@@ -21,7 +21,7 @@ from cluster.cli.parameters import WholeNumber
 @click.option(
     "--ses",
     type=WholeNumber(min=1, max=1000),
-    help="SEs a condition, and NES runs a recipe in success (default: the size's).",
+    help="SEs per condition, and NES runs per recipe in success (default: the size's).",
 )
 @click.option(
     "--agents",

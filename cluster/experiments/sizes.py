@@ -14,12 +14,12 @@ class Size:
     """How much work an experiment does; a larger size adds to what a smaller one has done."""
 
     name: str
-    ses: int  # SEs a condition (transfer, cost)
+    ses: int  # SEs per condition (transfer, cost)
     agents: int  # of each kind, on each SE
     real_agents: int  # of each kind, on the real task
     runs: int  # NES runs of our recipe (success)
     authors_runs: int  # NES runs of each of the recipes `authors` and `paper` (success)
-    curve_ses: int  # SEs a condition (sample-efficiency)
+    curve_ses: int  # SEs per condition (sample-efficiency)
     curve_agents: int  # on each of them; as many on the real task as on the SEs of a condition
     varied_agents: int  # on one SE (sensitivity)
     behaviour_agents: int  # on one SE (behaviour)
@@ -31,7 +31,7 @@ class Size:
         return f"experiment-{self.name}-" if self.quick else "experiment-"
 
     def changed(self, ses: int | None, agents: int | None, real_agents: int | None) -> "Size":
-        """The size with other numbers of SEs a condition, of agents on each, and of agents on the
+        """The size with other numbers of SEs per condition, of agents on each, and of agents on the
         real task."""
         size = self
         if ses is not None:
