@@ -6,9 +6,12 @@ import platform
 import re
 import statistics
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
+
+from bilevel.durable import write_aside
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -20,10 +23,11 @@ _PLAIN_LIST = re.compile(r"\[[^\[\]{}]*\]")
 def machine() -> dict[str, Any]:
     """Processor, cores, Python and package versions."""
     model = platform.processor()
-    for line in Path("/proc/cpuinfo").read_text().splitlines():
-        if line.startswith("model name"):
-            model = line.split(":", 1)[1].strip()
-            break
+    with suppress(OSError):  # where there is no such file
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                model = line.split(":", 1)[1].strip()
+                break
     return {
         "processor": model,
         "cores": os.cpu_count(),
@@ -39,11 +43,11 @@ def spread(values: Sequence[float]) -> dict[str, float]:
 
 
 def write_result(name: str, command: str, values: dict[str, Any]) -> Path:
-    """Write `results/NAME.json`, with lists of plain values on one line."""
-    RESULTS.mkdir(exist_ok=True)
+    """Write `results/NAME.json`, whole or not at all, with lists of plain values on one line."""
     path = RESULTS / f"{name}.json"
     content = json.dumps({"command": command, "machine": machine(), **values}, indent=2)
-    path.write_text(_PLAIN_LIST.sub(lambda match: " ".join(match[0].split()), content) + "\n")
+    content = _PLAIN_LIST.sub(lambda match: " ".join(match[0].split()), content)
+    write_aside(path, f"{content}\n".encode())
     return path
 
 

@@ -37,6 +37,9 @@ _SUCCESS = (
     *("core seconds", "update norm"),
 )
 
+#: Columns of what the authors have.
+_AUTHORS = "in some generation", "at the end", "score", "first in generation", "core seconds"
+
 
 def _success(row: dict[str, Any]) -> list[str]:
     shares = (row[name] for name in ("ever_solved", "solved_at_end", "handed_over_solved"))
@@ -80,8 +83,7 @@ def success() -> str:
                     "-" if seconds is None else f"{seconds.value:.0f}",
                 ]
             )
-    theirs = ("in some generation", "at the end", "score", "first in generation", "core seconds")
-    head = ["task", "condition", *_SUCCESS, *(f"authors: {what}" for what in theirs)]
+    head = ["task", "condition", *_SUCCESS, *(f"authors: {what}" for what in _AUTHORS)]
     return f"{table(head, rows)}\n\n{_commands(found)}"
 
 

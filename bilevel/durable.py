@@ -46,6 +46,10 @@ def write_aside(path: Path, data: bytes) -> None:
         if error.errno in DISK_ERRORS:
             raise StorageFailure.of(path, error) from None
         raise
+    except BaseException:  # Ctrl-C
+        with contextlib.suppress(OSError):
+            aside.unlink()
+        raise
 
 
 def write_file(path: Path, content: bytes) -> None:
@@ -64,6 +68,9 @@ def sync(path: Path) -> None:
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
+    except OSError as error:
+        if not path.is_dir() or error.errno not in (errno.EINVAL, errno.ENOTSUP):
+            raise  # else a file system that does not flush folders
     finally:
         os.close(descriptor)
 

@@ -5,6 +5,7 @@ wherever the evaluation runs. And a run that has used several versions of the co
 """
 
 import inspect
+import os
 import sysconfig
 import traceback
 from collections.abc import Iterator
@@ -18,7 +19,7 @@ from bilevel.errors import InvalidInput
 
 #: Folders of code that users did not write.
 _LIBRARIES = tuple(sysconfig.get_path(name) for name in ("stdlib", "purelib", "platlib"))
-_OURS = str(Path(__file__).parent)
+_OURS = str(Path(__file__).parent) + os.sep
 
 
 class Mistake(InvalidInput):

@@ -4,13 +4,20 @@ import os
 import signal
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import numpy as np
 import pytest
 import torch
 
-from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_recipe
+from bilevel.decode import decode
+from bilevel.hyperparameters import (
+    DDQNHyperparameters,
+    Hyperparameters,
+    StoredHyperparameters,
+    load_recipe,
+)
 from bilevel.synthetic_env import save_se
 from bilevel.tasks import Task, get_task
 from tests.ses import make_se
@@ -31,6 +38,11 @@ hypothesis.settings.load_profile("no-deadline")
 # this suite in the background, SIGHUP under nohup.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
+
+
+def restored(values: Any) -> Hyperparameters:
+    """What `Hyperparameters.to_dict` was made of."""
+    return decode(StoredHyperparameters, values, "hyperparameters").checked()
 
 
 def ddqn(hp: Hyperparameters) -> DDQNHyperparameters:

@@ -7,7 +7,6 @@ check of the agents against the authors' figures.
 """
 
 import argparse
-import sys
 from pathlib import Path
 
 from benchmarks.machine import write_result
@@ -73,8 +72,10 @@ def main() -> None:
     for row, hp, group in zip(rows, command.kinds, groups, strict=True):
         row["worst_by_layers"] = worst_by_layers(command, hp, group)
         row["authors"] = authors(task.id, row["agent"])
-    arguments = [argument for argument in sys.argv[1:] if argument != str(options.home)]
-    line = f"python -m benchmarks.agents.baseline {' '.join(arguments)} FOLDER"
+    line = (
+        f"python -m benchmarks.agents.baseline {options.task} --agents {options.agents} "
+        f"--kinds {options.kinds} --home FOLDER"
+    )
     print(f"written to {write_result(f'baseline_{task.id}', line, {'groups': rows})}")
 
 

@@ -10,11 +10,13 @@ Results are written seed by seed to `results/nes_seeds_TASK.json`; the same comm
 
 import argparse
 import os
+import re
 import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from shutil import rmtree
@@ -137,6 +139,11 @@ def taught(path: Path, agents: int, others: int, known: Mapping[str, Any]) -> di
     return {kind: found[kind] for kind in (*AGENTS, *OF_SB3) if kind in found}
 
 
+def _unchanging(command: str) -> str:
+    """The command without what a later one may have more or less of."""
+    return re.sub(r" --(seeds|taught) \S+", "", command)
+
+
 def main() -> None:
     """Measure the missing results."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -160,10 +167,6 @@ def main() -> None:
     recipe = Path(options.recipe).name.removesuffix(".toml").removesuffix(f"-{options.task}")
     label = "-".join([recipe, *(change.replace("=", "-") for change in options.set)])
     name = f"nes_seeds_{options.task}" + (f"_{label}" if label != "default" else "")
-    try:
-        runs = {run["seed"]: run for run in read_result(name)["runs"]}
-    except NotMeasured:
-        runs = {}
     more = f"--set {' '.join(options.set)} " if options.set else ""
     more += f"--generations {options.generations} " if options.generations else ""
     command = (
@@ -171,6 +174,12 @@ def main() -> None:
         f"{format_seeds(options.seeds)} --taught {options.taught} --agents "
         f"{options.agents} --sb3 {options.sb3} {more}--home FOLDER"
     )
+    runs: dict[int, dict[str, Any]] = {}
+    with suppress(NotMeasured):
+        before = read_result(name)
+        if _unchanging(before["command"]) != _unchanging(command):
+            parser.error(f"what is there was measured by {before['command']!r}")
+        runs = {run["seed"]: run for run in before["runs"]}
 
     def keep(run: dict[str, Any]) -> None:
         runs[run["seed"]] = run

@@ -147,7 +147,8 @@ def proposals() -> str:
                 if row.get("method") == "bohb" and "search" in row
             ]
             noun = "search" if len(found) == 1 else "searches"
-            rows += _proposals(task, f"compared below: {len(found)} {noun}", found)
+            if found:
+                rows += _proposals(task, f"compared below: {len(found)} {noun}", found)
     head = [
         "task",
         "study",

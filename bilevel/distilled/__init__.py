@@ -38,11 +38,11 @@ from numpy.typing import NDArray
 
 from bilevel.activations import CODES, PRELU_INITIAL_SLOPE
 from bilevel.distilled.action_values import SMALL, ActionValues
-from bilevel.distilled.transitions import Transitions
 from bilevel.kernels.offline import fit, regression
 from bilevel.seeds import split
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task
+from bilevel.tasks.transitions import Transitions
 from bilevel.threads import one_blas_thread
 
 #: Random steps on the real task, steps of Q's policy, and the probability that a random action

@@ -6,13 +6,13 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.distilled.transitions import Transitions
 from bilevel.evaluation import real_returns
 from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.kernels import ddqn
 from bilevel.kernels.offline import learn_offline
 from bilevel.seeds import split
 from bilevel.tasks import Task
+from bilevel.tasks.transitions import Transitions
 
 #: Number of snapshots of Q, gradient steps between them, and test episodes of each.
 SNAPSHOTS, SNAPSHOT_STEPS, TESTS = 40, 500, 10

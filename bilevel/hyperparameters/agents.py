@@ -3,6 +3,7 @@
 A class names its agent when it is defined, and is found under that name.
 """
 
+import re
 from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field
@@ -20,6 +21,10 @@ _Share = Annotated[float, Field(ge=0.0, le=1.0)]
 _Noise = Annotated[float, Field(ge=0.0, le=10.0)]
 
 _BY_NAME: dict[str, type["AgentHyperparameters"]] = {}
+
+#: Names that a recipe can have as those of sections, and those that mean something else there.
+_AGENT_NAME = re.compile(r"[A-Za-z0-9_-]+")
+_RESERVED = ("nes", "se", "agents", "vary_agent")
 
 
 @hyperparameters
@@ -44,6 +49,11 @@ class AgentHyperparameters:
     def __init_subclass__(cls, agent: str = "", **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         if agent:
+            if not _AGENT_NAME.fullmatch(agent) or agent in _RESERVED:
+                raise InvalidInput(
+                    f"the agent name {agent!r} is not allowed: allowed are letters, digits, '_', "
+                    f"'-', but not {', '.join(_RESERVED)}"
+                )
             taken = _BY_NAME.get(agent)
             # The same file may be loaded again.
             if taken is not None and _place(taken) != _place(cls):

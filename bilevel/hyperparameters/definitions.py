@@ -8,7 +8,6 @@ from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field
 
-from bilevel.decode import decode
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters.agents import Activation, AgentHyperparameters, agent_hyperparameters
 from bilevel.hyperparameters.validation import hyperparameters
@@ -165,11 +164,6 @@ class Hyperparameters:
             "vary_agent": self.vary_agent,
             "recipe": self.recipe,
         }
-
-    @classmethod
-    def from_dict(cls, values: Any) -> "Hyperparameters":
-        """The inverse of `to_dict`. Raises InvalidInput."""
-        return decode(StoredHyperparameters, values, "hyperparameters").checked()
 
 
 @dataclass(frozen=True, kw_only=True)

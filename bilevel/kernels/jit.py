@@ -2,7 +2,9 @@
 
 import hashlib
 import os
+import tempfile
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,10 +28,17 @@ def _cache_folder() -> str:
     for source in [*sorted(here.glob("*.py")), *shared]:
         digest.update(source.read_bytes())
     name = f"kernels-{digest.hexdigest()[:16]}"
+    if numba.config.CACHE_DIR:  # from NUMBA_CACHE_DIR
+        return str(Path(numba.config.CACHE_DIR) / name)
     beside = here / "__pycache__"
     if os.access(beside if beside.exists() else here, os.W_OK):
         return str(beside / name)
-    return str(Path.home() / ".cache" / "bilevel" / name)
+    with suppress(OSError, RuntimeError):  # RuntimeError: no home folder is known
+        cache = Path.home() / ".cache" / "bilevel" / name
+        cache.mkdir(parents=True, exist_ok=True)
+        if os.access(cache, os.W_OK):
+            return str(cache)
+    return tempfile.mkdtemp(prefix="bilevel-kernels-")  # of this process alone
 
 
 _CACHE_FOLDER = _cache_folder()

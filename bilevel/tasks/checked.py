@@ -1,28 +1,31 @@
 """Checks of real tasks that users write: what they return, and what they raise."""
 
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any
 
 import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.user_code import as_mistake, mistake_at
+from bilevel.user_code import Mistake, as_mistake, mistake_at
 
 
 class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.float32], np.int64]):
-    """An environment of the task `task_id`; `reset` and `step` raise Mistake for errors, for
-    observations of other sizes than its space has, and for values that are not finite."""
+    """An environment of the task `task_id`; its methods raise Mistake for errors, for observations
+    of other sizes than its space has, and for values that are not finite."""
 
     def __init__(self, env: gymnasium.Env[NDArray[np.float32], np.int64], task_id: str) -> None:
         super().__init__(env)
         self._what = f"task {task_id!r}"
+        self._mistaken = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """See gymnasium."""
         code = type(self.unwrapped).reset
-        with as_mistake(self._what, code, "is reset"):
+        with self._checked(code, "is reset"):
             state, info = self.env.reset(seed=seed, options=options)
             checked = self._observation(state, code)
         return checked, info
@@ -32,12 +35,30 @@ class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.flo
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """See gymnasium."""
         code = type(self.unwrapped).step
-        with as_mistake(self._what, code, "takes a step"):
+        with self._checked(code, "takes a step"):
             state, reward, terminated, truncated, info = self.env.step(action)
             checked, number = self._observation(state, code), float(reward)
             if not np.isfinite(number):
                 raise mistake_at(self._what, code, f"the reward is {number}: it must be finite")
         return checked, number, bool(terminated), bool(truncated), info
+
+    def close(self) -> None:
+        """See gymnasium. Errors after a mistake, which may be their cause, are ignored."""
+        with (
+            suppress(Exception)
+            if self._mistaken
+            else self._checked(type(self.unwrapped).close, "is closed")
+        ):
+            self.env.close()
+
+    @contextmanager
+    def _checked(self, code: Callable[..., Any], doing: str) -> Iterator[None]:
+        try:
+            with as_mistake(self._what, code, doing):
+                yield
+        except Mistake:
+            self._mistaken = True
+            raise
 
     def _observation(self, state: Any, code: Any) -> NDArray[np.float32]:
         # A copy: a task may write its next observation into the same array.

@@ -1,4 +1,4 @@
-"""Names of the observations and actions of some tasks, for pictures."""
+"""Observations and actions of some tasks, for pictures: their names, and which tell most."""
 
 #: By the beginning of the task's id, in the order of the task.
 _OBSERVATIONS = {
@@ -23,6 +23,8 @@ _ACTIONS = {
     "Acrobot": ("torque -1", "torque 0", "torque +1"),
     "MountainCar": ("push left", "no push", "push right"),
 }
+#: The two observations over which pictures are drawn.
+_TELLING = {"CartPole": (2, 3), "Acrobot": (4, 5)}
 
 
 def observation_names(task_id: str, size: int) -> tuple[str, ...]:
@@ -33,6 +35,13 @@ def observation_names(task_id: str, size: int) -> tuple[str, ...]:
 def action_names(task_id: str, number: int) -> tuple[str, ...]:
     """Names of the actions of a task that has so many; numbers, if none are known."""
     return _known(_ACTIONS, task_id, number, "action")
+
+
+def telling_observations(task_id: str, size: int) -> tuple[int, int]:
+    """Indices of the two observations, of so many, over which pictures of the task are drawn: the
+    first ones if none are known, the only one twice."""
+    i, j = _TELLING.get(task_id.partition("-")[0], (0, 1))
+    return (i, j) if max(i, j) < size else (0, 1 % size)
 
 
 def _known(

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from bilevel.errors import InvalidInput, first_line
 from bilevel.kernels import dynamics
 from bilevel.tasks.checked import CheckedEnv
-from bilevel.user_code import digest_of
+from bilevel.user_code import as_mistake, digest_of
 
 #: A real task in gymnasium.
 RealEnv = gymnasium.Env[NDArray[np.float32], np.int64]
@@ -212,7 +212,8 @@ def get_task(
     if built_in is not None and (solved_reward, step_limit, worst_score) == (None, None, None):
         return built_in
     env, spec = _inspect(task_id)
-    env.close()
+    with as_mistake(f"task {task_id!r}", type(env.unwrapped).close, "is closed"):
+        env.close()
     if spec.id != task_id.rpartition(":")[2]:  # gymnasium completes an id without a version
         ours = {name for name in BUILT_IN_TASKS if name.rpartition("-v")[0] == task_id}
         allowed = ", ".join(sorted({*ours, spec.id}))
@@ -267,7 +268,7 @@ def _inspect(
             f"unknown task {task_id!r}: allowed are {', '.join(BUILT_IN_TASKS)} "
             f"and gymnasium ids with a flat Box and Discrete actions ({first_line(error)})"
         ) from None
-    except Exception as error:  # of the environment's own code
+    except (Exception, SystemExit) as error:  # of the environment's own code
         reason = f"{type(error).__name__}: {first_line(error)}"
         raise InvalidInput(f"the task {task_id!r} cannot be made: {reason}") from error
     assert env.spec is not None

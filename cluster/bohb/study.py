@@ -193,7 +193,8 @@ class Study:
             return
         journal = Journal(self.folder.parent / self.prior)
         copy = self.folder / f".{_EARLIER}"
-        for path in journal.paths:
+        # A study under way writes configurations before their results.
+        for path in reversed(journal.paths):
             write_aside(copy / path.name, path.read_bytes())
         copy.replace(self.folder / _EARLIER)
 

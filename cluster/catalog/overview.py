@@ -53,7 +53,7 @@ def print_overview(lines: list[Line], console: Console) -> None:
     console.print(table)
     faults = [f"{line.task}/{line.name}: {line.fault}" for line in lines if line.fault]
     if faults:
-        console.print("\n".join(("", *faults)), highlight=False, markup=False)
+        console.print("\n".join(("", *faults)), highlight=False, markup=False, emoji=False)
     if any(line.state == "damaged" for line in lines):
         console.print(
             "Bring damaged files back from a copy, or move the run's folder away and begin anew.",

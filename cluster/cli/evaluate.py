@@ -8,6 +8,7 @@ from typing import Any
 import click
 
 from bilevel.errors import InvalidInput, one_of
+from bilevel.hyperparameters import AgentHyperparameters
 from cluster.cli.options import RunOptions, common_options, vary_option, workers_option
 from cluster.cli.parameters import WholeNumber
 from cluster.cli.ses import GivenSE, SEAddress, load_se_of, task_option
@@ -99,7 +100,7 @@ def evaluate(
         else load_recipe(recipe, task.id, agents)
     ).agents
     if max_episodes is not None:
-        kinds = tuple(replace(hp, max_episodes=max_episodes) for hp in kinds)
+        kinds = tuple(_shortened(hp, max_episodes) for hp in kinds)
     vary = vary or "no"
     if vary not in VARIATIONS:
         raise one_of("variation of agents", vary, VARIATIONS)
@@ -125,15 +126,29 @@ def evaluate(
     )
 
 
+def _shortened(hp: AgentHyperparameters, max_episodes: int) -> AgentHyperparameters:
+    """The agent, for so many episodes at most. Raises InvalidInput if it would learn in none."""
+    if max_episodes <= hp.init_episodes:
+        raise InvalidInput(
+            f"--max-episodes must be above {hp.agent}.init_episodes, which is {hp.init_episodes}: "
+            f"agents learn in later episodes only; got {max_episodes}"
+        )
+    return replace(hp, max_episodes=max_episodes)
+
+
 def _labelled(given: tuple[GivenSE, ...]) -> dict[str, Path]:
     """The files by their labels in tables, names and metrics. Raises InvalidInput on duplicates."""
     found: dict[str, Path] = {}
     for se in given:
-        label = se.label
+        label = _plain(se.label)
         if label in found:
-            label = f"{se.path.resolve().parent.name}-{label}"
-        label = re.sub(r"[^A-Za-z0-9._-]+", "_", label)
+            label = _plain(f"{se.path.resolve().parent.name}-{label}")
         if label in found or label == "real":
             raise InvalidInput(f"two sources are called {label!r}: rename {str(se.path)!r}")
         found[label] = se.path
     return found
+
+
+def _plain(label: str) -> str:
+    """A label as metrics may be named."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", label)

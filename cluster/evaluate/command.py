@@ -71,6 +71,8 @@ class EvaluateCommand:
         self, index: int, hp: AgentHyperparameters, i: int, on: TrainedOn
     ) -> EvaluationRequest:
         """Agent `i` of a kind, at that index among the requests of one call."""
+        # One word both draws the agent and trains it, unlike in `fresh_agent`: kept, so that
+        # evaluations of earlier versions can be resumed.
         word = derive(self.seed, Purpose.EVALUATION, i)
         return EvaluationRequest(index, word, draw_agent((hp,), self.vary, word), on)
 

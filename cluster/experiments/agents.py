@@ -27,12 +27,10 @@ from bilevel.seeds import Purpose
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
 from cluster.experiments.conditions import REAL
+from cluster.experiments.run import RESULTS_FILE
 from cluster.experiments.sizes import AGENTS
 from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import read_settings
-
-#: Trained agents in the folder of an experiment.
-RESULTS_FILE = "results.jsonl"
 
 #: Characters of a digest that are kept.
 _DIGEST = 32

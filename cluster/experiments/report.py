@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from bilevel.durable import write_aside
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, first_line
 from cluster.experiments.authors import CONDITION, comparison
 from cluster.experiments.command import ExperimentCommand
 from cluster.experiments.conditions import title_of
@@ -99,10 +99,13 @@ def _picture(folder: Path, name: str, title: str) -> Picture:
     if path.parent != folder or path.suffix != ".svg":
         raise InvalidInput(f"picture {name!r} of {str(folder)!r} is not allowed")
     try:
-        caption = f"{title}: {path.stem} ({folder.name}/{name})"
-        return Picture(f"{folder.name}/{name}", caption, path.read_text())
-    except OSError as error:
-        raise InvalidInput(f"cannot read {str(path)!r}: {error.strerror}") from None
+        svg = path.read_text()
+    except (OSError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"cannot read {str(path)!r}: {first_line(error)}") from None
+    if "<svg" not in svg:
+        raise InvalidInput(f"damaged picture {str(path)!r}: run its experiment again")
+    caption = f"{title}: {path.stem} ({folder.name}/{name})"
+    return Picture(f"{folder.name}/{name}", caption, svg)
 
 
 def report_of(command: ExperimentCommand) -> str:

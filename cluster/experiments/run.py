@@ -28,6 +28,8 @@ REPORT = "report"
 
 RUNS_FILE, FINDINGS_FILE, DATA_FILE = "runs.jsonl", "findings.json", "data.csv"
 REPORT_FILE = "report.html"
+#: Trained agents, as they end.
+RESULTS_FILE = "results.jsonl"
 
 #: Packages that results may depend on.
 _PACKAGES = ("numpy", "numba", "scipy", "torch", "gymnasium", "ray", "mlflow", "matplotlib")
@@ -75,7 +77,7 @@ def folder_name(prefix: str, experiment: str, agents: tuple[str, ...] | None, se
 
 def documents(folder: Path) -> list[Path]:
     """Files of an experiment's folder that MLflow shows."""
-    names = {SETTINGS_FILE, FINDINGS_FILE, DATA_FILE, REPORT_FILE, RUNS_FILE, "results.jsonl"}
+    names = {SETTINGS_FILE, FINDINGS_FILE, DATA_FILE, REPORT_FILE, RUNS_FILE, RESULTS_FILE}
     return sorted(path for path in folder.glob("*") if path.name in names or path.suffix == ".svg")
 
 

@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 from pathlib import Path
 
-from cluster.experiments.agents import RESULTS_FILE
 from cluster.experiments.registry import explanation_of
 from cluster.experiments.run import (
     KIND,
     REPORT,
+    RESULTS_FILE,
     RUNS_FILE,
     ExperimentSettings,
     StoredFindings,

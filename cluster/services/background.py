@@ -8,7 +8,6 @@ import json
 import os
 import secrets
 import subprocess
-import sys
 import time
 import urllib.error
 import urllib.request
@@ -26,6 +25,7 @@ from bilevel.errors import InvalidInput
 from cluster.services.family import end_family
 from cluster.services.mlflow_server import mlflow_server, pages
 from cluster.services.ports import free_port, require_free
+from cluster.services.programs import program
 from cluster.storage.home import Home
 from cluster.tracking.database import database_ready, experiments
 from cluster.tracking.experiment import HOME_PAGE
@@ -241,7 +241,7 @@ def _start(
     log = home.folder / f"{name}.log"
     with log.open("w") as output:
         process = subprocess.Popen(
-            [str(Path(sys.executable).with_name(command[0])), *command[1:]],
+            [program(command[0]), *command[1:]],
             stdin=subprocess.DEVNULL,
             stdout=output,
             stderr=subprocess.STDOUT,

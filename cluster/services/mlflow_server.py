@@ -2,14 +2,13 @@
 
 import os
 import subprocess
-import sys
-from pathlib import Path
 
 import psutil
 
 from bilevel.errors import InvalidInput
 from cluster.services.family import end_family
 from cluster.services.ports import require_free
+from cluster.services.programs import program
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
@@ -57,7 +56,7 @@ def serve_ui(home: Home, host: str, port: int) -> int:
     print(*found, sep="\n", flush=True)
     print("Ctrl-C ends the MLflow UI", flush=True)
     command, environment = mlflow_server(home, host, port)
-    command[0] = str(Path(sys.executable).with_name(command[0]))
+    command[0] = program(command[0])
     # In a session of its own, so that Ctrl-C ends it by this process, without its tracebacks.
     server = subprocess.Popen(command, env={**os.environ, **environment}, start_new_session=True)
     try:

@@ -58,7 +58,7 @@ class Terminal:
     """
 
     def __init__(self, console: Console | None = None, silence: float = SILENCE) -> None:
-        self.console = console or Console(highlight=False, soft_wrap=True)
+        self.console = console or Console(highlight=False, soft_wrap=True, emoji=False)
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=12),

@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from bilevel.distilled.transitions import Transitions
 from bilevel.errors import InvalidInput
 from bilevel.kernels import dynamics
 from bilevel.kernels.synthetic_env import DONE
@@ -17,13 +16,12 @@ from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task
-from bilevel.tasks.names import action_names, observation_names
+from bilevel.tasks.names import action_names, observation_names, telling_observations
 from bilevel.tasks.task import RealEnv
+from bilevel.tasks.transitions import Transitions
 
 Floats = NDArray[np.float32]
 
-#: By the beginning of a task's id: the two observations over which fields are drawn.
-_AXES = {"CartPole": (2, 3), "Acrobot": (4, 5)}
 #: Points of the grid in each direction; half-width of the fields, in standard deviations of the
 #: observations; episodes.
 GRID, WIDTH, EPISODES = 61, 2.5, 10
@@ -42,12 +40,10 @@ class Plane:
 
     @classmethod
     def of(cls, task: Task) -> "Plane":
-        """The plane of a task, scaled by some episodes of random actions."""
+        """The plane of a task, scaled by its observations under random actions."""
         scale = task.observation_scale(derive(0, Purpose.OBSERVATIONS))
         names = observation_names(task.id, task.state_size)
-        i, j = _AXES.get(task.id.partition("-")[0], (0, 1))
-        if max(i, j) >= task.state_size:
-            i, j = 0, 1 % task.state_size
+        i, j = telling_observations(task.id, task.state_size)
         return cls((i, j), (names[i], names[j]), scale.mean, scale.deviation)
 
     @cached_property

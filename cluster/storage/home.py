@@ -7,10 +7,11 @@ import shlex
 import shutil
 import sys
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import bilevel
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, first_line
 
 #: The home of commands that name none.
 DEFAULT_HOME = Path("runs")
@@ -24,11 +25,20 @@ _NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{LONGEST_NAME - 1}}}")
 class Home:
     """The folder given by `--home`; it is created when it is first written to.
 
-    Raises InvalidInput for a path that the address of its database could not hold.
+    Raises InvalidInput for a path that cannot be a folder's, or that the address of its database
+    could not hold.
     """
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder.resolve()
+        try:
+            self.folder = folder.resolve()
+            with suppress(FileNotFoundError, NotADirectoryError):
+                self.folder.stat()
+        except PermissionError:
+            raise
+        except (OSError, RuntimeError) as error:  # RuntimeError: a loop of links
+            reason = first_line(error)
+            raise InvalidInput(f"the folder {str(folder)!r} cannot be a home: {reason}") from None
         if set("?%") & set(str(self.folder)):
             raise InvalidInput(
                 f"the folder {str(self.folder)!r} cannot be a home: its path must have no ? and %"

@@ -1,3 +1,6 @@
+import errno
+import os
+import stat
 import sys
 from pathlib import Path
 
@@ -14,6 +17,39 @@ def test_a_file_is_replaced(tmp_path: Path) -> None:
     write_aside(path, b"two")
     assert path.read_bytes() == b"two"
     assert list(path.parent.iterdir()) == [path]
+
+
+def test_ctrl_c_leaves_the_old_file_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "file"
+    write_aside(path, b"old")
+
+    def interrupted(descriptor: int) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(os, "fsync", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_aside(path, b"new")
+    assert path.read_bytes() == b"old"
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_file_system_that_does_not_flush_folders(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its refusal of a folder is ignored, that of a file is not."""
+    flush, refused = os.fsync, list[bool]()
+
+    def refuse(descriptor: int) -> None:
+        if stat.S_ISDIR(os.fstat(descriptor).st_mode) or refused:
+            raise OSError(errno.EINVAL, "Invalid argument")
+        flush(descriptor)
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    write_aside(tmp_path / "file", b"new")
+    assert (tmp_path / "file").read_bytes() == b"new"
+    refused.append(True)
+    with pytest.raises(OSError, match="Invalid argument"):
+        write_aside(tmp_path / "file", b"newer")
 
 
 @pytest.mark.skipif(not small_disks(), reason="no small disk can be mounted here")

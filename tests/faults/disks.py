@@ -11,7 +11,7 @@ from cluster.storage.home import Home
 from tests.faults.outcome import Outcome
 from tests.faults.row import Row
 from tests.faults.stage import ONE_BY_ONE, STUDY, TASK, Stage, StudyOnStage, smoke
-from tests.system.mlflow_shown import disagreements
+from tests.mlflow_shown import disagreements
 
 
 def torn_lines(stage: Stage, whole: Outcome, times: int) -> Row:

@@ -16,7 +16,7 @@ from tests.commands import run_bilevel
 from tests.faults.outcome import Outcome
 from tests.faults.row import Row
 from tests.faults.stage import ACTOR, BRACKETS, ONE_BY_ONE, STUDY, TASK, Stage, StudyOnStage, smoke
-from tests.system.mlflow_shown import Server, disagreements
+from tests.mlflow_shown import Server, disagreements
 
 #: Seconds after which the driver is stopped at the latest.
 LATEST = 9.0

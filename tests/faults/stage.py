@@ -14,7 +14,7 @@ from ray.cluster_utils import Cluster
 from cluster.storage.home import Home
 from tests.commands import start_bilevel
 from tests.faults.outcome import Outcome
-from tests.system.mlflow_shown import disagreements
+from tests.mlflow_shown import disagreements
 
 TASK = "CartPole-v0"
 STUDY = "study"

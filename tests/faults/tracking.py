@@ -7,7 +7,7 @@ from tests.commands import run_bilevel
 from tests.faults.outcome import Outcome
 from tests.faults.row import Row
 from tests.faults.stage import ONE_BY_ONE, Stage
-from tests.system.mlflow_shown import Server
+from tests.mlflow_shown import Server
 
 
 def server_killed(stage: Stage, whole: Outcome, times: int) -> Row:

@@ -15,7 +15,7 @@ from search_spaces import SPACES
 from search_spaces.bohb import search_space
 from search_spaces.prior import nearest
 from search_spaces.translation import of_hyperparameters, to_hyperparameters
-from tests.conftest import ddqn
+from tests.conftest import ddqn, restored
 
 SAMPLES = 300
 
@@ -50,7 +50,7 @@ def drawn(space: str) -> list[Hyperparameters]:
 @pytest.mark.parametrize("space", SPACES)
 def test_every_sample_builds_valid_hyperparameters_of_plain_types(space: str) -> None:
     for hp in drawn(space):
-        assert Hyperparameters.from_dict(json.loads(json.dumps(hp.to_dict()))) == hp
+        assert restored(json.loads(json.dumps(hp.to_dict()))) == hp
 
 
 def test_full_is_the_papers_table() -> None:
@@ -124,4 +124,4 @@ class TestOtherAgents:
         hp = load_recipe(SPACES[space], "CartPole-v0", agents)
         for sample in search_space(space, agents, seed=0).sample_configuration(50):
             built = to_hyperparameters(hp, dict(sample))
-            assert Hyperparameters.from_dict(built.to_dict()) == built
+            assert restored(built.to_dict()) == built

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cluster.experiments.agents import RESULTS_FILE
-from cluster.experiments.run import REPORT_FILE, StoredFindings
+from cluster.experiments.run import REPORT_FILE, RESULTS_FILE, StoredFindings
 from tests.commands import run_bilevel
 from tests.system.conftest import client, run_until
 

@@ -13,8 +13,8 @@ from cluster.catalog.sync import sync
 from cluster.services.ports import free_port
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
+from tests.mlflow_shown import Server, disagreements
 from tests.studies import make_study
-from tests.system.mlflow_shown import Server, disagreements
 
 #: Folder of the server's programs in Debian's package.
 _DEBIAN = sorted(Path("/usr/lib/postgresql").glob("*/bin"))

@@ -19,7 +19,7 @@ from cluster.services.ports import free_port
 from cluster.storage.home import Home
 from cluster.tracking import Tracker
 from tests.commands import BILEVEL, listening, run_bilevel
-from tests.system.mlflow_shown import disagreements
+from tests.mlflow_shown import disagreements
 
 pytestmark = pytest.mark.timeout(290)
 

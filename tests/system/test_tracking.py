@@ -33,8 +33,8 @@ from cluster.tracking import Mirror, Tracker
 from cluster.tracking.connection import _IMPORT
 from cluster.tracking.tracker import KEY
 from cluster.tracking.view import Document, RunView
+from tests.mlflow_shown import Server, disagreements
 from tests.studies import make_study
-from tests.system.mlflow_shown import Server, disagreements
 
 pytestmark = pytest.mark.timeout(120)
 

@@ -42,7 +42,7 @@ def test_the_committed_studies_hand_over_what_their_finalists_say() -> None:
         assert told.incumbent.loss == min(losses)
         recipe = load_recipe(str(study.folder / RECIPE_FILE), study.task.id)
         proposed = told.configuration(told.incumbent.id)
-        assert proposed["nes.population_size"] == recipe.nes.population_size
+        assert of_hyperparameters(recipe, proposed) == pytest.approx(proposed)
 
 
 @pytest.mark.parametrize("task", RECIPES)

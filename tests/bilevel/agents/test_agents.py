@@ -19,7 +19,6 @@ from bilevel.evaluation import environment_in_python, train_and_test
 from bilevel.hyperparameters import (
     AgentHyperparameters,
     DDQNHyperparameters,
-    Hyperparameters,
     load_recipe,
 )
 from bilevel.hyperparameters.validation import hyperparameters
@@ -28,6 +27,7 @@ from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task, get_task
 from cluster.ray.agent_files import load_agent_file
 from search_spaces.bohb import search_space
+from tests.conftest import restored
 from tests.documents import documented_agent
 
 AGENTS = ("ddqn", "dueling-ddqn", "td3", "reinforce")
@@ -107,7 +107,7 @@ class TestEveryAgent:
 
     def test_hyperparameters_survive_json(self, name: str) -> None:
         hp = load_recipe("paper", "", (name,))
-        assert Hyperparameters.from_dict(hp.to_dict()) == hp
+        assert restored(hp.to_dict()) == hp
         with pytest.raises(InvalidInput, match="max_episodes"):
             replace(hp.agents[0], max_episodes=0)
 
@@ -227,6 +227,9 @@ def test_an_agent_names_itself_and_no_other_agent() -> None:
         with pytest.raises(InvalidInput, match=f"{kind.__name__} must name its agent"):
             register_agent(kind, lambda *_: None)  # type: ignore[arg-type]
     assert get_agent("ddqn").build_kernel is not None
+    for name in ("my agent", "my.agent", "a,b", "nes", "vary_agent"):  # a recipe could not have it
+        with pytest.raises(InvalidInput, match=f"the agent name '{name}' is not allowed"):
+            type("Mine", (AgentHyperparameters,), {}, agent=name)
     with pytest.raises(InvalidInput, match="the agent name 'ddqn' is taken by"):
 
         class Usurper(AgentHyperparameters, agent="ddqn"):

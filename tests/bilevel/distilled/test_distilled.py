@@ -5,12 +5,12 @@ import pytest
 
 from bilevel import distilled
 from bilevel.distilled import distill
-from bilevel.distilled.transitions import Transitions
 from bilevel.hyperparameters import load_recipe
 from bilevel.nes import NES
 from bilevel.synthetic_env import Architecture
 from bilevel.tasks import Task
 from bilevel.tasks.task import SCALE_STEPS
+from bilevel.tasks.transitions import Transitions
 
 
 @pytest.fixture

@@ -6,10 +6,10 @@ import pytest
 from bilevel import InvalidInput
 from bilevel.hyperparameters import (
     DDQNHyperparameters,
-    Hyperparameters,
     SEHyperparameters,
     load_recipe,
 )
+from tests.conftest import restored
 
 
 def test_what_a_run_trains_is_at_least_one_agent_each_once() -> None:
@@ -71,7 +71,7 @@ def test_unknown_and_missing_fields() -> None:
     with pytest.raises(InvalidInput, match=r"^SEHyperparameters: 'activation' is missing$"):
         SEHyperparameters(structure="plain", hidden_layers=1, hidden_size=4, step_limit=0)  # type: ignore[call-arg]
     with pytest.raises(InvalidInput, match=r"^hyperparameters: 'nes' is missing$"):
-        Hyperparameters.from_dict({})
+        restored({})
 
 
 @pytest.mark.parametrize("name", ["ddqn", "dueling-ddqn"])

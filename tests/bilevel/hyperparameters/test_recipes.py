@@ -9,13 +9,13 @@ import pytest
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import (
     RECIPES,
-    Hyperparameters,
     agent_names,
     load_recipe,
     recipe_text,
 )
 from bilevel.nes import NES
 from bilevel.tasks import get_task
+from tests.conftest import restored
 
 FILES = sorted(
     path.name
@@ -35,7 +35,7 @@ def test_each_recipe_has_a_file_for_both_tasks_and_for_any_other() -> None:
 def test_a_run_can_be_built_from_it(name: str, task_id: str) -> None:
     hp = load_recipe(name, task_id, agent_names()[:3])
     NES(get_task(task_id), hp)
-    assert Hyperparameters.from_dict(hp.to_dict()) == hp
+    assert restored(hp.to_dict()) == hp
 
 
 @pytest.mark.parametrize("file", FILES)

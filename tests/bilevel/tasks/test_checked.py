@@ -26,6 +26,7 @@ class Broken(gymnasium.Env[Any, Any]):
     def __init__(self, **kwargs: Any) -> None:
         self._step = kwargs.get("step")
         self._first = kwargs.get("first", np.zeros(2, np.float32))
+        self._close = kwargs.get("close")
 
     def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
         super().reset(seed=seed)
@@ -35,6 +36,10 @@ class Broken(gymnasium.Env[Any, Any]):
         if self._step is not None:
             return self._step()
         return np.zeros(2, np.float32), -1.0, True, False, {}
+
+    def close(self) -> None:
+        if self._close is not None:
+            self._close()
 
 
 @pytest.fixture
@@ -78,6 +83,29 @@ def test_a_mistake_is_told_with_its_place(
     assert "\n" not in str(caught.value)
     with pytest.raises(Mistake):
         task.observation_scale(0)
+
+
+def test_a_task_that_cannot_be_closed_is_told(register: Callable[..., None]) -> None:
+    register(close=raises)
+    with pytest.raises(Mistake, match=r"^task 'Broken-v0'.*, when it is closed: RuntimeError: the"):
+        get_task(NAME)
+
+
+def test_the_first_mistake_is_told(register: Callable[..., None]) -> None:
+    """A task that fails before it has made what it closes fails again when it is closed."""
+    failed: list[bool] = []
+
+    def step() -> Any:
+        failed.append(True)
+        raise ValueError("the cause")
+
+    def close() -> None:
+        if failed:
+            raises()
+
+    register(step=step, close=close)
+    with pytest.raises(Mistake, match="when it takes a step: ValueError: the cause"):
+        get_task(NAME).try_out()
 
 
 def test_a_sound_task_is_tried_out(register: Callable[..., None]) -> None:

@@ -1,7 +1,7 @@
 import pytest
 
 from bilevel.tasks import Task, get_task
-from bilevel.tasks.names import action_names, observation_names
+from bilevel.tasks.names import action_names, observation_names, telling_observations
 
 
 @pytest.mark.parametrize("task", ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"])
@@ -17,3 +17,10 @@ def test_names_of_the_known_tasks(task: str) -> None:
 def test_others_have_numbers() -> None:
     assert observation_names("Balance-v0", 2) == ("observation 0", "observation 1")
     assert action_names("CartPole-Swing-v0", 3) == ("action 0", "action 1", "action 2")
+
+
+def test_pictures_are_over_two_observations_that_are_there() -> None:
+    found = [telling_observations(*task) for task in (("CartPole-v0", 4), ("Acrobot-v1", 6))]
+    assert found == [(2, 3), (4, 5)]
+    assert telling_observations("Acrobot-small-v0", 3) == (0, 1)
+    assert telling_observations("Balance-v0", 1) == (0, 0)

@@ -168,9 +168,11 @@ def test_a_constant_observation_has_the_deviation_one(
     assert scale.mean[1] == pytest.approx(value, abs=1e-2)
 
 
-@pytest.mark.parametrize("error", [ValueError(), KeyError("weights"), RuntimeError("no\nlicence")])
+@pytest.mark.parametrize(
+    "error", [ValueError(), KeyError("weights"), RuntimeError("no\nlicence"), SystemExit("no key")]
+)
 def test_a_task_whose_constructor_fails_is_told_in_a_line(
-    error: Exception, monkeypatch: pytest.MonkeyPatch
+    error: BaseException, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(**_: Any) -> Any:
         raise error

@@ -374,6 +374,18 @@ class TestEarlierResults:
             found.append(search._generator.losses[1])
         assert len(found[0]) > len(found[1]) == 30
 
+    def test_results_are_copied_before_their_configurations(
+        self, study: Study, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        """The other study may be under way: a result needs its configuration."""
+        copied: list[str] = []
+        monkeypatch.setattr(
+            "cluster.bohb.study.write_aside", lambda path, _: copied.append(path.name)
+        )
+        with pytest.raises(FileNotFoundError):  # nothing was written
+            study.take_over_prior()
+        assert copied == ["results.json", "configs.json"]
+
     def test_they_are_copied(self, study: Study) -> None:
         """What becomes of the other study does not matter then."""
         study.check_prior()

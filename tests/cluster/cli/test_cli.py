@@ -231,8 +231,8 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         (["evaluate", "--real", "CartPole-v0", "--address", ""], "'--address': '' is empty"),
         (["bohb", "CartPole-v0", "--time-budget", "soon"], "'soon' is not a duration"),
         (
-            ["bohb", "CartPole-v0", "--workers-per-trial", "64"],
-            "trials at a time (1) with so many workers each (64) need 64 cores",
+            ["bohb", "CartPole-v0", "--workers-per-trial", "4096"],
+            "trials at a time (1) with so many workers each (4096) need 4096 cores",
         ),
         (["bohb"], "Missing argument 'TASK'"),
         (["ui"], "no runs in"),

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import load_recipe, recipe_text
-from cluster.cli.evaluate import _labelled
+from cluster.cli.evaluate import _labelled, _shortened
 from cluster.cli.ses import GivenSE
 from tests.commands import run_bilevel
 
@@ -46,3 +47,13 @@ def test_two_runs_ses_have_labels_of_their_own(
     ses = [GivenSE.of(Path(path)) for path in ("one/best_se.x", "two/best_se.x", "best_se.x")]
     assert list(_labelled(tuple(ses[:2]))) == ["best_se", "two-best_se"]
     assert list(_labelled(tuple(ses[1:]))) == ["best_se", f"{tmp_path.name}-best_se"]
+    alike = tuple(GivenSE.of(Path(path)) for path in ("a/x y.x", "b/x_y.x"))
+    assert list(_labelled(alike)) == ["x_y", "b-x_y"]
+
+
+def test_agents_that_would_never_learn_are_refused() -> None:
+    (hp,) = load_recipe("paper", "", ("ddqn",)).agents
+    assert _shortened(hp, hp.init_episodes + 1).max_episodes == hp.init_episodes + 1
+    told = f"--max-episodes must be above ddqn.init_episodes, which is {hp.init_episodes}: .*; got"
+    with pytest.raises(InvalidInput, match=told):
+        _shortened(hp, hp.init_episodes)

@@ -11,8 +11,9 @@ from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import Task
 from bilevel.version import RUN_FORMAT
-from cluster.experiments.agents import RESULTS_FILE, AgentResults, Place, Source, Unit
+from cluster.experiments.agents import AgentResults, Place, Source, Unit
 from cluster.experiments.conditions import REAL
+from cluster.experiments.run import RESULTS_FILE
 from cluster.storage.run_folder import locked_settings
 from tests.cluster.experiments.made_up import result_of
 from tests.ses import make_se

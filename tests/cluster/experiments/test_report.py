@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bilevel.errors import InvalidInput
 from bilevel.tasks import BUILT_IN_TASKS
 from cluster.experiments.authors import authors_figures, comparison
 from cluster.experiments.page import Picture, Section, inlined, page
 from cluster.experiments.registry import EXPERIMENTS
-from cluster.experiments.report import _titled
+from cluster.experiments.report import _picture, _titled
 from cluster.experiments.style import column, styled, svg
 from cluster.experiments.table import Row, cells, csv_bytes, shown, standard_error, text_lines
 from tests.cluster.experiments.made_up import findings_of
@@ -177,3 +178,10 @@ def test_pictures_keep_their_own_references() -> None:
     used = {*re.findall(r"url\(#([^)]+)\)", text), *re.findall(r'href="#([^"]+)"', text)}
     assert used
     assert used <= ids
+
+
+@pytest.mark.parametrize("content", [b"", b"a text", b"\xff\xfe"])
+def test_a_damaged_picture_is_told(content: bytes, tmp_path: Path) -> None:
+    (tmp_path / "one.svg").write_bytes(content)
+    with pytest.raises(InvalidInput, match=r"(damaged picture|cannot read) '.*one.svg'"):
+        _picture(tmp_path, "one.svg", "Success")

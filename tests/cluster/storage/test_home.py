@@ -45,6 +45,13 @@ def test_hints_name_the_home_that_was_given(
     assert Home(DEFAULT_HOME).hint("sync one") == "`bilevel sync one`"
 
 
+def test_a_path_that_cannot_be_a_folders_is_told(tmp_path: Path) -> None:
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    for folder in (tmp_path / "loop", tmp_path / ("x" * 300)):
+        with pytest.raises(InvalidInput, match=r"^the folder '.*' cannot be a home: .*$"):
+            Home(folder)
+
+
 def test_whether_it_can_be_written_is_found_out_without_a_trace(tmp_path: Path) -> None:
     home = Home(tmp_path / "new" / "home")
     require_writable(home.folder)

@@ -47,6 +47,18 @@ def test_a_recording_that_was_cut_off_is_told(kept: int, tmp_path: Path) -> None
         _loaded(path)
 
 
+def test_a_recording_with_any_byte_changed_is_read_or_told(tmp_path: Path) -> None:
+    path, whole = tmp_path / "agent.npz", _npz({"states": np.ones((50, 4), np.float32)})
+    told = 0
+    for place in range(len(whole)):
+        path.write_bytes(whole[:place] + bytes([whole[place] ^ 5]) + whole[place + 1 :])
+        try:
+            _loaded(path)
+        except InvalidInput:
+            told += 1
+    assert told > len(whole) / 4
+
+
 def test_transitions_as_arrays(short_agent: DDQNHyperparameters) -> None:
     task = replace(get_task("CartPole-v0"), step_limit=20)
     training, _ = record(task, make_se(task).se, short_agent, 5)

@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.tasks import Task
+from bilevel.tasks.task import Task
 
 #: Maximum repetitions of a random action: actions that change at every step hardly move tasks with
 #: momentum (Acrobot).
