@@ -177,9 +177,13 @@ def main() -> None:
     runs: dict[int, dict[str, Any]] = {}
     with suppress(NotMeasured):
         before = read_result(name)
-        if _unchanging(before["command"]) != _unchanging(command):
-            parser.error(f"what is there was measured by {before['command']!r}")
         runs = {run["seed"]: run for run in before["runs"]}
+        alike = _unchanging(before["command"]) == _unchanging(command)
+        if not alike or runs.keys() - set(options.seeds):
+            parser.error(
+                f"benchmarks/results/{name}.json was measured by {before['command']!r}: give its "
+                "options and at least its seeds, or move it away"
+            )
 
     def keep(run: dict[str, Any]) -> None:
         runs[run["seed"]] = run

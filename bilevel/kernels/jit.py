@@ -1,7 +1,9 @@
 """The compiler settings that every kernel shares."""
 
+import atexit
 import hashlib
 import os
+import shutil
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
@@ -28,17 +30,20 @@ def _cache_folder() -> str:
     for source in [*sorted(here.glob("*.py")), *shared]:
         digest.update(source.read_bytes())
     name = f"kernels-{digest.hexdigest()[:16]}"
-    if numba.config.CACHE_DIR:  # from NUMBA_CACHE_DIR
-        return str(Path(numba.config.CACHE_DIR) / name)
     beside = here / "__pycache__"
-    if os.access(beside if beside.exists() else here, os.W_OK):
-        return str(beside / name)
-    with suppress(OSError, RuntimeError):  # RuntimeError: no home folder is known
-        cache = Path.home() / ".cache" / "bilevel" / name
-        cache.mkdir(parents=True, exist_ok=True)
-        if os.access(cache, os.W_OK):
-            return str(cache)
-    return tempfile.mkdtemp(prefix="bilevel-kernels-")  # of this process alone
+    places = [beside] if os.access(beside if beside.exists() else here, os.W_OK) else []
+    if numba.config.CACHE_DIR:  # from NUMBA_CACHE_DIR
+        places.insert(0, Path(numba.config.CACHE_DIR).absolute())
+    with suppress(RuntimeError):  # no home folder is known
+        places.append(Path.home() / ".cache" / "bilevel")
+    for place in places:
+        with suppress(OSError):
+            (place / name).mkdir(parents=True, exist_ok=True)
+            if os.access(place / name, os.W_OK):
+                return str(place / name)
+    own = tempfile.mkdtemp(prefix="bilevel-kernels-")
+    atexit.register(shutil.rmtree, own, ignore_errors=True)
+    return own
 
 
 _CACHE_FOLDER = _cache_folder()

@@ -8,7 +8,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.user_code import Mistake, as_mistake, mistake_at
+from bilevel.user_code import as_mistake, mistake_at
 
 
 class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.float32], np.int64]):
@@ -18,7 +18,7 @@ class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.flo
     def __init__(self, env: gymnasium.Env[NDArray[np.float32], np.int64], task_id: str) -> None:
         super().__init__(env)
         self._what = f"task {task_id!r}"
-        self._mistaken = False
+        self._failed = False
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -43,10 +43,10 @@ class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.flo
         return checked, number, bool(terminated), bool(truncated), info
 
     def close(self) -> None:
-        """See gymnasium. Errors after a mistake, which may be their cause, are ignored."""
+        """See gymnasium. Errors after others, which may be their cause, are ignored."""
         with (
-            suppress(Exception)
-            if self._mistaken
+            suppress(Exception, SystemExit)
+            if self._failed
             else self._checked(type(self.unwrapped).close, "is closed")
         ):
             self.env.close()
@@ -56,8 +56,8 @@ class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.flo
         try:
             with as_mistake(self._what, code, doing):
                 yield
-        except Mistake:
-            self._mistaken = True
+        except BaseException:  # also Ctrl-C
+            self._failed = True
             raise
 
     def _observation(self, state: Any, code: Any) -> NDArray[np.float32]:

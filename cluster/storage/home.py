@@ -1,10 +1,12 @@
 """The home folder: one folder for all runs, with one folder per run."""
 
+import errno
 import glob
 import os
 import re
 import shlex
 import shutil
+import stat
 import sys
 import tempfile
 from contextlib import suppress
@@ -32,8 +34,9 @@ class Home:
     def __init__(self, folder: Path) -> None:
         try:
             self.folder = folder.resolve()
-            with suppress(FileNotFoundError, NotADirectoryError):
-                self.folder.stat()
+            with suppress(FileNotFoundError):
+                if not stat.S_ISDIR(self.folder.stat().st_mode):
+                    raise NotADirectoryError(errno.ENOTDIR, os.strerror(errno.ENOTDIR))
         except PermissionError:
             raise
         except (OSError, RuntimeError) as error:  # RuntimeError: a loop of links

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bilevel.durable import checksum, write_aside, write_file
+from bilevel.durable import checksum, sync, write_aside, write_file
 from bilevel.errors import InvalidInput
 from tests.small_disk import on_small_disk, small_disks
 
@@ -50,6 +50,8 @@ def test_a_file_system_that_does_not_flush_folders(
     refused.append(True)
     with pytest.raises(OSError, match="Invalid argument"):
         write_aside(tmp_path / "file", b"newer")
+    with pytest.raises(OSError, match="Invalid argument"):
+        sync(tmp_path / "file")
 
 
 @pytest.mark.skipif(not small_disks(), reason="no small disk can be mounted here")

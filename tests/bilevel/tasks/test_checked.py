@@ -91,20 +91,25 @@ def test_a_task_that_cannot_be_closed_is_told(register: Callable[..., None]) -> 
         get_task(NAME)
 
 
-def test_the_first_mistake_is_told(register: Callable[..., None]) -> None:
+@pytest.mark.parametrize("closing_fails", [RuntimeError("a consequence"), SystemExit("no server")])
+@pytest.mark.parametrize("cause", [ValueError("the cause"), KeyboardInterrupt("the cause")])
+def test_the_first_error_is_told(
+    cause: BaseException, closing_fails: BaseException, register: Callable[..., None]
+) -> None:
     """A task that fails before it has made what it closes fails again when it is closed."""
     failed: list[bool] = []
 
     def step() -> Any:
         failed.append(True)
-        raise ValueError("the cause")
+        raise cause
 
     def close() -> None:
         if failed:
-            raises()
+            raise closing_fails
 
     register(step=step, close=close)
-    with pytest.raises(Mistake, match="when it takes a step: ValueError: the cause"):
+    interrupted = isinstance(cause, KeyboardInterrupt)
+    with pytest.raises(KeyboardInterrupt if interrupted else Mistake, match="the cause"):
         get_task(NAME).try_out()
 
 

@@ -11,6 +11,9 @@ def test_a_program_is_found_where_pip_puts_it(
 ) -> None:
     assert Path(program("mlflow")).name == "mlflow"
     (tmp_path / "elsewhere").touch(mode=0o755)  # not beside the interpreter
+    with monkeypatch.context() as context:  # as by `pip install --user`
+        context.setattr("sysconfig.get_path", lambda *_: str(tmp_path))
+        assert program("elsewhere") == str(tmp_path / "elsewhere")
     with pytest.raises(InvalidInput, match="the program 'elsewhere' is not installed beside"):
         program("elsewhere")
     monkeypatch.setenv("PATH", str(tmp_path))
