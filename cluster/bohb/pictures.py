@@ -50,7 +50,7 @@ def objective_against_cost(
                 color=colour,
                 alpha=0.6,
                 lw=0,
-                label=", ".join(dict.fromkeys(point.origin.value for point in chosen)),
+                label="; ".join(dict.fromkeys(point.origin.value for point in chosen)),
             )
     _mark_leader(axes, points)
     _mark_finalists(axes, validated)
