@@ -11,6 +11,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from benchmarks.arguments import format_seeds
 from bilevel.durable import write_aside
 
 RESULTS = Path(__file__).parent / "results"
@@ -62,3 +63,33 @@ def read_result(name: str, *parts: str) -> dict[str, Any]:
     if not content or any(part not in content for part in parts):
         raise NotMeasured(f"`benchmarks/results/{name}.json`")
     return content
+
+
+def resumed_result(name: str, command: str, growing: Sequence[str]) -> dict[str, Any]:
+    """What an earlier call of the command has written to `results/NAME.json`, {} if nothing. The
+    options `growing` may have had other values. Exits if another command has written it."""
+    try:
+        before = read_result(name)
+    except NotMeasured:
+        return {}
+    grown = re.compile(rf" --({'|'.join(growing)}) \S+")
+    if grown.sub("", before["command"]) != grown.sub("", command):
+        raise SystemExit(
+            f"benchmarks/results/{name}.json was measured by {before['command']!r}: give its "
+            "options, or move it away"
+        )
+    return before
+
+
+def resumed_runs(
+    name: str, command: str, growing: Sequence[str], seeds: Sequence[int]
+) -> list[dict[str, Any]]:
+    """The runs of a `resumed_result`. Exits, too, if some have other seeds than `seeds`, those of
+    the command: it would be told as the command of all."""
+    runs: list[dict[str, Any]] = resumed_result(name, command, growing).get("runs", [])
+    if lacking := {run["seed"] for run in runs}.difference(seeds):
+        raise SystemExit(
+            f"benchmarks/results/{name}.json has the seeds {format_seeds(sorted(lacking))}, too: "
+            "add them to --seeds, or move it away"
+        )
+    return runs

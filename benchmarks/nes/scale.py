@@ -10,7 +10,6 @@ the same command resumes.
 import argparse
 import os
 from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import suppress
 from multiprocessing import get_context
 from typing import Any
 
@@ -18,7 +17,7 @@ import numpy as np
 
 import bilevel.tasks.task
 from benchmarks.arguments import format_seeds, known_task, parse_seeds
-from benchmarks.machine import NotMeasured, read_result, write_result
+from benchmarks.machine import resumed_runs, write_result
 from benchmarks.nes.run import run_nes
 from bilevel.hyperparameters import load_recipe
 from bilevel.seeds import Purpose, derive
@@ -48,9 +47,8 @@ def main() -> None:
     options = parser.parse_args()
     name, seeds = f"nes_scale_{options.task}", options.seeds
     command = f"python -m benchmarks.nes.scale {options.task} --seeds {format_seeds(seeds)}"
-    runs: dict[tuple[int, int], dict[str, Any]] = {}
-    with suppress(NotMeasured):
-        runs = {(run["steps"], run["seed"]): run for run in read_result(name)["runs"]}
+    before = resumed_runs(name, command, ("seeds",), seeds)
+    runs = {(run["steps"], run["seed"]): run for run in before}
     missing = [(steps, seed) for seed in seeds for steps in STEPS if (steps, seed) not in runs]
     with ProcessPoolExecutor(os.cpu_count(), get_context("spawn")) as pool:
         for done in as_completed(pool.submit(measured, options.task, *one) for one in missing):

@@ -10,13 +10,11 @@ Results are written seed by seed to `results/nes_seeds_TASK.json`; the same comm
 
 import argparse
 import os
-import re
 import subprocess
 import sys
 import time
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from shutil import rmtree
@@ -27,7 +25,7 @@ import numpy as np
 
 from benchmarks.agents import sb3
 from benchmarks.arguments import format_seeds, known_task, parse_seeds
-from benchmarks.machine import NotMeasured, read_result, write_result
+from benchmarks.machine import resumed_runs, write_result
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import load_recipe
@@ -139,11 +137,6 @@ def taught(path: Path, agents: int, others: int, known: Mapping[str, Any]) -> di
     return {kind: found[kind] for kind in (*AGENTS, *OF_SB3) if kind in found}
 
 
-def _unchanging(command: str) -> str:
-    """The command without what a later one may have more or less of."""
-    return re.sub(r" --(seeds|taught) \S+", "", command)
-
-
 def main() -> None:
     """Measure the missing results."""
     parser = argparse.ArgumentParser(description=__doc__)
@@ -174,16 +167,8 @@ def main() -> None:
         f"{format_seeds(options.seeds)} --taught {options.taught} --agents "
         f"{options.agents} --sb3 {options.sb3} {more}--home FOLDER"
     )
-    runs: dict[int, dict[str, Any]] = {}
-    with suppress(NotMeasured):
-        before = read_result(name)
-        runs = {run["seed"]: run for run in before["runs"]}
-        alike = _unchanging(before["command"]) == _unchanging(command)
-        if not alike or runs.keys() - set(options.seeds):
-            parser.error(
-                f"benchmarks/results/{name}.json was measured by {before['command']!r}: give its "
-                "options and at least its seeds, or move it away"
-            )
+    before = resumed_runs(name, command, ("seeds", "taught"), options.seeds)
+    runs = {run["seed"]: run for run in before}
 
     def keep(run: dict[str, Any]) -> None:
         runs[run["seed"]] = run

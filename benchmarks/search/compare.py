@@ -13,12 +13,10 @@ alike. Results are written one by one to `results/search_TASK.json`; the same co
 
 import argparse
 import os
-import re
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from contextlib import suppress
 from dataclasses import dataclass
 from functools import partial
 from multiprocessing import get_context, parent_process
@@ -26,7 +24,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks.arguments import format_seeds, known_task, parse_seeds
-from benchmarks.machine import NotMeasured, read_result, write_result
+from benchmarks.machine import resumed_result, write_result
 from benchmarks.nes.run import run_nes
 from benchmarks.search.studies import outcomes
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
@@ -169,11 +167,7 @@ class Comparison:
         self.options = options
         self.name = f"search_{options.task}"
         self.rows: dict[str, Any] = {"default": {}}
-        with suppress(NotMeasured):
-            before = read_result(self.name)
-            if _unchanging(before["command"]) != _unchanging(self.command):
-                raise SystemExit(f"what is there was measured by {before['command']!r}")
-            self.rows |= before["rows"]
+        self.rows |= resumed_result(self.name, self.command, ("seeds", "fresh")).get("rows", {})
         for seed in options.seeds:
             for method in METHODS:
                 self.rows.setdefault(f"{method} {seed}", {"method": method, "seed": seed})
@@ -229,11 +223,6 @@ class Comparison:
         begun = {name: row for name, row in self.rows.items() if {"search", "fresh"} & row.keys()}
         write_result(self.name, self.command, {"rows": begun})
         print(one.row, found, flush=True)
-
-
-def _unchanging(command: str) -> str:
-    """The command without what a later one may have more or less of."""
-    return re.sub(r" --(seeds|fresh) \S+", "", command)
 
 
 def main() -> None:

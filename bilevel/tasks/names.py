@@ -1,4 +1,4 @@
-"""Observations and actions of some tasks, for pictures: their names, and which tell most."""
+"""Names of the observations and actions of some tasks, and the axes of their pictures."""
 
 #: By the beginning of the task's id, in the order of the task.
 _OBSERVATIONS = {
@@ -24,7 +24,7 @@ _ACTIONS = {
     "MountainCar": ("push left", "no push", "push right"),
 }
 #: The two observations over which pictures are drawn.
-_TELLING = {"CartPole": (2, 3), "Acrobot": (4, 5)}
+_AXES = {"CartPole": (2, 3), "Acrobot": (4, 5)}
 
 
 def observation_names(task_id: str, size: int) -> tuple[str, ...]:
@@ -37,10 +37,10 @@ def action_names(task_id: str, number: int) -> tuple[str, ...]:
     return _known(_ACTIONS, task_id, number, "action")
 
 
-def telling_observations(task_id: str, size: int) -> tuple[int, int]:
+def picture_axes(task_id: str, size: int) -> tuple[int, int]:
     """Indices of the two observations, of so many, over which pictures of the task are drawn: the
     first ones if none are known, the only one twice."""
-    i, j = _TELLING.get(task_id.partition("-")[0], (0, 1))
+    i, j = _AXES.get(task_id.partition("-")[0], (0, 1))
     return (i, j) if max(i, j) < size else (0, 1 % size)
 
 

@@ -16,7 +16,7 @@ from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task
-from bilevel.tasks.names import action_names, observation_names, telling_observations
+from bilevel.tasks.names import action_names, observation_names, picture_axes
 from bilevel.tasks.task import RealEnv
 from bilevel.tasks.transitions import Transitions
 
@@ -43,7 +43,7 @@ class Plane:
         """The plane of a task, scaled by its observations under random actions."""
         scale = task.observation_scale(derive(0, Purpose.OBSERVATIONS))
         names = observation_names(task.id, task.state_size)
-        i, j = telling_observations(task.id, task.state_size)
+        i, j = picture_axes(task.id, task.state_size)
         return cls((i, j), (names[i], names[j]), scale.mean, scale.deviation)
 
     @cached_property

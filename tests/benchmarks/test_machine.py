@@ -3,7 +3,14 @@ from pathlib import Path
 import pytest
 
 from benchmarks import machine
-from benchmarks.machine import NotMeasured, read_result, spread, write_result
+from benchmarks.machine import (
+    NotMeasured,
+    read_result,
+    resumed_result,
+    resumed_runs,
+    spread,
+    write_result,
+)
 
 
 def test_results_are_read_as_they_were_written(
@@ -25,3 +32,21 @@ def test_results_are_read_as_they_were_written(
 def test_spread_is_median_and_range() -> None:
     assert spread([4.0, 1.0, 2.0]) == {"median": 2.0, "low": 1.0, "high": 4.0}
     assert spread([12345.6, 0.072768]) == {"median": 6173.0, "low": 0.07277, "high": 12350.0}
+
+
+def test_results_of_other_options_or_seeds_are_not_mixed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(machine, "RESULTS", tmp_path)
+    command, growing = "measure Task --seeds {} --taught {} --agents {} --home FOLDER", ("seeds",)
+    assert resumed_result("name", command.format("0-1", 2, 6), growing) == {}
+    write_result("name", command.format("0-1", 2, 6), {"runs": [{"seed": 0}, {"seed": 1}]})
+    more = command.format("0-3", 2, 6)
+    assert resumed_runs("name", more, growing, range(4)) == [{"seed": 0}, {"seed": 1}]
+    for other in (command.format("0-1", 2, 7), command.format("0-1", 3, 6)):
+        with pytest.raises(SystemExit, match=r"name.json was measured by 'measure .*: give"):
+            resumed_result("name", other, growing)
+    taught = ("seeds", "taught")
+    assert len(resumed_result("name", command.format("0-1", 3, 6), taught)["runs"]) == 2
+    with pytest.raises(SystemExit, match="has the seeds 0, too: add them to --seeds"):
+        resumed_runs("name", command.format("1-3", 2, 6), growing, range(1, 4))

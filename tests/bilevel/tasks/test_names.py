@@ -1,7 +1,7 @@
 import pytest
 
 from bilevel.tasks import Task, get_task
-from bilevel.tasks.names import action_names, observation_names, telling_observations
+from bilevel.tasks.names import action_names, observation_names, picture_axes
 
 
 @pytest.mark.parametrize("task", ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"])
@@ -20,7 +20,7 @@ def test_others_have_numbers() -> None:
 
 
 def test_pictures_are_over_two_observations_that_are_there() -> None:
-    found = [telling_observations(*task) for task in (("CartPole-v0", 4), ("Acrobot-v1", 6))]
+    found = [picture_axes(*task) for task in (("CartPole-v0", 4), ("Acrobot-v1", 6))]
     assert found == [(2, 3), (4, 5)]
-    assert telling_observations("Acrobot-small-v0", 3) == (0, 1)
-    assert telling_observations("Balance-v0", 1) == (0, 0)
+    assert picture_axes("Acrobot-small-v0", 3) == (0, 1)
+    assert picture_axes("Balance-v0", 1) == (0, 0)
