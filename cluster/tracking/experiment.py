@@ -73,17 +73,26 @@ class Experiment:
 
     def show_columns(self, params: Iterable[str]) -> None:
         """Let the shared view have columns for these parameters, too."""
+        from mlflow.exceptions import MlflowException
+
         wanted = [*_COLUMNS, *(f"params.`{param}`" for param in params)]
         if set(wanted) <= set(self._columns):
             return
+        try:
+            self._add_columns(wanted)
+        except MlflowException:  # if another process has just set the tag for the first time
+            self._add_columns(wanted)
+
+    def _add_columns(self, wanted: list[str]) -> None:
         name = f"mlflow.sharedViewState.{_VIEW}"
         tags = self._client.get_experiment(self.id).tags
         before = json.loads(tags.get(name, "{}")).get("selectedColumns", [])
-        self._columns = list(dict.fromkeys([*before, *wanted]))
-        if self._columns != before:
-            state = {"selectedColumns": self._columns, "orderByKey": "attributes.start_time"}
+        columns = list(dict.fromkeys([*before, *wanted]))
+        if columns != before:
+            state = {"selectedColumns": columns, "orderByKey": "attributes.start_time"}
             text = json.dumps({**state, "orderByAsc": False})
             self._client.set_experiment_tag(self.id, name, text)
+        self._columns = columns
 
     def forget(self) -> None:
         """Read again what MLflow has."""

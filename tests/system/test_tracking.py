@@ -9,12 +9,16 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import mlflow
 import numpy as np
 import pytest
+from mlflow.store.tracking.dbmodels.models import SqlExperimentTag
+from sqlalchemy import event
+from sqlalchemy.orm import Session
 
 from bilevel import InvalidInput
 from bilevel.nes.checkpoint import save_state
@@ -125,6 +129,31 @@ def test_the_first_runs_of_a_home_may_start_at_once(new_home: Home) -> None:
     for process in processes:
         _, errors = process.communicate(timeout=120)
         assert process.returncode == 0, errors
+
+
+def test_two_first_runs_may_describe_an_experiment_at_once(home: Home) -> None:
+    """MLflow looks whether a tag is there and then adds it: another may have added it between."""
+    there = {"selectedColumns": ["params.`theirs`"]}
+
+    def add_first(session: Session, *_: object) -> None:
+        for tag in session.new:
+            if isinstance(tag, SqlExperimentTag) and tag.key.startswith("mlflow.sharedViewState"):
+                row = (tag.key, json.dumps(there), tag.experiment_id)
+                with closing(sqlite3.connect(home.database)) as database, database:
+                    database.execute(
+                        "INSERT INTO experiment_tags (key, value, experiment_id) VALUES (?, ?, ?)",
+                        row,
+                    )
+
+    event.listen(Session, "before_flush", add_first)
+    try:
+        tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
+    finally:
+        event.remove(Session, "before_flush", add_first)
+    tags = mlflow.MlflowClient(home.database_uri).get_experiment(tracker.experiment_id).tags
+    (view,) = [json.loads(tags[key]) for key in tags if key.startswith("mlflow.sharedViewState")]
+    assert view["selectedColumns"][0] == "params.`theirs`"
+    assert "metrics.`objective`" in view["selectedColumns"]
 
 
 def test_whoever_uses_mlflow_waits_until_it_is_imported(new_home: Home) -> None:
