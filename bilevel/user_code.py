@@ -55,8 +55,13 @@ def digest_of(package: str, *code: Any) -> str | None:
             continue
         with suppress(OSError, TypeError):
             file = inspect.getsourcefile(one) or ""
-            files[file] = Path(file).read_bytes()
+            loader = getattr(inspect.getmodule(one), "__loader__", None)
+            files[file] = getattr(loader, "get_data", _content)(file)
     return checksum(*(files[file] for file in sorted(files)))[:16] if files else None
+
+
+def _content(file: str) -> bytes:
+    return Path(file).read_bytes()
 
 
 def _defined(code: Any) -> Any:

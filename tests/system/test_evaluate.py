@@ -22,6 +22,12 @@ from tests.system.conftest import client, run_until
 
 pytestmark = pytest.mark.timeout(280)
 
+#: End of an agent file that is gone once it was imported, as on a machine which does not have it.
+GOING = """
+from pathlib import Path
+
+Path(__file__).unlink(missing_ok=True)
+"""
 FEW = ("--max-episodes", "13", "--name", "few")
 
 
@@ -102,9 +108,9 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path, add
 
 
 def test_an_agent_of_the_users_own_in_nes(tmp_path: Path, address: str) -> None:
-    """The example agent of docs/agents.md, one of two agents, on actors that import its file."""
+    """The example agent of docs/agents.md, one of two agents, on actors that import what the
+    command has read."""
     file = tmp_path / "reinforce.py"
-    file.write_text(documented_agent())
     chosen: tuple[str | Path, ...] = ("--agent", "ddqn,reinforce", "--agent-file", file)
     small = (
         *("--population", "2", "--set", "nes.start_candidates=1", "--set", "nes.centre_agents=2"),
@@ -117,6 +123,7 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path, address: str) -> None:
     joined = (*common, "--address", address)
     thetas = []
     for workers in ("1", "2"):
+        file.write_text(documented_agent() + GOING)
         result = run_bilevel(*joined, "--workers", workers, "--home", tmp_path / workers)
         assert result.returncode == 0, result.stderr
         assert "generation   0  score" in result.stdout
@@ -138,6 +145,7 @@ def test_a_mistake_in_the_users_own_agent_is_one_line(tmp_path: Path, address: s
         documented_agent().replace(
             "return int(torch.multinomial", "return 7 + int(torch.multinomial"
         )
+        + GOING
     )
     chosen = (
         "--agent",
@@ -150,8 +158,10 @@ def test_a_mistake_in_the_users_own_agent_is_one_line(tmp_path: Path, address: s
         address,
     )
     smoke = ("bohb", "--profile", "smoke", *ONE_BY_ONE)
+    code = file.read_text()
     for command in (("evaluate", "--workers", "1", "--real"), smoke):
         name, *options = command
+        file.write_text(code)
         result = run_bilevel(name, *options, "CartPole-v0", *chosen)
         assert result.returncode == 2, result.stdout
         assert result.stderr.count("\n") == 1
