@@ -1,11 +1,12 @@
 """User-defined agents from Python files, imported by the driver and every actor."""
 
 import importlib
-import os
+import linecache
 import sys
 from collections.abc import Sequence
+from contextlib import suppress
 from importlib.abc import SourceLoader
-from importlib.machinery import ModuleSpec
+from importlib.machinery import ModuleSpec, PathFinder
 from importlib.util import spec_from_loader
 from pathlib import Path
 from types import ModuleType
@@ -36,32 +37,56 @@ class _AgentFile(SourceLoader):
     def get_data(self, path: str | bytes) -> bytes:
         return self.source
 
+    def exec_module(self, module: ModuleType) -> None:
+        lines = (self.get_source(self.name) or "").splitlines(keepends=True)
+        linecache.cache[self.path] = (len(self.source), None, lines, self.path)  # for messages
+        super().exec_module(module)
+
 
 #: The imported files, the latest first.
 _FILES: list[_AgentFile] = []
 
 
 def load_agent_file(file: Path) -> None:
-    """Import a file that registers an agent.
+    """Import a file that registers an agent; the actors will, too (by `runtime_env`).
 
-    The actors import it, too (by `runtime_env`), when the first request refers to its class. Other
-    modules in its folder can be imported where the folder is. Raises InvalidInput if the file
-    cannot be imported.
+    Other modules in its folder can be imported where the folder is. Raises InvalidInput if the file
+    cannot be imported, or has the name of another module.
     """
     if not file.stem.isidentifier() or file.suffix != ".py":
         raise InvalidInput(f"agent file {str(file)!r} must be a Python file, NAME.py")
     try:
         agent_file = _AgentFile(file)
-        sys.path.insert(0, str(file.resolve().parent))
-        sys.meta_path.insert(0, agent_file)
-        _FILES.insert(0, agent_file)
-        module = importlib.import_module(file.stem)
+        other = _namesake(agent_file)
+        if other is None:
+            _import_first([agent_file])
+            _FILES.insert(0, agent_file)
+            importlib.import_module(file.stem)
     except (Exception, SystemExit) as error:
         raise InvalidInput(f"agent file {str(file)!r}: {type(error).__name__}: {error}") from None
-    if Path(module.__file__ or "").resolve() != file.resolve():
+    if other is not None:
         raise InvalidInput(
-            f"agent file {str(file)!r} has the name of another module, {module.__file__}: rename it"
+            f"agent file {str(file)!r} has the name of another module, {other}: rename it"
         )
+
+
+def _namesake(file: _AgentFile) -> str | None:
+    """Where another module of that name is, if there is one: it would be imported in place of the
+    file, or the file in place of it."""
+    folder = Path(file.path).parent
+    if file.name in sys.modules:
+        found = sys.modules[file.name].__spec__
+    else:
+        others = [path for path in sys.path if Path(path).resolve() != folder]
+        found = PathFinder.find_spec(file.name, others)
+    origin = None if found is None else found.origin  # None: a folder that is no package
+    return None if origin is None or Path(origin).resolve() == Path(file.path) else origin
+
+
+def _import_first(files: Sequence[_AgentFile]) -> None:
+    """Let imports find these files, and then what is in their folders, before all else."""
+    sys.meta_path[:0] = files
+    sys.path[:0] = [str(Path(file.path).parent) for file in files]
 
 
 def runtime_env() -> dict[str, Any] | None:
@@ -71,11 +96,9 @@ def runtime_env() -> dict[str, Any] | None:
     files = [*_FILES]
 
     def import_the_same() -> None:
-        sys.meta_path[:0] = files
+        _import_first(files)
+        for file in reversed(files):
+            with suppress(Exception, SystemExit):  # told where the agent is needed
+                importlib.import_module(file.name)
 
-    folders = [str(Path(file.path).parent) for file in files]
-    others = [path for path in os.environ.get("PYTHONPATH", "").split(os.pathsep) if path]
-    return {
-        "env_vars": {"PYTHONPATH": os.pathsep.join([*folders, *others])},
-        "worker_process_setup_hook": import_the_same,
-    }
+    return {"worker_process_setup_hook": import_the_same}

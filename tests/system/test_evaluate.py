@@ -109,8 +109,11 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path, add
 
 def test_an_agent_of_the_users_own_in_nes(tmp_path: Path, address: str) -> None:
     """The example agent of docs/agents.md, one of two agents, on actors that import what the
-    command has read."""
-    file = tmp_path / "reinforce.py"
+    command has read, and a module beside it."""
+    file, parts = tmp_path / "mine.py", tmp_path / "parts.py"
+    code, registration, rest = documented_agent().partition("register_agent(Reinf")
+    parts.write_text(code)
+    importing = "from parts import Reinforce, ReinforceHyperparameters, register_agent\n"
     chosen: tuple[str | Path, ...] = ("--agent", "ddqn,reinforce", "--agent-file", file)
     small = (
         *("--population", "2", "--set", "nes.start_candidates=1", "--set", "nes.centre_agents=2"),
@@ -123,7 +126,7 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path, address: str) -> None:
     joined = (*common, "--address", address)
     thetas = []
     for workers in ("1", "2"):
-        file.write_text(documented_agent() + GOING)
+        file.write_text(f"{importing}{registration}{rest}{GOING}")
         result = run_bilevel(*joined, "--workers", workers, "--home", tmp_path / workers)
         assert result.returncode == 0, result.stderr
         assert "generation   0  score" in result.stdout
@@ -131,7 +134,8 @@ def test_an_agent_of_the_users_own_in_nes(tmp_path: Path, address: str) -> None:
         thetas.append(safetensors.numpy.load_file(state)["theta"])
     np.testing.assert_array_equal(thetas[0], thetas[1])
 
-    file.write_text(documented_agent() + "\n# another version\n")
+    file.write_text(f"{importing}{registration}{rest}")
+    parts.write_text(f"{code}\n# another version\n")
     resumed = run_bilevel(*joined, "--home", tmp_path / "1")
     assert resumed.returncode == 0, resumed.stderr
     assert "mixed: Begun and resumed with 2 versions of the agent 'reinforce'" in resumed.stdout

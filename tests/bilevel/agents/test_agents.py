@@ -26,6 +26,7 @@ from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.nes import NES
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task, get_task
+from bilevel.user_code import mistake_at
 from cluster.ray.agent_files import load_agent_file
 from search_spaces.bohb import search_space
 from tests.conftest import restored
@@ -132,10 +133,11 @@ def test_an_agent_without_a_name_or_file_is_told(tmp_path: Path) -> None:
     leaving.write_text("raise SystemExit('no licence')")
     with pytest.raises(InvalidInput, match=r"leaving_agent.py': SystemExit: no licence"):
         load_agent_file(leaving)
-    twice = tmp_path / "json.py"
-    twice.write_text("")
-    with pytest.raises(InvalidInput, match="name of another module"):
-        load_agent_file(twice)
+    for name in ("json", "antigravity"):  # the latter would open a browser
+        twice = tmp_path / f"{name}.py"
+        twice.write_text("")
+        with pytest.raises(InvalidInput, match=f"name of another module, .*{name}.*: rename it"):
+            load_agent_file(twice)
     with pytest.raises(InvalidInput, match=r"must be a Python file"):
         load_agent_file(tmp_path / "not-a-module.py")
 
@@ -153,6 +155,17 @@ def test_code_of_the_users_own_has_a_digest(tmp_path: Path) -> None:
     registry._code_digest.cache_clear()
     assert get_agent("digested").code_digest == digest
     assert [get_agent(name).code_digest for name in AGENTS[:3]] == [None, None, None]
+
+
+def test_a_mistake_is_told_with_the_line_that_was_imported(tmp_path: Path) -> None:
+    file = tmp_path / "edited_agent.py"
+    file.write_text(documented_agent().replace('agent="reinforce"', 'agent="edited"'))
+    load_agent_file(file)
+    agent = type(get_agent("edited").build(small("edited"), 4, 2, 0))
+    before = str(mistake_at("agent 'edited'", agent, "is wrong"))
+    file.write_text("\n\n" + file.read_text())
+    assert str(mistake_at("agent 'edited'", agent, "is wrong")) == before
+    assert str(file) in before
 
 
 def test_annotations_may_be_strings(tmp_path: Path) -> None:
