@@ -4,6 +4,8 @@ import contextlib
 import errno
 import hashlib
 import os
+import secrets
+import shutil
 from pathlib import Path
 
 from bilevel.errors import InvalidInput, StorageFailure
@@ -31,13 +33,15 @@ def write_aside(path: Path, data: bytes) -> None:
     Raises StorageFailure, with the old file untouched, if the disk is full or broken, and OSError
     if only this path cannot be written.
     """
-    aside = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    aside = path.with_name(f".{secrets.token_hex(8)}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with aside.open("wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
+        with contextlib.suppress(OSError):  # a new file, or one of another user's
+            shutil.copymode(path, aside)
         aside.replace(path)
         sync(path.parent)
     except OSError as error:

@@ -1,6 +1,7 @@
 """Errors that the user can fix: invalid values, and full or broken disks."""
 
 from collections.abc import Iterable
+from numbers import Real
 from pathlib import Path
 from typing import Self
 
@@ -44,7 +45,13 @@ def first_line(error: BaseException) -> str:
 def require(kind: type, value: object, what: str, how: str) -> None:
     """Raise InvalidInput unless the value is of that kind; `how` tells where one comes from."""
     if not isinstance(value, kind):
-        raise InvalidInput(f"{what} must be a {kind.__name__}, {how}; got {value!r:.60}")
+        article = "an" if kind.__name__[0] in "AEIOU" else "a"
+        raise InvalidInput(f"{what} must be {article} {kind.__name__}, {how}; got {value!r:.60}")
+
+
+def is_number(value: object, kind: type = Real) -> bool:
+    """Whether a value from outside is a number of that kind; a boolean is none."""
+    return isinstance(value, kind) and not isinstance(value, bool)
 
 
 def one_of(what: str, value: object, allowed: Iterable[object]) -> InvalidInput:

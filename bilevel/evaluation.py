@@ -138,6 +138,9 @@ def evaluate(task: Task, se: SESource, request: EvaluationRequest) -> Evaluation
     """
     started = time.perf_counter()
     require(Task, task, "the task of an evaluation", "as bilevel.get_task returns it")
+    require(
+        AgentHyperparameters, request.agent, "the agent of a request", "one of a recipe's agents"
+    )
     seed = checked_seed(request.seed)
     outcome = train_and_test(task, requested_se(se, request.on), request.agent, seed)
     seconds = time.perf_counter() - started
@@ -158,7 +161,11 @@ def requested_se(se: SESource, on: TrainedOn) -> SE | None:
     if isinstance(se, SE) and isinstance(on, Centre):
         return se
     if not isinstance(se, SEDistribution) or isinstance(on, Given):
-        raise InvalidInput(f"training on {on} needs another source of SEs; got {se!r:.40}")
+        needed = {Centre: "an SE or a distribution of SEs", Given: "a tuple of SEs"}
+        raise InvalidInput(
+            f"training on {on} needs {needed.get(type(on), 'a distribution of SEs')} (on the real "
+            f"task, on=RealTask() needs none); got {se!r:.40}"
+        )
     if isinstance(on, Perturbed):
         return se.perturbed(on.seed, on.sign)
     if isinstance(on, Initialized):

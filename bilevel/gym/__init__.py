@@ -15,5 +15,5 @@ def register(env_id: str = ENV_ID, path: Path | None = None) -> None:
             env_id,
             entry_point="bilevel.gym.env:SyntheticEnv",
             vector_entry_point="bilevel.gym.vector_env:SyntheticVectorEnv",
-            kwargs={} if path is None else {"path": path},
+            kwargs={} if path is None else {"path": str(path)},
         )

@@ -4,8 +4,12 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from bilevel.errors import InvalidInput, first_line
+
+if TYPE_CHECKING:
+    from bilevel.synthetic_env import StoredSE
 
 #: A version of a registered model, by its number or alias.
 _MODEL = re.compile(r"models:/([^/@]+)(?:/(\d+)|@(.+))")
@@ -47,6 +51,8 @@ def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
 
     Raises InvalidInput if MLflow has none there, or is set to nothing.
     """
+    if not isinstance(address, str | Path):
+        raise InvalidInput(f"an SE file is given by its path or MLflow's address; got {address!r}")
     if not is_of_mlflow(address):
         return Path(address)
     from mlflow import is_tracking_uri_set
@@ -64,6 +70,16 @@ def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
     if len(files) != 1:
         raise InvalidInput(f"{str(address)!r} holds {len(files)} SE files: give the address of one")
     return files[0]
+
+
+def load(address: str | Path) -> "StoredSE":
+    """Read an SE file, at a path or at MLflow's address (`se_file`).
+
+    Raises InvalidInput if it is missing, damaged, or not an SE file.
+    """
+    from bilevel.synthetic_env import load_se
+
+    return load_se(se_file(address))
 
 
 def _located(address: str, tracking_uri: str | None) -> str:

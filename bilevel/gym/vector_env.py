@@ -61,7 +61,8 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         """Draw initial states (N, S); with one seed, copy i has the seed + i. Of the options,
         `reset_mask` (N,) tells which copies are reset; the first reset is of all.
 
-        Raises ValueError for another number of seeds than of copies.
+        Raises ValueError for another number of seeds than of copies, and InvalidInput for another
+        mask.
         """
         if seed is None:
             seeds: Sequence[int | None] = [None] * self.num_envs
@@ -73,7 +74,11 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             raise ValueError(f"{len(seeds)} seeds for {self.num_envs} copies of the SE")
         everyone = np.ones(self.num_envs, bool)
         some = (options or {}).get("reset_mask", everyone) if self._begun else everyone
-        mask = np.asarray(some, bool)
+        mask = np.asarray(some)
+        if mask.dtype != bool or mask.shape != everyone.shape:
+            raise InvalidInput(
+                f"reset_mask must be {self.num_envs} booleans, one a copy of the SE; got {some!r}"
+            )
         for i in np.flatnonzero(mask).tolist():
             if seeds[i] is not None:
                 self._sources[i], _ = seeding.np_random(seeds[i])
@@ -121,7 +126,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         n_actions, first = self._single.n_actions, self._single.first_action
         numbers, end = np.asarray(actions), first + n_actions
         if numbers.dtype.kind in "iu" and ((numbers >= first) & (numbers < end)).all():
-            numbers = numbers - first
+            numbers = numbers.astype(np.int64) - first
         else:
             numbers = np.array(
                 [

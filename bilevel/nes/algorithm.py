@@ -36,6 +36,7 @@ from bilevel.nes.rules import RULES, MemberScores, UpdateRule
 from bilevel.nes.start import StartRace
 from bilevel.nes.state import NESState
 from bilevel.nes.steps import StepControl
+from bilevel.nes.transforms import COMPARING
 from bilevel.seeds import Purpose, checked_seed, derive
 from bilevel.synthetic_env import SEDistribution, coordinates
 from bilevel.tasks import Task
@@ -69,6 +70,12 @@ class NES:
         if self.rule.needs_pairs and not self.hp.nes.mirrored_sampling:
             raise InvalidInput(
                 f"NES update {self.hp.nes.update!r} needs mirrored_sampling true; got false"
+            )
+        nes = self.hp.nes
+        if self.rule.transforms and nes.score_transform in COMPARING and nes.population_size < 2:
+            raise InvalidInput(
+                f"score_transform {nes.score_transform!r} compares members: population_size must "
+                f"be at least 2; got {nes.population_size}"
             )
         coordinates(self.task, self.hp.se, self.task.unit_scale)
 

@@ -4,13 +4,14 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
 from contextlib import AbstractContextManager, nullcontext
 from functools import partial
+from numbers import Integral
 from pathlib import Path
 
 import gymnasium
 from gymnasium.envs.registration import EnvSpec
 
 from bilevel.agents.agent import RegisteredAgent, get_agent, register_again
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, is_number, require
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, evaluate
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters, load_recipe
 from bilevel.nes.algorithm import NES
@@ -43,6 +44,7 @@ def learn(
     that do not fit together.
     """
     task = get_task(task) if isinstance(task, str) else task
+    require(Task, task, "the task to learn", "as bilevel.get_task returns it, or its id")
     hp = recipe if isinstance(recipe, Hyperparameters) else load_recipe(recipe, task.id)
     nes = NES(task, hp, seed)
     with _executor(workers, executor, task, hp) as running:
@@ -65,8 +67,9 @@ def _executor(
         raise InvalidInput(f"executor must be one of {given.__name__}, not the class: call it")
     if given is not None:
         return nullcontext(given)
-    if not isinstance(workers, int) or workers < 1:
+    if not is_number(workers, Integral) or workers < 1:
         raise InvalidInput(f"workers must be an integer of at least 1; got {workers!r}")
+    workers = int(workers)
     if workers == 1:
         return nullcontext(None)
     # loky's processes do not import the caller's script, which then needs no main guard. They are

@@ -52,6 +52,7 @@ class UpdateRule:
     weights: Callable[[NESHyperparameters, MemberScores], Scores]
     scale: Callable[[int, NDArray[np.float32]], NDArray[np.float32] | float]
     needs_pairs: bool = False  # requires mirrored sampling
+    transforms: bool = False  # uses `score_transform`
 
     def step(
         self,
@@ -101,6 +102,6 @@ def _better_sign(hp: NESHyperparameters, scores: MemberScores) -> Scores:
 RULES = {
     "snes": UpdateRule(_utilities, lambda n, sigma: sigma, needs_pairs=True),
     "antithetic": UpdateRule(_centred_ranks, lambda n, sigma: 1 / n, needs_pairs=True),
-    "paper": UpdateRule(_better_sign, lambda n, sigma: 1 / n),
-    "authors": UpdateRule(_better_sign, lambda n, sigma: sigma),
+    "paper": UpdateRule(_better_sign, lambda n, sigma: 1 / n, transforms=True),
+    "authors": UpdateRule(_better_sign, lambda n, sigma: sigma, transforms=True),
 }

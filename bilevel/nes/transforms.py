@@ -12,6 +12,10 @@ from numpy.typing import NDArray
 
 Scores = NDArray[np.float64]
 
+#: Scores that exceed the average by no more count as equal to it, since the mean of equal scores
+#: may be off in its last bits; 1e-6 in the authors' code, too.
+_ROUNDING = 1e-6
+
 
 def finite(scores: Scores) -> Scores:
     """Replace non-finite scores by the lowest finite score (0 if there is none)."""
@@ -53,7 +57,7 @@ def single_best(scores: Scores, average: float, ties: str) -> Scores:
 
 def single_better_average(scores: Scores, average: float, ties: str) -> Scores:
     """1 for the best member if it is better than average, 0 for all others."""
-    return single_best(scores, average, ties) * float(scores.max() > average)
+    return single_best(scores, average, ties) * float(_gain(scores, average).max() > 0)
 
 
 def better_average(scores: Scores, average: float, ties: str) -> Scores:
@@ -62,13 +66,13 @@ def better_average(scores: Scores, average: float, ties: str) -> Scores:
     The paper compares with "the average of the population scores", the authors' code with that of
     agents on the unperturbed SE, as here.
     """
-    gain = np.maximum(scores - average, 0)
+    gain = _gain(scores, average)
     return gain / gain.max() if gain.max() > 0 else gain
 
 
 def better_average_sum(scores: Scores, average: float, ties: str) -> Scores:
     """max(F - average, 0), scaled to a sum of 1."""
-    gain = np.maximum(scores - average, 0)
+    gain = _gain(scores, average)
     return gain / gain.sum() if gain.sum() > 0 else gain
 
 
@@ -82,6 +86,11 @@ def utilities(scores: Scores, ties: str = "mean") -> Scores:
     weights = _log_rank_utilities(scores, ties)
     centred: Scores = weights / weights.sum() - 1 / scores.size
     return centred
+
+
+def _gain(scores: Scores, average: float) -> Scores:
+    """How much better than average."""
+    return np.where(scores > average + _ROUNDING, scores - average, 0.0)
 
 
 def _ranks(scores: Scores, ties: str) -> Scores:
@@ -111,6 +120,10 @@ _TRANSFORMS: dict[str, Callable[[Scores, float, str], Scores]] = {
     "better-average": better_average,
     "better-average-sum": better_average_sum,
 }
+
+
+#: Transforms that give a single member no weight, whatever its score: they compare members alone.
+COMPARING = ("linear", "rank", "nes")
 
 
 def transform(name: str, scores: Scores, average: float, ties: str = "mean") -> Scores:

@@ -115,7 +115,7 @@ class SE:
     psi: Psi
 
     def __post_init__(self) -> None:
-        psi = np.ascontiguousarray(self.psi, np.float32)
+        psi = np.array(self.psi, np.float32)  # a copy: an SE does not change with its source
         if psi.shape != (self.architecture.parameter_count,):
             raise InvalidInput(
                 f"psi has shape {psi.shape}: the SE's networks have "

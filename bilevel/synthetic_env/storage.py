@@ -20,7 +20,7 @@ from safetensors import SafetensorError, safe_open
 
 from bilevel.decode import decode, decode_json
 from bilevel.durable import checksum, write_file
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, require
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.kernels.synthetic_env import DONE
 from bilevel.networks import layer_biases, layer_weights
@@ -83,29 +83,35 @@ class StoredSE:
 def save_se(se: StoredSE, path: Path | str) -> None:
     """Write an SE file; an existing file is replaced atomically.
 
-    Raises InvalidInput if the folder does not exist, or `info` holds what JSON cannot, and
+    Raises InvalidInput if the folder does not exist, or for an SE that `load_se` would refuse, and
     StorageFailure if the disk is full or cannot be written.
     """
     write_file(Path(path), se_bytes(se))
 
 
 def se_bytes(se: StoredSE) -> bytes:
-    """The content of an SE file; equal SEs give equal bytes. Raises InvalidInput for `info` that
-    JSON cannot hold."""
+    """The content of an SE file; equal SEs give equal bytes. Raises InvalidInput for what no SE
+    file can hold: values that are not finite or beyond their ranges, `info` that is not plain."""
+    require(StoredSE, se, "an SE", "as `learn` and `load` return it")
     header: dict[str, Any] = {
         "format": FORMAT,
         "version": FORMAT_VERSION,
         "task": se.task_id,
-        "step_limit": se.step_limit,
-        "solved_reward": se.solved_reward,
+        "step_limit": _plain(se.step_limit),
+        "solved_reward": _plain(se.solved_reward),
         "architecture": asdict(se.architecture),
         "reading": _reading(se.architecture),
         "info": se.info,
     }
     try:
         text = json.dumps(header)
-    except TypeError as error:
+    except (TypeError, ValueError, RecursionError) as error:
         raise InvalidInput(f"the info of an SE must be plain values: {error}") from None
+    decode(_Header, decode_json(dict[str, Any], text, "SE"), "SE").architecture.checked()
+    if json.dumps(json.loads(text)) != text:
+        raise InvalidInput("the info of an SE has equal keys: as text, keys must differ")
+    if not np.isfinite(se.psi).all():
+        raise InvalidInput("psi of the SE has values that are not finite")
     header["sha256"] = checksum(text.encode(), se.psi.tobytes())
     # A single entry, because safetensors writes several in random order.
     metadata = {"se": json.dumps(header)}
@@ -193,6 +199,10 @@ class _Header:
     architecture: _Sizes
     info: dict[str, Any]
     reading: dict[str, Any] = field(default_factory=dict)
+
+
+def _plain(value: Any) -> Any:
+    return value.item() if isinstance(value, np.generic) else value
 
 
 def _reading(architecture: Architecture) -> dict[str, Any]:

@@ -18,7 +18,7 @@ import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
-from bilevel.errors import InvalidInput, first_line
+from bilevel.errors import InvalidInput, first_line, is_number
 from bilevel.kernels import dynamics
 from bilevel.tasks.checked import CheckedEnv
 from bilevel.user_code import as_mistake, digest_of
@@ -233,8 +233,8 @@ def get_task(
         raise InvalidInput(
             f"{task_id} has no reward threshold: give its solved reward (--solved-reward)"
         )
-    if not math.isfinite(solved):
-        raise InvalidInput(f"{task_id}: solved reward must be finite, got {solved}")
+    if not is_number(solved) or not math.isfinite(solved):
+        raise InvalidInput(f"{task_id}: solved reward must be a finite number; got {solved!r}")
     if not isinstance(limit, int | np.integer) or not 1 <= limit <= MAX_STEP_LIMIT:
         raise InvalidInput(
             f"{task_id}: step limit (--step-limit) must be 1 to {MAX_STEP_LIMIT}; got {limit}"
@@ -242,10 +242,10 @@ def get_task(
     if worst_score is None:
         worst_score = 0.0 if solved > 0 else -float(limit)
         worst_score = worst_score if worst_score < solved else 2 * float(solved)
-    elif not -math.inf < worst_score < solved:
+    elif not is_number(worst_score) or not -math.inf < worst_score < solved:
         raise InvalidInput(
             f"{task_id}: worst score (--worst-score) must be finite and below the solved reward, "
-            f"{solved:g}; got {worst_score:g}"
+            f"{solved:g}; got {worst_score!r}"
         )
     return Task(
         task_id,

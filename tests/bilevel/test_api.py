@@ -168,7 +168,7 @@ def test_every_public_name_is_there() -> None:
         _ = bilevel.nonsense
 
 
-@pytest.mark.parametrize("workers", [0, 1.5, "2", None])
+@pytest.mark.parametrize("workers", [0, 1.5, "2", None, True])
 def test_no_worker_is_too_few(workers: Any) -> None:
     told = rf"workers must be an integer of at least 1; got {workers!r}"
     with pytest.raises(bilevel.InvalidInput, match=told):
@@ -187,6 +187,20 @@ def test_values_of_another_kind_are_told() -> None:
         bilevel.NES(task, name)
     with pytest.raises(bilevel.InvalidInput, match=r"task of an evaluation must be a Task"):
         bilevel.evaluate(name, None, request)
+    with pytest.raises(bilevel.InvalidInput, match=r"training on .* needs .*on=RealTask\(\)"):
+        bilevel.evaluate(task, None, request)
+    with pytest.raises(bilevel.InvalidInput, match=r"agent of a request must be an AgentHyper"):
+        bilevel.evaluate(task, None, replace(request, agent=name))
+    environment: Any = gymnasium.make("CartPole-v1")
+    with pytest.raises(bilevel.InvalidInput, match=r"task to learn must be a Task, as .*get_task"):
+        bilevel.learn(environment)
+    number: Any = 3
+    with pytest.raises(bilevel.InvalidInput, match=r"given by its path or MLflow's address; got 3"):
+        bilevel.load(number)
+    with pytest.raises(bilevel.InvalidInput, match=r"solved reward must be a finite number; got"):
+        bilevel.get_task("CartPole-v0", solved_reward=name)
+    with pytest.raises(bilevel.InvalidInput, match=r"worst score .* must be finite and below"):
+        bilevel.get_task("CartPole-v0", worst_score=name)
     executor: Any = ThreadPoolExecutor
     with pytest.raises(bilevel.InvalidInput, match=r"ThreadPoolExecutor, not the class: call it"):
         bilevel.learn(task, hp, executor=executor)

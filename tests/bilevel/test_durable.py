@@ -2,6 +2,7 @@ import errno
 import os
 import stat
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import pytest
@@ -17,6 +18,18 @@ def test_a_file_is_replaced(tmp_path: Path) -> None:
     write_aside(path, b"two")
     assert path.read_bytes() == b"two"
     assert list(path.parent.iterdir()) == [path]
+
+
+def test_several_threads_may_write_a_file_whose_permissions_stay(tmp_path: Path) -> None:
+    path = tmp_path / ("n" * 250)  # its name may be as long as the file system allows
+    write_aside(path, b"first")
+    path.chmod(0o600)
+    contents = [bytes([i]) * 100_000 for i in range(8)]
+    with ThreadPoolExecutor(8) as threads:
+        list(threads.map(lambda content: write_aside(path, content), contents * 5))
+    assert path.read_bytes() in contents
+    assert stat.S_IMODE(path.stat().st_mode) == 0o600
+    assert list(tmp_path.iterdir()) == [path]
 
 
 def test_ctrl_c_leaves_the_old_file_alone(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

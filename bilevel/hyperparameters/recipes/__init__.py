@@ -52,18 +52,20 @@ class _Recipe:
 
 
 def load_recipe(
-    name: str | Path, task: _Task | str, agents: Sequence[str] | None = None
+    name: str | Path, task: _Task | str, agents: Sequence[str] | str | None = None
 ) -> Hyperparameters:
     """A recipe for a task (or its id), by name or as the path of a file (`*.toml`).
 
-    `agents` replaces those that the recipe draws. An agent of a user's own has the defaults of the
-    fields that the recipe does not give. Raises InvalidInput for an unknown name, for a file that
-    is not a recipe, and for one that lacks a built-in agent or one of its fields.
+    `agents`, one name or several, replaces those that the recipe draws. An agent of a user's own
+    has the defaults of the fields that the recipe does not give. Raises InvalidInput for an unknown
+    name, for a file that is not a recipe, and for one that lacks a built-in agent or one of its
+    fields.
     """
     name = str(name)
     values, what = _read(name, task if isinstance(task, str) else task.id), f"recipe {name!r}"
     known = [spec.name for spec in fields(_Recipe)]
     recipe = decode(_Recipe, {key: values[key] for key in known if key in values}, what)
+    agents = (agents,) if isinstance(agents, str) else agents
     names = recipe.agents if agents is None else agents
     for key in values:
         if key not in (*known, *names):

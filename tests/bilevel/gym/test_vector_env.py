@@ -78,6 +78,10 @@ def test_a_mask_resets_some_copies_and_wrong_numbers_are_refused(path: Path) -> 
     mask = np.array([False, True, False])
     after, _ = env.reset(options={"reset_mask": mask})
     np.testing.assert_array_equal((after == before).all(axis=1), ~mask)
+    for no_mask in ([True], True, np.array([0]), [0, 2, 1], [[True, False, True]]):
+        with pytest.raises(InvalidInput, match="reset_mask must be 3 booleans, one a copy"):
+            env.reset(options={"reset_mask": no_mask})
+    np.testing.assert_array_equal(env.reset(options={"reset_mask": [False] * 3})[0], after)
     with pytest.raises(ValueError, match="2 seeds for 3 copies"):
         env.reset(seed=[1, 2])
     for wrong in ([0, 1], np.zeros((3, 1), int), 0):

@@ -94,6 +94,14 @@ class TestAsk:
             assert trained[:2] == [usual, (5, 5)]
             assert set(trained[2:]) == {(5, 5) if patient else usual}
 
+    def test_a_transform_that_compares_needs_members(
+        self, cartpole: Task, small: Hyperparameters
+    ) -> None:
+        one = replace(small.nes, update="snes", score_transform="rank", population_size=1)
+        NES(cartpole, replace(small, nes=one))
+        with pytest.raises(InvalidInput, match="'rank' compares members: population_size must be"):
+            NES(cartpole, replace(small, nes=replace(one, update="paper")))
+
     def test_a_rule_that_needs_pairs_says_so(self, cartpole: Task, small: Hyperparameters) -> None:
         for update in ("snes", "antithetic"):
             hp = with_nes(small, update=update, mirrored_sampling=False)

@@ -6,7 +6,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.stats import rankdata
 
 from bilevel.hyperparameters import SCORE_TRANSFORMS
-from bilevel.nes.transforms import centred_rank, transform
+from bilevel.nes.transforms import COMPARING, centred_rank, transform
 
 SCORES = np.array([10.0, 40.0, 20.0, 30.0])
 
@@ -40,6 +40,19 @@ def test_nes_utilities_by_hand() -> None:
 def test_nobody_better_than_average() -> None:
     for name in ("single-better-average", "better-average", "better-average-sum"):
         np.testing.assert_array_equal(transform(name, SCORES, 40.0), np.zeros(4))
+
+
+@given(score=st.floats(-500, 500), agents=st.integers(1, 40))
+def test_equal_scores_are_not_better_than_their_mean(score: float, agents: int) -> None:
+    """Whose last bits may be lower."""
+    average = float(np.full(agents, score).mean())
+    for name in ("single-better-average", "better-average", "better-average-sum"):
+        assert not transform(name, np.full(4, score), average).any()
+
+
+@pytest.mark.parametrize("name", SCORE_TRANSFORMS)
+def test_a_single_member_has_a_weight_unless_the_transform_compares(name: str) -> None:
+    assert bool(transform(name, np.array([5.0]), 1.0)[0]) == (name not in COMPARING)
 
 
 @pytest.mark.parametrize("name", SCORE_TRANSFORMS)

@@ -14,15 +14,12 @@ import safetensors.numpy
 import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from safetensors import safe_open
 
 from bilevel import InvalidInput
 from bilevel.hyperparameters import ACTIVATIONS
 from bilevel.kernels.synthetic_env import step
-from bilevel.synthetic_env import (
-    load_se,
-    save_se,
-    se_bytes,
-)
+from bilevel.synthetic_env import SE, load_se, save_se, se_bytes
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task, get_task
 from tests.documents import documented_code
@@ -99,11 +96,49 @@ class TestFile:
     def test_a_file_with_values_that_are_not_finite_is_refused(
         self, cartpole: Task, tmp_path: Path
     ) -> None:
-        se = make_se(cartpole)
-        se.psi[3] = np.nan
-        save_se(se, tmp_path / "nan.safetensors")
-        with pytest.raises(InvalidInput, match=r"tensor .* has values that are not finite"):
-            load_se(tmp_path / "nan.safetensors")
+        path = tmp_path / "nan.safetensors"
+        save_se(make_se(cartpole), path)
+        with safe_open(path, framework="numpy") as file:
+            metadata = file.metadata()
+        tensors = safetensors.numpy.load_file(path)
+        tensors["reward.0.bias"][0] = np.nan
+        safetensors.numpy.save_file(tensors, path, metadata)
+        with pytest.raises(InvalidInput, match=r"tensor reward.0.bias has values that are not fin"):
+            load_se(path)
+
+    def test_what_could_not_be_read_again_is_not_written(
+        self, cartpole: Task, tmp_path: Path
+    ) -> None:
+        good, path = make_se(cartpole), tmp_path / "se.safetensors"
+        save_se(good, path)
+        content = path.read_bytes()
+        psi = np.where(np.arange(good.psi.size) == 3, np.nan, good.psi)
+        circle: dict[str, Any] = {}
+        circle["itself"] = circle
+        for changes, told in (
+            ({"se": SE(good.architecture, psi)}, "psi of the SE has values that are not finite"),
+            ({"solved_reward": np.inf}, "solved_reward: must be a finite number; got inf"),
+            ({"step_limit": 0}, "SE: step_limit: .*; got 0"),
+            ({"info": {1: 2, "1": 3}}, "equal keys"),
+            ({"info": {"a": "\udc80"}}, "SE"),
+            ({"info": circle}, "info of an SE must be plain values: Circular"),
+        ):
+            with pytest.raises(InvalidInput, match=told):
+                save_se(replace(good, **changes), path)
+            assert path.read_bytes() == content
+        given: Any = good.se
+        with pytest.raises(InvalidInput, match="an SE must be a StoredSE, as `learn` and `load`"):
+            save_se(given, path)
+        numbers: Any = {"step_limit": np.int64(200), "solved_reward": np.float32(195)}
+        save_se(replace(good, **numbers), path)
+        assert load_se(path).solved_reward == 195
+
+    def test_an_se_does_not_change_with_the_array_that_it_was_made_of(self, cartpole: Task) -> None:
+        psi = np.array(make_se(cartpole).psi)
+        se = SE(make_se(cartpole).architecture, psi)
+        digest = se.digest
+        psi[0] += 1
+        assert se.digest == digest
 
     def test_tensors_carry_names_and_shapes(self, se_file: Path) -> None:
         tensors = safetensors.numpy.load_file(se_file)
