@@ -10,6 +10,7 @@ from bilevel.errors import StorageFailure
 from cluster.bohb.brackets import Schedule, configurations_to_begin
 from cluster.bohb.handover import Handover
 from cluster.bohb.journal import Journal
+from cluster.bohb.profiles import ENDLESS
 from cluster.bohb.search import BracketSearch
 from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
@@ -85,6 +86,13 @@ def brackets_to_reach(
     rungs = schedule.brackets(begun)
     complete = len(done) >= sum(rung.configurations for rung in rungs)
     return begun + more if complete else max(begun, more)
+
+
+def more_than_asked(brackets: int) -> str:
+    """What is told of an unfinished study with more brackets than its command asks for."""
+    if brackets >= ENDLESS:
+        return "it was begun without a number of brackets, and goes on until its time is over"
+    return f"it was begun with {count(brackets, 'bracket')}, which it completes"
 
 
 def deadlines(started: float, time_budget: float | None) -> tuple[float, float]:
@@ -171,8 +179,8 @@ class _Runner:
         elif self.journal.configs:
             begun = count(len(self.journal.configs), "configuration")
             log(f"resuming {begun} of this study from checkpoints; none has a result yet")
-        if self._unfinished and self.brackets > command.brackets and command.time_budget is None:
-            log(f"it was begun with {count(self.brackets, 'bracket')}, which it completes")
+        if self._unfinished and self.brackets > command.brackets:
+            log(more_than_asked(self.brackets))
 
     def _pool(self) -> EvaluationPool:
         """A pool as large as those of all trials together, for use while no trial runs."""

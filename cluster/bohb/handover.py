@@ -23,6 +23,7 @@ from cluster.nes.selection import (
     race,
 )
 from cluster.ray.pool import EvaluationPool
+from cluster.session.hints import agent_options, task_options
 from cluster.session.session import Session
 from cluster.session.terminal import Terminal, count
 from cluster.tracking.registry import model_address
@@ -154,7 +155,8 @@ class Handover:
 
     def _report_recipe(self) -> None:
         log, study = self.terminal.log, self.study
-        call = self.session.home.hint(f"nes {study.task.id} --recipe {study.name}")
+        options = f"{task_options(study.task)}{agent_options()}"
+        call = self.session.home.hint(f"nes {study.task.id} --recipe {study.name}{options}")
         log(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE by it with {call}")
         if len(self.journal.configs) > 1 and self._summary.validation is None:
             log(

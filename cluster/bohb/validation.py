@@ -85,7 +85,8 @@ class Plan:
     @classmethod
     def of(cls, journal: Journal, before: Validation | None) -> Self | None:
         """SHARE of the study's core time, for as many finalists as get the largest budget of the
-        search each. None for a search that is too short for it: two would get less than half."""
+        search each; those of the validation `before`, if the search has no results since. None for
+        a search that is too short for it: two would get less than half."""
         results = [line for line in journal.results if line.loss is not None]
         best = sorted(results, key=lambda line: (-line.budget, line.loss))
         searched = sum(journal.reached.values())
@@ -98,6 +99,8 @@ class Plan:
                 chosen.add(line.id)
         if before is not None:
             chosen.add(before.winner.id)
+            if before.results == len(journal.results):
+                chosen = {line.id for line in before.finalists}
         if len(chosen) < 2 or core_seconds / len(chosen) < largest / 2:
             return None
         places = tuple(line.id for line in journal.configs if line.id in chosen)

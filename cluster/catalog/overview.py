@@ -56,7 +56,9 @@ def print_overview(lines: list[Line], console: Console) -> None:
         console.print("\n".join(("", *faults)), highlight=False, markup=False, emoji=False)
     if any(line.state == "damaged" for line in lines):
         console.print(
-            "Bring damaged files back from a copy, or move the run's folder away and begin anew.",
+            "A run with a damaged state.safetensors needs no more than its command again, which "
+            "repeats its generations. Bring other damaged files back from a copy, or move the "
+            "run's folder away and begin anew.",
             highlight=False,
         )
 

@@ -45,13 +45,17 @@ def the_tracking_uri(given: str | None, home: Home) -> str:
 
 
 def the_address(given: str | None, home: Home) -> str | None:
-    """Address of the Ray cluster to join: the option, RAY_ADDRESS, or the home's head.
+    """Address of the Ray cluster to join: the option, RAY_ADDRESS, or the home's head, whose token
+    is then used, also if it is named by its address, or as `auto`.
 
     None starts a local cluster.
     """
-    from cluster.services.background import join
+    from cluster.services.background import join, services
 
-    named = given or os.environ.get("RAY_ADDRESS") or join("ray", home)
+    named = given if given not in (None, "auto") else os.environ.get("RAY_ADDRESS") or given
+    heads = [service.address for service in services(home) if service.name == "ray"]
+    if named in (None, "auto", *heads):
+        named = join("ray", home) or named
     return None if named == "local" else named
 
 

@@ -9,7 +9,7 @@ from typing import Any
 from bilevel.hyperparameters import Hyperparameters, SEHyperparameters
 from bilevel.nes import NESState
 from bilevel.nes.checkpoint import load_state
-from bilevel.synthetic_env import se_bytes
+from bilevel.synthetic_env import load_se, se_bytes
 from cluster.nes import pictures
 from cluster.nes.run import KIND, STATE_FILE, NESRun, NESSettings, start_of
 from cluster.nes.selection import BEST_FILE, LAST_FILE
@@ -44,10 +44,13 @@ def run_documents(
     ]
 
 
-def registered(folder: Path, task_id: str, last: Final) -> RegisteredSE:
-    """The best SE of a finished run, for the model registry. Raises InvalidInput if its file cannot
-    be read."""
+def registered(folder: Path, task_id: str, last: Final) -> RegisteredSE | None:
+    """The best SE of a finished run, for the model registry; None while its file is already that of
+    another end. Raises InvalidInput if its file cannot be read."""
     content = Document.of_file(folder / BEST_FILE).content()
+    info = load_se(folder / BEST_FILE).info  # after the content, which may be replaced between
+    if any(info.get(name, value) != value for name, value in last.metrics.items()):
+        return None
     tags = {name: f"{value:.6g}" for name, value in last.metrics.items()}
     return RegisteredSE(content, task_id, last.time, tags)
 

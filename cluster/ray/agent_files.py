@@ -70,6 +70,11 @@ def load_agent_file(file: Path) -> None:
         )
 
 
+def loaded_files() -> list[str]:
+    """Paths of the files, in the order in which they were loaded."""
+    return [file.path for file in reversed(_FILES)]
+
+
 def _namesake(file: _AgentFile) -> str | None:
     """Where another module of that name is, if there is one: it would be imported in place of the
     file, or the file in place of it."""

@@ -27,6 +27,7 @@ from cluster.services.mlflow_server import mlflow_server, pages
 from cluster.services.ports import free_port, require_free
 from cluster.services.programs import program
 from cluster.storage.home import Home
+from cluster.storage.run_folder import is_held
 from cluster.tracking.database import database_ready, experiments
 from cluster.tracking.experiment import HOME_PAGE
 
@@ -173,6 +174,9 @@ def down(home: Home, log: Callable[[str], None]) -> None:
         log(f"nothing is up in {str(home.folder)!r}")
         return
     with _alone(home):
+        for folder in filter(is_held, home.runs()):
+            name = f"{folder.parent.name}/{folder.name}"
+            log(f"{name} is being run: if it uses this Ray head, it ends; its command resumes it")
         for service in reversed(services(home)):
             gone = service.process is None
             _end(service)

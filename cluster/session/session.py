@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bilevel.errors import StorageFailure
+from cluster.session.hints import agent_options, tracking_option
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal, count
 from cluster.storage.author import without_password
@@ -70,9 +71,11 @@ class Session:
             missing = mirror.close()
             if missing:
                 name = f"{self.folder.parent.name}/{self.folder.name}"
+                where = tracking_option(self.tracker.uri, self.home)
+                sync = self.home.hint(f"sync {name}{where}{agent_options()}")
                 self.terminal.log(
                     f"MLflow lacks the current state of {count(missing, 'run')}: once it is "
-                    f"reachable, {self.home.hint(f'sync {name}')} writes what MLflow takes"
+                    f"reachable, {sync} writes what MLflow takes"
                 )
             elif ended_as == "KILLED":
                 self.terminal.log(f"MLflow {self.shown_at(self.identity.uuid)}")
@@ -86,7 +89,7 @@ def shown_at(home: Home, tracker: Tracker, key: str | None = None) -> str:
     also the command that serves it."""
     page = tracker.page(key)
     if tracker.server is not None:
-        return tracker.server + page
+        return without_password(tracker.server) + page
     if tracker.uri != home.database_uri:
         return f"{without_password(tracker.uri)}, experiment {tracker.experiment_id}"
     return f"{UI_ADDRESS}{page} (after {home.hint('ui', 'ui')})"

@@ -85,7 +85,7 @@ def test_up_again_starts_nothing(up: Up) -> None:
 
 
 def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> None:
-    """Studies in the services' home join them without an address."""
+    """Studies in the services' home join them without an address, or with `auto`."""
     study = (
         *("bohb", "CartPole-v0", "--profile", "smoke", "--brackets", "1", "--home", str(up.home)),
         *("--method", "random", "--vary-hp", "no", "--set", "nes.centre_agents=2"),
@@ -94,12 +94,12 @@ def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> No
     environment = {k: v for k, v in os.environ.items() if k != "RAY_ADDRESS"}
     running = [
         subprocess.Popen(
-            [BILEVEL, *study, "--study", name, "--seed", str(seed)],
+            [BILEVEL, *study, "--study", name, "--seed", str(seed), *address],
             stdout=subprocess.PIPE,
             text=True,
             env=environment,
         )
-        for seed, name in enumerate(("one", "two"))
+        for seed, (name, *address) in enumerate((("one",), ("two", "--address", "auto")))
     ]
     outputs = [process.communicate(timeout=240)[0] for process in running]
     assert [process.returncode for process in running] == [0, 0], outputs

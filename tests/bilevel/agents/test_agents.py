@@ -1,6 +1,5 @@
 """One conformance suite for every agent: the built-in ones, and the example of docs/agents.md."""
 
-import sys
 from collections.abc import Iterator
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
@@ -29,6 +28,7 @@ from bilevel.tasks import Task, get_task
 from bilevel.user_code import mistake_at
 from cluster.ray.agent_files import load_agent_file
 from search_spaces.bohb import search_space
+from tests.agent_files import forgotten_afterwards
 from tests.conftest import restored
 from tests.documents import documented_agent
 
@@ -37,10 +37,7 @@ AGENTS = ("ddqn", "dueling-ddqn", "td3", "reinforce")
 
 @pytest.fixture(scope="module", autouse=True)
 def _documented_agent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "path", [*sys.path])
-        patch.setattr(sys, "meta_path", [*sys.meta_path])
-        patch.setattr("cluster.ray.agent_files._FILES", [])
+    with forgotten_afterwards():
         file = tmp_path_factory.mktemp("agents") / "reinforce.py"
         file.write_text(documented_agent())
         load_agent_file(file)

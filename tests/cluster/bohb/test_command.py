@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from cluster.bohb.brackets import Schedule
-from cluster.bohb.command import StudyCommand, deadlines
+from cluster.bohb.command import StudyCommand, deadlines, more_than_asked
+from cluster.bohb.profiles import ENDLESS
 from cluster.ray.connection import Capacity
 from cluster.session.context import RunContext
 from cluster.storage.home import Home
@@ -57,3 +58,8 @@ def test_a_quarter_of_the_time_is_for_validation() -> None:
     assert deadlines(1000.0, 3660.0) == (1000.0 + 2700.0, 1000.0 + 3600.0)
     assert deadlines(0.0, 80.0) == (30.0, 40.0)
     assert deadlines(0.0, None) == (math.inf, math.inf)
+
+
+def test_a_study_that_does_more_than_it_is_asked_says_so() -> None:
+    assert more_than_asked(4) == "it was begun with 4 brackets, which it completes"
+    assert more_than_asked(ENDLESS).startswith("it was begun without a number of brackets")

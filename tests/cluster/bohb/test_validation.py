@@ -72,6 +72,16 @@ class TestPlan:
             journal.add_result(ResultLine((0, 0, number), 1, 30.0 - number, {}, STAMPS))
         assert finalists(journal) == [0, 28, 29]
 
+    def test_a_validation_of_the_same_results_is_not_planned_anew(self, tmp_path: Path) -> None:
+        """A study that was stopped after it: a winner of before was among its finalists."""
+        losses: dict[int, float | None] = dict.fromkeys(range(10), 90.0)
+        journal = journal_of(tmp_path, {**losses, 1: 20.0, 3: 40.0, 4: 30.0})
+        lines = {line.id[2]: line for line in journal.results}
+        earlier = Validation(5, (lines[7], lines[1]))
+        assert finalists(journal, earlier) == [1, 3, 4, 7]
+        now = Validation(10, (lines[1], lines[3], lines[4], lines[7]))
+        assert Plan.of(journal, now) == Plan.of(journal, earlier)
+
     def test_the_recipe_is_one_of_them(self, tmp_path: Path) -> None:
         """Whatever its result was: so what is handed over has been compared with it."""
         losses: dict[int, float | None] = dict.fromkeys(range(10), 50.0)

@@ -17,6 +17,7 @@ from cluster.services import background
 from cluster.services.background import Service, boot_id, down, join, since_boot, up
 from cluster.services.ports import free_port
 from cluster.storage.home import Home
+from cluster.storage.run_folder import held
 
 
 @pytest.fixture
@@ -80,6 +81,21 @@ def test_a_proxy_is_not_asked_for_a_service_of_this_machine(
         finally:
             server.shutdown()
             thread.join()
+
+
+def test_down_tells_of_runs_that_it_may_end(tmp_path: Path) -> None:
+    home, told = Home(tmp_path), list[str]()
+    folder = home.run_folder("CartPole-v0", "at-work")
+    folder.mkdir(parents=True)
+    (folder / "settings.json").write_text("{}")
+    gone = json.dumps([asdict(Service("ray", 1, 0.0, "", "", "", "log", {}))])
+    with held(folder):
+        (tmp_path / "services.json").write_text(gone)
+        down(home, told.append)
+    (tmp_path / "services.json").write_text(gone)
+    down(home, told.append)
+    assert told[0].startswith("CartPole-v0/at-work is being run: if it uses this Ray head, it ends")
+    assert told[1:] == ["ray was gone"] * 2
 
 
 def test_two_ups_at_once_are_refused(tmp_path: Path) -> None:

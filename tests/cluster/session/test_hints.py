@@ -1,0 +1,59 @@
+"""What messages advise: options of commands, and addresses."""
+
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import gymnasium
+import pytest
+
+from bilevel.tasks import get_task
+from cluster.ray.agent_files import load_agent_file
+from cluster.session.hints import agent_options, task_options, tracking_option
+from cluster.session.session import shown_at
+from cluster.storage.home import Home
+from tests.agent_files import forgotten_afterwards
+
+UNKNOWN = "test/WithoutThreshold-v0"
+
+
+@pytest.mark.parametrize(
+    ("task_id", "values", "options"),
+    [
+        ("CartPole-v0", {}, ""),
+        ("CartPole-v0", {"solved_reward": 100.0}, " --solved-reward 100"),
+        (
+            "Acrobot-v1",
+            {"step_limit": 150, "worst_score": -200.5},
+            " --step-limit 150 --worst-score -200.5",
+        ),
+        (UNKNOWN, {"solved_reward": 50, "step_limit": 80}, " --solved-reward 50 --step-limit 80"),
+    ],
+)
+def test_what_the_id_of_a_task_does_not_give(
+    task_id: str, values: dict[str, Any], options: str
+) -> None:
+    if task_id == UNKNOWN and UNKNOWN not in gymnasium.registry:
+        gymnasium.register(UNKNOWN, "gymnasium.envs.classic_control:CartPoleEnv")
+    assert task_options(get_task(task_id, **values)) == options
+
+
+def test_files_of_agents(tmp_path: Path) -> None:
+    with forgotten_afterwards():
+        assert agent_options() == ""
+        files = [tmp_path / "first_hinted.py", tmp_path / "second_hinted.py"]
+        for file in files:
+            file.write_text("")
+            load_agent_file(file)
+        assert agent_options() == f" --agent-file {files[0]} --agent-file {files[1]}"
+
+
+def test_mlflow_without_its_password(tmp_path: Path) -> None:
+    home, server = Home(tmp_path), "http://me:secret@mlflow:5000"
+    assert tracking_option(home.database_uri, home) == ""
+    told = tracking_option(server, home)
+    assert told.startswith(" --tracking-uri ")
+    assert "mlflow:5000" in told
+    tracker: Any = SimpleNamespace(uri=server, server=server, page=lambda key: "/#/experiments")
+    for text in (told, shown_at(home, tracker)):
+        assert "secret" not in text
