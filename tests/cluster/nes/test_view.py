@@ -30,9 +30,10 @@ def test_an_se_is_registered_with_its_own_scores(
     first = registered(tmp_path, cartpole.id, finals(tmp_path)[-1])
     assert first is not None
     assert first.tags["final_score_mean"] == "100"
-    with monkeypatch.context() as context, pytest.raises(KeyboardInterrupt):
+    with monkeypatch.context() as context:
         context.setattr(selection, "add_final", killed)
-        end(9, 180.0)
+        with pytest.raises(KeyboardInterrupt):
+            end(9, 180.0)
     assert registered(tmp_path, cartpole.id, finals(tmp_path)[-1]) is None
     end(9, 180.0)
     second = registered(tmp_path, cartpole.id, finals(tmp_path)[-1])
