@@ -5,7 +5,6 @@ import errno
 import hashlib
 import os
 import secrets
-import shutil
 from pathlib import Path
 
 from bilevel.errors import InvalidInput, StorageFailure
@@ -40,8 +39,10 @@ def write_aside(path: Path, data: bytes) -> None:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        with contextlib.suppress(OSError):  # a new file, or one of another user's
-            shutil.copymode(path, aside)
+        with contextlib.suppress(FileNotFoundError):
+            before = path.stat()
+            if before.st_uid == os.geteuid():  # another user's may be closed to this one
+                aside.chmod(before.st_mode & 0o777)
         aside.replace(path)
         sync(path.parent)
     except OSError as error:

@@ -1,5 +1,6 @@
 """Finding an SE file on this machine or in MLflow."""
 
+import os
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -51,7 +52,7 @@ def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
 
     Raises InvalidInput if MLflow has none there, or is set to nothing.
     """
-    if not isinstance(address, str | Path):
+    if not isinstance(address, str | os.PathLike):
         raise InvalidInput(f"an SE file is given by its path or MLflow's address; got {address!r}")
     if not is_of_mlflow(address):
         return Path(address)

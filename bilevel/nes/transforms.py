@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 Scores = NDArray[np.float64]
 
 #: Scores that exceed the average by no more count as equal to it, since the mean of equal scores
-#: may be off in its last bits; 1e-6 in the authors' code, too.
+#: may be off in its last bits. It is that of the authors' code, for scores of everyday size.
 _ROUNDING = 1e-6
 
 

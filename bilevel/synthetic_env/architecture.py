@@ -132,6 +132,11 @@ class SE:
         return hash(self.digest)
 
     @property
+    def finite(self) -> bool:
+        """Whether all parameters are finite numbers."""
+        return bool(np.isfinite(self.psi).all())
+
+    @property
     def kernel(self) -> SEKernel:
         """The SE arranged for the compiled step."""
         return prepare(

@@ -110,7 +110,7 @@ def se_bytes(se: StoredSE) -> bytes:
     decode(_Header, decode_json(dict[str, Any], text, "SE"), "SE").architecture.checked()
     if json.dumps(json.loads(text)) != text:
         raise InvalidInput("the info of an SE has equal keys: as text, keys must differ")
-    if not np.isfinite(se.psi).all():
+    if not se.se.finite:
         raise InvalidInput("psi of the SE has values that are not finite")
     header["sha256"] = checksum(text.encode(), se.psi.tobytes())
     # A single entry, because safetensors writes several in random order.

@@ -92,7 +92,7 @@ def more_than_asked(brackets: int) -> str:
     """What is told of an unfinished study with more brackets than its command asks for."""
     if brackets >= ENDLESS:
         return "it was begun without a number of brackets, and goes on until its time is over"
-    return f"it was begun with {count(brackets, 'bracket')}, which it completes"
+    return f"it was begun with {count(brackets, 'bracket')}, and goes on with these"
 
 
 def deadlines(started: float, time_budget: float | None) -> tuple[float, float]:

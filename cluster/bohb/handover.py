@@ -95,7 +95,7 @@ class Handover:
             return
         configuration = self._summary.configuration(incumbent.id)
         best = ConfigurationRuns.read(self.study, incumbent.id, configuration).best
-        if best is not None:
+        if best is not None and best.se.finite:
             path = self.study.folder / INCUMBENT_FILE
             save_se(best, path)
             self.terminal.log(f"its best SE, not retested: {path}")

@@ -1,11 +1,13 @@
 """Where a command works: the options of home, MLflow and Ray cluster, and what they come to."""
 
 import os
+from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
+from bilevel.errors import InvalidInput
 from cluster.cli.parameters import Folder
 from cluster.storage.home import DEFAULT_HOME, Home
 
@@ -53,10 +55,13 @@ def the_address(given: str | None, home: Home) -> str | None:
     from cluster.services.background import join, services
 
     named = given if given not in (None, "auto") else os.environ.get("RAY_ADDRESS") or given
-    heads = [service.address for service in services(home) if service.name == "ray"]
-    if named in (None, "auto", *heads):
-        named = join("ray", home) or named
-    return None if named == "local" else named
+    if named == "local":
+        return None
+    with nullcontext() if named is None else suppress(InvalidInput):  # what is damaged matters not
+        heads = [service.address for service in services(home) if service.name == "ray"]
+        if named in (None, "auto", *heads):
+            named = join("ray", home) or named
+    return named
 
 
 def the_context(home: Path, tracking_uri: str | None, address: str | None) -> "RunContext":

@@ -4,8 +4,6 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 
-import numpy as np
-
 from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationResult, scores_of
 from bilevel.nes import GenerationRecord, NESState
@@ -176,9 +174,10 @@ class _Runner:
         best = Contender(state.best, run.hp) if state.confirmed else self._best(state)
         score = evaluate_holdout(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
         tests = self.pool.real_env_steps - before
-        if np.isfinite(state.current.psi).all():
+        if state.current.se.finite:
             save_se(state.current, run.folder / LAST_FILE)
         else:
+            (run.folder / LAST_FILE).unlink(missing_ok=True)  # of an earlier end
             log("the last SE is not kept: its parameters are not finite (the best SE is)")
         title = f"{run.folder.name} on {run.task.id}"
         figure = pictures.learning_curve(state.records, run.task, title)

@@ -36,9 +36,11 @@ def run_documents(
     def curve() -> bytes:
         return png(pictures.learning_curve(records, states[0].task, title))
 
+    current = states[-1].current
+    last = Document(LAST_FILE, version, lambda: se_bytes(current))
     return [
         best,
-        Document(LAST_FILE, version, lambda: se_bytes(states[-1].current)),
+        *([last] if current.se.finite else []),
         Document(CURVE_FILE, version, curve),
         Document.of_text("configuration.json", json.dumps(hp.to_dict(), indent=2)),
     ]

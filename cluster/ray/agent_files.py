@@ -2,6 +2,7 @@
 
 import importlib
 import linecache
+import os
 import sys
 from collections.abc import Sequence
 from contextlib import suppress
@@ -99,8 +100,11 @@ def runtime_env() -> dict[str, Any] | None:
     if not _FILES:
         return None
     files = [*_FILES]
+    paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
+    given = [str(Path(path).resolve()) for path in paths if path]
 
     def import_the_same() -> None:
+        sys.path[:0] = given  # a joined cluster's processes have another environment
         _import_first(files)
         for file in reversed(files):
             with suppress(Exception, SystemExit):  # told where the agent is needed

@@ -12,7 +12,7 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -174,9 +174,10 @@ def down(home: Home, log: Callable[[str], None]) -> None:
         log(f"nothing is up in {str(home.folder)!r}")
         return
     with _alone(home):
-        for folder in filter(is_held, home.runs()):
-            name = f"{folder.parent.name}/{folder.name}"
-            log(f"{name} is being run: if it uses this Ray head, it ends; its command resumes it")
+        with suppress(OSError):  # a folder that cannot be read
+            for folder in filter(is_held, home.runs()):
+                name = f"{folder.parent.name}/{folder.name}"
+                log(f"{name} is being run: if by this Ray head, it ends; its command resumes it")
         for service in reversed(services(home)):
             gone = service.process is None
             _end(service)

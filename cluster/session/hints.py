@@ -21,7 +21,10 @@ def task_options(task: Task) -> str:
     usual = _usual(task, **options)
     if usual is None or usual.worst_score != task.worst_score:
         options["worst_score"] = task.worst_score
-    return "".join(f" --{name.replace('_', '-')} {value:g}" for name, value in options.items())
+    return "".join(
+        f" --{name.replace('_', '-')} {str(value).removesuffix('.0')}"
+        for name, value in options.items()
+    )
 
 
 def _usual(task: Task, **values: float) -> Task | None:

@@ -78,8 +78,8 @@ def test_what_an_se_costs_follows_from_the_results() -> None:
     readme = " ".join((ROOT / "README.md").read_text().split())
     assert (
         f"Learning one takes {million['CartPole-v0']} steps on the real task in the median on "
-        f"CartPole and {million['Acrobot-v1']} on Acrobot. An agent that trains on the SE "
-        "saves those that it would make on the task, so that an SE is paid back after "
+        f"CartPole and {million['Acrobot-v1']} on Acrobot. An agent trained on the SE saves "
+        "the steps that it would make on the task; an SE is paid back after "
         f"{agents['CartPole-v0']} and {agents['Acrobot-v1']} agents"
     ) in readme
     told = " ".join((ROOT / "docs" / "experiments.md").read_text().split())

@@ -48,6 +48,7 @@ def test_equal_scores_are_not_better_than_their_mean(score: float, agents: int) 
     average = float(np.full(agents, score).mean())
     for name in ("single-better-average", "better-average", "better-average-sum"):
         assert not transform(name, np.full(4, score), average).any()
+        assert transform(name, np.array([score, score + 1e-4]), average)[1] == 1
 
 
 @pytest.mark.parametrize("name", SCORE_TRANSFORMS)

@@ -114,11 +114,13 @@ class TestFile:
         content = path.read_bytes()
         psi = np.where(np.arange(good.psi.size) == 3, np.nan, good.psi)
         circle: dict[str, Any] = {}
+        wide = replace(good.architecture, hidden_layers=99)
         circle["itself"] = circle
         for changes, told in (
             ({"se": SE(good.architecture, psi)}, "psi of the SE has values that are not finite"),
             ({"solved_reward": np.inf}, "solved_reward: must be a finite number; got inf"),
             ({"step_limit": 0}, "SE: step_limit: .*; got 0"),
+            ({"se": SE(wide, np.zeros(wide.parameter_count, np.float32))}, "hidden_layers"),
             ({"info": {1: 2, "1": 3}}, "equal keys"),
             ({"info": {"a": "\udc80"}}, "SE"),
             ({"info": circle}, "info of an SE must be plain values: Circular"),

@@ -61,5 +61,5 @@ def test_a_quarter_of_the_time_is_for_validation() -> None:
 
 
 def test_a_study_that_does_more_than_it_is_asked_says_so() -> None:
-    assert more_than_asked(4) == "it was begun with 4 brackets, which it completes"
+    assert more_than_asked(4) == "it was begun with 4 brackets, and goes on with these"
     assert more_than_asked(ENDLESS).startswith("it was begun without a number of brackets")

@@ -94,7 +94,7 @@ def test_down_tells_of_runs_that_it_may_end(tmp_path: Path) -> None:
         down(home, told.append)
     (tmp_path / "services.json").write_text(gone)
     down(home, told.append)
-    assert told[0].startswith("CartPole-v0/at-work is being run: if it uses this Ray head, it ends")
+    assert told[0].startswith("CartPole-v0/at-work is being run: if by this Ray head, it ends")
     assert told[1:] == ["ray was gone"] * 2
 
 

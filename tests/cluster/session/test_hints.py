@@ -27,6 +27,11 @@ UNKNOWN = "test/WithoutThreshold-v0"
             {"step_limit": 150, "worst_score": -200.5},
             " --step-limit 150 --worst-score -200.5",
         ),
+        (
+            "CartPole-v0",
+            {"solved_reward": 195.1234567, "step_limit": 1_000_000},
+            " --solved-reward 195.1234567 --step-limit 1000000",
+        ),
         (UNKNOWN, {"solved_reward": 50, "step_limit": 80}, " --solved-reward 50 --step-limit 80"),
     ],
 )
@@ -41,11 +46,12 @@ def test_what_the_id_of_a_task_does_not_give(
 def test_files_of_agents(tmp_path: Path) -> None:
     with forgotten_afterwards():
         assert agent_options() == ""
-        files = [tmp_path / "first_hinted.py", tmp_path / "second_hinted.py"]
+        (tmp_path / "of mine").mkdir()
+        files = [tmp_path / "first_hinted.py", tmp_path / "of mine" / "second_hinted.py"]
         for file in files:
             file.write_text("")
             load_agent_file(file)
-        assert agent_options() == f" --agent-file {files[0]} --agent-file {files[1]}"
+        assert agent_options() == f" --agent-file {files[0]} --agent-file '{files[1]}'"
 
 
 def test_mlflow_without_its_password(tmp_path: Path) -> None:
