@@ -1,7 +1,7 @@
 """Where a command works: the options of home, MLflow and Ray cluster, and what they come to."""
 
 import os
-from contextlib import nullcontext, suppress
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -57,10 +57,12 @@ def the_address(given: str | None, home: Home) -> str | None:
     named = given if given not in (None, "auto") else os.environ.get("RAY_ADDRESS") or given
     if named == "local":
         return None
-    with nullcontext() if named is None else suppress(InvalidInput):  # what is damaged matters not
+    if named is None:
+        return join("ray", home)
+    with suppress(InvalidInput):  # of a head that does not answer, which another may replace
         heads = [service.address for service in services(home) if service.name == "ray"]
-        if named in (None, "auto", *heads):
-            named = join("ray", home) or named
+        if named in ("auto", *heads):
+            return join("ray", home) or named
     return named
 
 

@@ -201,6 +201,7 @@ def test_values_of_another_kind_are_told() -> None:
         bilevel.get_task("CartPole-v0", solved_reward=name)
     with pytest.raises(bilevel.InvalidInput, match=r"worst score .* must be finite and below"):
         bilevel.get_task("CartPole-v0", worst_score=name)
+    assert [one.agent for one in bilevel.load_recipe("default", task, "td3").agents] == ["td3"]
     executor: Any = ThreadPoolExecutor
     with pytest.raises(bilevel.InvalidInput, match=r"ThreadPoolExecutor, not the class: call it"):
         bilevel.learn(task, hp, executor=executor)

@@ -86,11 +86,15 @@ def test_what_a_request_asks_for(cartpole: Task, small_hp: Hyperparameters) -> N
     assert requested_se(centre, Centre()) is centre
     assert requested_se((one, centre), Given(1)) is centre
     for source in (centre, ses, None):
-        with pytest.raises(InvalidInput, match=r"needs an? .*SEs? .*; got"):
+        with pytest.raises(InvalidInput, match=r"training on Given.* needs a tuple of SEs \("):
             requested_se(source, Given(0))
     for se in (None, centre):
-        with pytest.raises(InvalidInput, match="training on Initialized"):
+        with pytest.raises(
+            InvalidInput, match=r"training on Initialized.* needs a distribution of SEs"
+        ):
             requested_se(se, Initialized(1))
+    with pytest.raises(InvalidInput, match=r"training on Centre.* needs an SE or a distribution"):
+        requested_se(None, Centre())
 
 
 def test_an_se_as_it_is_loaded(

@@ -13,6 +13,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from scipy.stats import mannwhitneyu
 
 from benchmarks.machine import read_result
 from bilevel.hyperparameters import load_recipe, recipe_text
@@ -85,6 +86,32 @@ def test_what_an_se_costs_follows_from_the_results() -> None:
     told = " ".join((ROOT / "docs" / "experiments.md").read_text().split())
     for number in agents.values():
         assert f"after {number} " in told
+
+
+def test_what_the_steps_of_the_scale_change() -> None:
+    """The runs of the defaults with 1000 steps, and with those of today."""
+    told = " ".join((ROOT / "docs" / "nes.md").read_text().split())
+    for task, sentence in (
+        (
+            "CartPole-v0",
+            "{1} core seconds per SE with 100 000 steps (670 to 689; the table [over "
+            "seeds](#over-seeds) has the median of these runs, {3}), and {0} with 1000 (430 to 449; "
+            "p is {2} by a two-sided Mann-Whitney test)",
+        ),
+        (
+            "Acrobot-v1",
+            "{0} core seconds per SE with 1000 steps (456 to 475), {1} with 100 000 (550 "
+            "to 569; p is {2})",
+        ),
+    ):
+        seconds, per_se = [], []
+        for ending in ("_scale-1000", ""):
+            runs = read_result(f"nes_seeds_{task}{ending}")["runs"]
+            seconds.append([run["core_seconds"] for run in runs])
+            per_se.append(round(sum(seconds[-1]) / sum(run["confirmed"] for run in runs)))
+        p = mannwhitneyu(*seconds).pvalue
+        numbers = (*per_se, f"{p:.2g}", round(statistics.median(seconds[1])))
+        assert sentence.format(*numbers) in told
 
 
 def test_the_page_on_recipes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
