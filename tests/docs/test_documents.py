@@ -95,8 +95,8 @@ def test_what_the_steps_of_the_scale_change() -> None:
         (
             "CartPole-v0",
             "{1} core seconds per SE with 100 000 steps (670 to 689; the table [over "
-            "seeds](#over-seeds) has the median of these runs, {3}), and {0} with 1000 (430 to 449; "
-            "p is {2} by a two-sided Mann-Whitney test)",
+            "seeds](#over-seeds) has the median of these runs, {3}), and {0} with 1000 "
+            "(430 to 449; p is {2} by a two-sided Mann-Whitney test)",
         ),
         (
             "Acrobot-v1",
