@@ -13,6 +13,7 @@ from typing import Any, Self
 import ray
 import ray.exceptions
 from loky import cpu_count
+from ray._private.services import get_ray_address_from_environment
 from ray.util.placement_group import (
     placement_group,
     placement_group_table,
@@ -42,7 +43,7 @@ def ray_cluster(address: str | None) -> Iterator[None]:
     address cannot be reached.
     """
     own = is_own(address)
-    if not own and address != "auto":
+    if not own:
         _require_reachable(str(address))
     with environment_kept(_AUTHENTICATION):
         _connect(address or "local", own, _STARTS if own else 1)
@@ -99,6 +100,13 @@ def is_own(address: str | None) -> bool:
 
 
 def _require_reachable(address: str) -> None:
+    told = repr(address)
+    if address == "auto":  # Ray would try for minutes to reach one that was killed
+        try:
+            address = get_ray_address_from_environment(address, None)
+        except ConnectionError as error:
+            raise InvalidInput(f"no Ray cluster at 'auto': {first_line(error)}") from None
+        told += f", which is {address!r}, the one that was started last"
     host, _, port = address.rpartition(":")
     if not host or not port.isdigit() or "/" in host:  # ray:// is of a client, which is no node
         raise InvalidInput(
@@ -108,7 +116,7 @@ def _require_reachable(address: str) -> None:
     try:
         socket.create_connection((host, int(port)), _CONNECT_TIMEOUT).close()
     except (OSError, OverflowError) as error:
-        raise InvalidInput(f"no Ray cluster at {address!r}: {error}") from None
+        raise InvalidInput(f"no Ray cluster at {told}: {error}") from None
 
 
 @dataclass(frozen=True)
