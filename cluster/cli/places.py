@@ -76,4 +76,5 @@ def the_context(home: Path, tracking_uri: str | None, address: str | None) -> "R
 
     from cluster.session.context import RunContext
 
-    return RunContext(in_home, uri, cluster)
+    given = bool(tracking_uri or os.environ.get("MLFLOW_TRACKING_URI"))
+    return RunContext(in_home, uri, cluster, given)

@@ -15,6 +15,7 @@ from cluster.ray.connection import (
     require_server_for_nodes,
     sharing,
 )
+from cluster.session.hints import tracking_option
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.session import Session
 from cluster.session.terminal import Terminal
@@ -31,6 +32,7 @@ class RunContext:
     home: Home
     tracking_uri: str
     address: str | None = None  # of a Ray cluster to join; None: start a local one
+    tracking_given: bool = False  # the home alone does not tell the tracking URI
 
     @contextlib.contextmanager
     def connected(self, workers_per_trial: int = 1, trials: int = 1) -> Iterator["Driver"]:
@@ -103,4 +105,5 @@ class Driver:
         with locked_settings(folder, settings) as identity:
             if identity.mixture:
                 self.terminal.log(f"{folder.name}: {identity.mixture}")
-            yield Session(home, folder, identity, tracker, self.terminal, self.guard)
+            options = tracking_option(tracker.uri) if self.context.tracking_given else ""
+            yield Session(home, folder, identity, tracker, self.terminal, self.guard, options)

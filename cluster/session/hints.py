@@ -7,7 +7,6 @@ from bilevel.errors import InvalidInput
 from bilevel.tasks import Task, get_task
 from cluster.ray.agent_files import loaded_files
 from cluster.storage.author import without_password
-from cluster.storage.home import Home
 
 
 def task_options(task: Task) -> str:
@@ -40,8 +39,6 @@ def agent_options() -> str:
     return "".join(f" --agent-file {shlex.quote(path)}" for path in loaded_files())
 
 
-def tracking_option(uri: str, home: Home) -> str:
-    """The MLflow of a command, unless it is the home's database."""
-    if uri == home.database_uri:
-        return ""
+def tracking_option(uri: str) -> str:
+    """The MLflow of this command."""
     return f" --tracking-uri {shlex.quote(without_password(uri))}"

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bilevel.errors import StorageFailure
-from cluster.session.hints import agent_options, tracking_option
+from cluster.session.hints import agent_options
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal, count
 from cluster.storage.author import without_password
@@ -29,6 +29,8 @@ class Session:
     tracker: Tracker
     terminal: Terminal
     guard: InterruptGuard
+    #: Of a command that is to find the run's MLflow.
+    tracking_options: str = ""
     #: Status of the run if it ends without an error.
     status: Status = "FINISHED"
 
@@ -71,8 +73,7 @@ class Session:
             missing = mirror.close()
             if missing:
                 name = f"{self.folder.parent.name}/{self.folder.name}"
-                where = tracking_option(self.tracker.uri, self.home)
-                sync = self.home.hint(f"sync {name}{where}{agent_options()}")
+                sync = self.home.hint(f"sync {name}{self.tracking_options}{agent_options()}")
                 self.terminal.log(
                     f"MLflow lacks the current state of {count(missing, 'run')}: once it is "
                     f"reachable, {sync} writes what MLflow takes"

@@ -1,6 +1,7 @@
 """MLflow is a view of the disk: it may be unreachable, locked, empty or out of date."""
 
 import json
+import re
 import shutil
 import signal
 import sqlite3
@@ -29,6 +30,7 @@ from cluster.bohb.view import StudyViews
 from cluster.catalog.kinds import views_of
 from cluster.catalog.sync import sync
 from cluster.nes.selection import BEST_FILE, FinalScore, export_best
+from cluster.session.context import RunContext
 from cluster.session.session import shown_at
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
@@ -334,6 +336,30 @@ def test_what_a_server_lacks_in_the_end_is_told_and_synced_later(
     server.start()
     sync(folder, home, server.uri, Terminal())
     assert disagreements(folder, server.uri) == []
+
+
+@pytest.mark.parametrize("given", [True, False])
+def test_how_to_write_it_later_is_told_with_the_mlflow_that_was_given(
+    given: bool,
+    home: Home,
+    folder: Path,
+    server: Server,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    monkeypatch.setattr("cluster.tracking.mirror._PATIENCE_AWAY", 1.0)
+    settings = json.loads((folder / "settings.json").read_text())
+    context = RunContext(home, server.uri, tracking_given=given)
+    with context.offline() as driver, driver.session(folder, "CartPole-v0", settings) as session:
+        server.kill()
+        with session.live(StudyViews.of(folder), 1, "resume it"):
+            pass
+    server.start()
+    (told,) = re.findall(
+        r"once it is reachable, `(.*)` writes", " ".join(capsys.readouterr().out.split())
+    )
+    option = f" --tracking-uri {server.uri}" if given else ""
+    assert told.endswith(f" sync CartPole-v0/made{option} --home {home.folder}")
 
 
 def test_a_locked_database_is_waited_for(home: Home, folder: Path) -> None:
