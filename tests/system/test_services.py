@@ -89,7 +89,7 @@ def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> No
     study = (
         *("bohb", "CartPole-v0", "--profile", "smoke", "--brackets", "1", "--home", str(up.home)),
         *("--method", "random", "--vary-hp", "no", "--set", "nes.centre_agents=2"),
-        *("--set", "ddqn.hidden_size=16", "--set", "ddqn.batch_size=16"),
+        *("--set", "ddqn.hidden_size=16", "--set", "ddqn.batch_size=16", "--solved-reward", "190"),
     )
     environment = {k: v for k, v in os.environ.items() if k != "RAY_ADDRESS"}
     running = [
@@ -103,6 +103,9 @@ def test_two_studies_at_once_and_a_submitted_job_share_the_cluster(up: Up) -> No
     ]
     outputs = [process.communicate(timeout=240)[0] for process in running]
     assert [process.returncode for process in running] == [0, 0], outputs
+    for name, output in zip(("one", "two"), outputs, strict=True):
+        hint = f"nes CartPole-v0 --recipe {name} --solved-reward 190 --home {up.home}`"
+        assert hint in " ".join(output.split())
     listed = run_bilevel("runs", "--home", up.home).stdout
     assert listed.count("finished") == 2
     page = f"CartPole-v0: http://127.0.0.1:{up.mlflow}/#/experiments/"
