@@ -17,7 +17,7 @@ def mean_and_range(values: Sequence[float]) -> str:
 
 
 def source(*results: dict[str, Any]) -> str:
-    """The machine of the first result, and the commands of all results."""
+    """The machine of the first result, and the commands of all results, each once."""
     machine = results[0]["machine"]
-    commands = ", ".join(f"`{result['command']}`" for result in results)
+    commands = ", ".join(dict.fromkeys(f"`{result['command']}`" for result in results))
     return f"({machine['cores']} cores of {machine['processor']}; {commands})"

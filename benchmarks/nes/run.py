@@ -7,17 +7,20 @@ import numpy as np
 from bilevel.evaluation import evaluate, train_and_test
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
+from bilevel.nes.algorithm import EvaluateAll
 from bilevel.nes.confirmation import FINAL_AGENTS
 from bilevel.nes.requests import fresh_agent
 from bilevel.seeds import Purpose
 from bilevel.tasks import Task
 
 
-def run_nes(task: Task, hp: Hyperparameters, seed: int) -> dict[str, Any]:
+def run_nes(
+    task: Task, hp: Hyperparameters, seed: int, evaluate_all: EvaluateAll | None = None
+) -> dict[str, Any]:
     """Run NES until an SE is confirmed or the generations are over; ten fresh agents of the paper's
-    full ranges score its SE."""
+    full ranges score its SE. `evaluate_all` makes the evaluations, by default one by one."""
     state = NES(task, hp, seed).run(
-        lambda ses, requests: [evaluate(task, ses, r) for r in requests]
+        evaluate_all or (lambda ses, requests: [evaluate(task, ses, r) for r in requests])
     )
     scores = []
     for agent in range(FINAL_AGENTS):

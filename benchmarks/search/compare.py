@@ -9,24 +9,33 @@ trials happen to be timed, and there are as many searches at a time as cores. It
 NES with fresh seeds, the same for all recipes, until an SE is confirmed or the generations are
 over; ten fresh agents of the paper's full ranges score the SE. The recipe `default` is measured
 alike. Results are written one by one to `results/search_TASK.json`; the same command resumes.
+
+Searches with equal seeds share random configurations and the seeds of their NES runs. An evaluation
+is a pure function of its request, so those that an earlier search has made are read from FOLDER,
+but count in full.
 """
 
 import argparse
 import os
+import pickle
 import threading
 from collections import deque
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import dataclass
 from functools import partial
+from itertools import product
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
+
+import joblib
 
 from benchmarks.arguments import format_seeds, known_task, parse_seeds
 from benchmarks.machine import resumed_result, write_result
 from benchmarks.nes.run import run_nes
 from benchmarks.search.studies import outcomes
+from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.hyperparameters import Hyperparameters, load_recipe
 from bilevel.synthetic_env import least_units
@@ -39,6 +48,7 @@ from cluster.bohb.search import BracketSearch
 from cluster.bohb.study import Study
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.validation import Plan, validate
+from cluster.nes.run import Pool
 from cluster.storage.run_folder import locked_settings
 from search_spaces.space import Space
 from search_spaces.translation import to_hyperparameters
@@ -70,28 +80,43 @@ def base_of(task: Task) -> Hyperparameters:
 
 
 class InProcess:
-    """A pool of this process alone."""
+    """A pool of this process alone, which keeps what it has evaluated in a folder."""
 
     size = 1
+
+    def __init__(self, kept: Path) -> None:
+        self._kept = kept
 
     def run(
         self,
         task: Task,
         se: SESource,
         requests: Sequence[EvaluationRequest],
-        on_result: Callable[[EvaluationResult], None],
+        on_result: Callable[[EvaluationResult], None] = lambda result: None,
     ) -> list[EvaluationResult]:
-        """Evaluate one request after the other."""
-        results = [evaluate(task, se, request) for request in requests]
+        """Evaluate one request after the other, or read what came of these requests before."""
+        path = self._kept / f"{joblib.hash((task.id, se, requests))}.pickle"
+        if path.exists():
+            results: list[EvaluationResult] = pickle.loads(path.read_bytes())
+        else:
+            results = [evaluate(task, se, request) for request in requests]
+            write_aside(path, pickle.dumps(results))
         for result in results:
             on_result(result)
         return results
 
 
-def run_in_process(study: Study, brackets: int, log: Callable[[str], None]) -> StudySummary:
+def kept_evaluations(home: Path, task_id: str) -> InProcess:
+    """The pool of all searches and fresh runs of a task."""
+    return InProcess(home / task_id / "evaluations")
+
+
+def run_in_process(
+    study: Study, brackets: int, pool: Pool, log: Callable[[str], None]
+) -> StudySummary:
     """Run or resume a study and its validation in this process, one job after the other; return
     what it found."""
-    journal, pool = Journal(study.folder), InProcess()
+    journal = Journal(study.folder)
     rungs = study.schedule.brackets(brackets)
     search = BracketSearch.of(study, journal, brackets)
     while (job := search.next_job()) is not None:
@@ -118,7 +143,8 @@ def search(task_id: str, method: str, seed: int, core_seconds: int, home: Path) 
     folder = home / task_id / f"{method}-seed{seed}"
     study = Study(folder, task, seed, space, schedule, base_of(task), method)
     with locked_settings(folder, study.settings()):
-        summary = run_in_process(study, brackets, partial(print, flush=True))
+        pool = kept_evaluations(home, task_id)
+        summary = run_in_process(study, brackets, pool, partial(print, flush=True))
     incumbent = summary.incumbent
     assert incumbent is not None
     return {
@@ -131,10 +157,13 @@ def search(task_id: str, method: str, seed: int, core_seconds: int, home: Path) 
     }
 
 
-def fresh_run(task_id: str, configuration: dict[str, Any], number: int) -> dict[str, Any]:
+def fresh_run(
+    task_id: str, configuration: dict[str, Any], number: int, home: Path
+) -> dict[str, Any]:
     """Run NES by a configuration (empty: by the recipe `default`) with a fresh seed."""
-    task = get_task(task_id)
-    return run_nes(task, to_hyperparameters(base_of(task), configuration), _FRESH + number)
+    task, pool = get_task(task_id), kept_evaluations(home, task_id)
+    hp = to_hyperparameters(base_of(task), configuration)
+    return run_nes(task, hp, _FRESH + number, partial(pool.run, task))
 
 
 def end_with_parent() -> None:
@@ -168,8 +197,10 @@ class Comparison:
         self.name = f"search_{options.task}"
         self.rows: dict[str, Any] = {"default": {}}
         self.rows |= resumed_result(self.name, self.command, ("seeds", "fresh")).get("rows", {})
-        for seed in options.seeds:
-            for method in METHODS:
+        # Searches with equal seeds one after the other, those with others beside each other.
+        cores = os.cpu_count() or 1
+        for place in range(0, len(options.seeds), cores):
+            for method, seed in product(METHODS, options.seeds[place : place + cores]):
                 self.rows.setdefault(f"{method} {seed}", {"method": method, "seed": seed})
 
     @property
@@ -208,7 +239,7 @@ class Comparison:
         configuration = row["search"]["configuration"] if "search" in row else {}
         there = {run["seed"] for run in row.get("fresh", ())}
         return [
-            Measurement(key, number, fresh_run, (options.task, configuration, number))
+            Measurement(key, number, fresh_run, (options.task, configuration, number, options.home))
             for number in range(options.fresh)
             if _FRESH + number not in there
         ]

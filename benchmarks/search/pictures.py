@@ -10,8 +10,7 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from benchmarks.machine import NotMeasured, read_result
-from benchmarks.search.studies import TASKS, committed, summary
+from benchmarks.search.studies import COMPARISONS, committed, comparisons, summary
 from benchmarks.search.tables import by_method, expected_core_seconds
 from cluster.bohb.pictures import objective_against_cost
 from cluster.bohb.profiles import METHODS
@@ -24,7 +23,7 @@ _LOOKS = dict(zip(METHODS, SERIES, strict=False))
 
 
 @styled()
-def compared(task: str, measured: dict[str, Any]) -> Figure:
+def compared(title: str, measured: dict[str, Any]) -> Figure:
     """The rows of `benchmarks.search.compare`: a point for every search, a line that joins those of
     a seed, and the median of each method."""
     figure = column(2.3)
@@ -48,7 +47,7 @@ def compared(task: str, measured: dict[str, Any]) -> Figure:
     axes.set_xticks(range(len(METHODS)), [*METHODS.values()])
     axes.set_xlim(-0.5, len(METHODS) - 0.5)
     axes.set_ylabel("core seconds per solved run")
-    axes.set_title(f"{task} (bars: medians)")
+    axes.set_title(f"{title} (bars: medians)")
     return figure
 
 
@@ -67,13 +66,10 @@ def main() -> None:
         figure = objective_against_cost(points, validated, study.task, study.method_name)
         _save(figure, f"search-{study.task.id}-{study.name}")
         _save(hyperparameter_picture(study, told), f"hyperparameters-{study.task.id}-{study.name}")
-    for task in TASKS:
-        try:
-            measured = read_result(f"search_{task}")["rows"]
-        except NotMeasured:
-            continue
-        if any(by_method(measured, method) for method in METHODS):
-            _save(compared(task, measured), f"comparison-{task}")
+    for title, result in comparisons().items():
+        if any(by_method(result["rows"], method) for method in METHODS):
+            name = COMPARISONS[title].removeprefix("search_")
+            _save(compared(title, result["rows"]), f"comparison-{name}")
 
 
 if __name__ == "__main__":

@@ -38,6 +38,25 @@ RECIPES = {
 }
 TASKS = tuple(RECIPES)
 
+#: What `benchmarks.search.compare` has measured, by what the tables call it: while 1000 random
+#: steps measured the scale of observations, and as it is today.
+COMPARISONS = {
+    f"{task}{title}": f"search_{task}{ending}"
+    for task in TASKS
+    for title, ending in ((", scale of 1000 steps", "_scale-1000"), ("", ""))
+}
+
+
+def comparisons() -> dict[str, dict[str, Any]]:
+    """Those of them that are there, by the same titles. Raises NotMeasured without any."""
+    found = {}
+    for title, name in COMPARISONS.items():
+        with suppress(NotMeasured):
+            found[title] = read_result(name, "rows")
+    if not found:
+        raise NotMeasured("`benchmarks/results/search_*.json`")
+    return found
+
 
 def committed() -> list[Study]:
     """The studies, task by task in the order in which they were begun. Raises NotMeasured without
@@ -138,17 +157,16 @@ def proposals() -> str:
             study.task.id, f"`{study.name}`", [at_smallest(outcomes(Journal(study.folder), True))]
         )
     ]
-    for task in TASKS:
-        with suppress(NotMeasured):
-            compared = read_result(f"search_{task}")["rows"].values()
+    with suppress(NotMeasured):
+        for title, result in comparisons().items():
             found = [
                 at_smallest(row["search"]["outcomes"])
-                for row in compared
+                for row in result["rows"].values()
                 if row.get("method") == "bohb" and "search" in row
             ]
             noun = "search" if len(found) == 1 else "searches"
             if found:
-                rows += _proposals(task, f"compared below: {len(found)} {noun}", found)
+                rows += _proposals(title, f"compared below: {len(found)} {noun}", found)
     head = [
         "task",
         "study",

@@ -1,7 +1,6 @@
 """The tables of docs/tuning.md; here the one that compares search methods."""
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from typing import Any
 
 import numpy as np
@@ -9,7 +8,6 @@ from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 from scipy.stats import fisher_exact, permutation_test, spearmanr
 
-from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import source, table
 from benchmarks.search import studies
 from benchmarks.search.studies import at_largest, with_an_se
@@ -50,15 +48,13 @@ def p_value(one: NDArray[np.float64], other: NDArray[np.float64]) -> float:
     return float(result.pvalue)
 
 
-def _compared() -> list[tuple[str, dict[str, Any]]]:
-    """The rows of each task whose searches have been compared. Raises NotMeasured without any."""
-    found = []
-    for task in studies.TASKS:
-        with suppress(NotMeasured):
-            found.append((task, read_result(f"search_{task}")["rows"]))
-    if not found:
-        raise NotMeasured("`benchmarks/results/search_*.json`")
-    return found
+def _compared(rows_of: Callable[[str, dict[str, Any]], Sequence[Sequence[str]]]) -> list[Any]:
+    """The rows of a table, those of each comparison after the other. Raises NotMeasured."""
+    return [
+        row
+        for title, result in studies.comparisons().items()
+        for row in rows_of(title, result["rows"])
+    ]
 
 
 def largest_budget() -> str:
@@ -76,7 +72,7 @@ def largest_budget() -> str:
         "p of the share against random search",
         "p against Hyperband",
     ]
-    return table(head, [row for task, rows in _compared() for row in _largest_budget(task, rows)])
+    return table(head, _compared(_largest_budget))
 
 
 def _largest_budget(task: str, measured: Mapping[str, Any]) -> list[tuple[str, ...]]:
@@ -134,7 +130,7 @@ def incumbents() -> str:
         "p",
         "standard deviation of a fresh run over its mean",
     ]
-    return table(head, [row for task, rows in _compared() for row in _incumbents(task, rows)])
+    return table(head, _compared(_incumbents))
 
 
 def _incumbents(task: str, measured: dict[str, Any]) -> list[tuple[str, ...]]:
@@ -175,7 +171,7 @@ def noise() -> str:
         *(f"variance of log core seconds: {of}" for of in ("recipes", "seeds", "the rest")),
         "p of seeds",
     ]
-    return table(head, [row for task, rows in _compared() for row in _noise(task, rows)])
+    return table(head, _compared(_noise))
 
 
 def _noise(task: str, measured: Mapping[str, Any]) -> list[tuple[str, ...]]:
@@ -212,17 +208,8 @@ def _noise(task: str, measured: Mapping[str, Any]) -> list[tuple[str, ...]]:
 
 
 def comparison() -> str:
-    """What the recipes of each method are worth, and whether BOHB's are worth more."""
-    rows, results = [], []
-    for task in studies.TASKS:
-        try:
-            result = read_result(f"search_{task}")
-        except NotMeasured:
-            continue
-        results.append(result)
-        rows += _rows(task, result["rows"])
-    if not results:
-        raise NotMeasured("`benchmarks/results/search_*.json`")
+    """What the recipes of each method are worth, and whether BOHB's are worth more. Raises
+    NotMeasured."""
     head = [
         "task",
         "method",
@@ -232,7 +219,7 @@ def comparison() -> str:
         "seeds on which BOHB's takes less, equal, more",
         "p against BOHB",
     ]
-    return f"{table(head, rows)}\n\n{source(*results)}"
+    return f"{table(head, _compared(_rows))}\n\n{source(*studies.comparisons().values())}"
 
 
 def _rows(task: str, measured: dict[str, Any]) -> list[list[str]]:

@@ -13,7 +13,7 @@ import ConfigSpace as CS
 import mlflow.entities
 import pytest
 
-from benchmarks.search.compare import run_in_process
+from benchmarks.search.compare import InProcess, run_in_process
 from bilevel.synthetic_env import load_se
 from cluster.bohb.handover import INCUMBENT_FILE
 from cluster.bohb.journal import Journal, Origin
@@ -189,7 +189,8 @@ def test_searches_are_compared_by_the_studies_of_the_command(
 ) -> None:
     """`benchmarks.search.compare` runs them in one process."""
     study = Study.read(study_home[0] / "CartPole-v0" / "smoke")
-    run_in_process(replace(study, folder=tmp_path / "CartPole-v0" / "smoke"), 1, print)
+    pool = InProcess(tmp_path / "evaluations")
+    run_in_process(replace(study, folder=tmp_path / "CartPole-v0" / "smoke"), 1, pool, print)
     assert results(tmp_path) == pytest.approx(results(study_home[0]))
 
 

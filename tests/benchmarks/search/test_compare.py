@@ -1,3 +1,4 @@
+import os
 import sys
 import time
 from argparse import Namespace
@@ -12,8 +13,19 @@ from benchmarks import machine
 from benchmarks.nes import run
 from benchmarks.readme import ROOT
 from benchmarks.search import compare
-from benchmarks.search.compare import SPACE, Comparison, brackets_of, fresh_run, run_in_process
+from benchmarks.search.compare import (
+    SPACE,
+    Comparison,
+    InProcess,
+    brackets_of,
+    fresh_run,
+    run_in_process,
+)
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.hyperparameters import Hyperparameters
+from bilevel.nes import NES
+from bilevel.nes.checkpoint import save_state
+from bilevel.tasks import Task, get_task
 from cluster.bohb.brackets import core_seconds_to_run
 from cluster.bohb.journal import Journal
 from cluster.bohb.profiles import METHODS
@@ -35,53 +47,86 @@ def test_all_methods_have_the_same_core_time() -> None:
         assert abs(spent - 900) <= core_seconds_to_run(schedule.brackets(1)) / 2
 
 
-def test_a_search_in_one_process_is_validated_and_resumes(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(compare, "InProcess", MadeUpPool)
+def test_a_search_in_one_process_is_validated_and_resumes(tmp_path: Path) -> None:
     study = new_study(tmp_path / "study")
     lines: list[str] = []
-    found = run_in_process(study, 2, lines.append)
+    found = run_in_process(study, 2, MadeUpPool(), lines.append)
     assert len(found.finalists) == 2
     assert found.incumbent == found.finalists[0]
     assert [line for line in lines if line.startswith("study: objective")]
     _, results = Journal(study.folder).paths
     results.write_text("".join(results.read_text().splitlines(keepends=True)[:-1]))
     (study.folder / VALIDATION_FILE).unlink()
-    again = run_in_process(study, 2, lines.append)
+    again = run_in_process(study, 2, MadeUpPool(), lines.append)
     assert [line.loss for line in again.journal.results] == [
         line.loss for line in found.journal.results
     ]
     assert [line.loss for line in again.finalists] == [line.loss for line in found.finalists]
 
 
-def test_a_failing_configuration_does_not_end_a_search(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_failing_configuration_does_not_end_a_search(tmp_path: Path) -> None:
     study = new_study(tmp_path / "study")
     in_the_way = study.folder / "configurations" / "000-0-001"
     in_the_way.parent.mkdir(parents=True)
     in_the_way.write_text("")  # where its folder should be
-    monkeypatch.setattr(compare, "InProcess", MadeUpPool)
-    found = run_in_process(study, 1, lambda line: None)
+    found = run_in_process(study, 1, MadeUpPool(), lambda line: None)
     failed = [line for line in found.journal.results if line.loss is None]
     assert [line.id for line in failed] == [(0, 0, 1)]
     assert found.incumbent is not None
 
 
 def test_a_fresh_run_is_a_function_of_configuration_and_number(
-    small_hp: Hyperparameters, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, small_hp: Hyperparameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(run, "FINAL_AGENTS", 1)  # of any size
     monkeypatch.setattr(compare, "base_of", lambda task: small_hp)
     small = {"nes.generations": 1}
-    one, again, other = (fresh_run("CartPole-v0", small, number) for number in (0, 0, 1))
-    assert one == again
+    one, other = (fresh_run("CartPole-v0", small, number, tmp_path) for number in (0, 1))
+    assert fresh_run("CartPole-v0", small, 0, tmp_path / "elsewhere") == one
     assert one["score"] != other["score"]
     assert other["seed"] == one["seed"] + 1
     assert not one["confirmed"]
     assert one["solved"] == (one["score"] >= 195)
     assert one["generations"] == 1
+
+
+def test_what_a_search_has_evaluated_is_not_evaluated_again(
+    tmp_path: Path, small_hp: Hyperparameters, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    task = get_task("CartPole-v0")
+    nes = NES(task, small_hp, 0)
+    state = nes.init()
+    first = InProcess(tmp_path).run(task, state.se, nes.ask(state))
+    assert [result.index for result in first] == [request.index for request in nes.ask(state)]
+    made: list[EvaluationRequest] = []
+
+    def counted(task: Task, se: SESource, request: EvaluationRequest) -> EvaluationResult:
+        made.append(request)
+        return evaluate(task, se, request)
+
+    monkeypatch.setattr(compare, "evaluate", counted)
+    save_state(state, tmp_path / "state.safetensors")  # as another process finds it
+    read = nes.load(tmp_path / "state.safetensors")
+    told: list[EvaluationResult] = []
+    assert InProcess(tmp_path).run(task, read.se, nes.ask(read), told.append) == first == told
+    assert not made
+    other = NES(task, small_hp, 1)
+    InProcess(tmp_path).run(task, other.init().se, other.ask(other.init()))
+    assert made == list(other.ask(other.init()))
+
+
+def test_searches_with_equal_seeds_follow_each_other(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Side by side, they would evaluate the same configurations at the same time."""
+    monkeypatch.setattr(machine, "RESULTS", tmp_path)
+    monkeypatch.setattr(os, "cpu_count", lambda: 2)
+    options = Namespace(
+        task="CartPole-v0", seeds=[0, 1, 2], core_seconds=10, fresh=2, home=tmp_path / "home"
+    )
+    pairs = [f"{method} {seed}" for method in METHODS for seed in (0, 1)]
+    last = [f"{method} 2" for method in METHODS]
+    assert [*Comparison(options).rows] == ["default", *pairs, *last]
 
 
 def test_a_comparison_goes_on_where_its_file_ends(
@@ -102,7 +147,7 @@ def test_a_comparison_goes_on_where_its_file_ends(
     (asked,) = begun.missing("bohb 3")
     begun.add(asked, {"configuration": {"nes.step_size": 1.0}})
     second = begun.missing("bohb 3")[1]
-    assert second.arguments == ("CartPole-v0", {"nes.step_size": 1.0}, 1)
+    assert second.arguments == ("CartPole-v0", {"nes.step_size": 1.0}, 1, options.home)
     begun.add(second, {"seed": 10_001})
     assert missing() == {"default": [0, 1], **searches, "bohb 3": [0]}
 

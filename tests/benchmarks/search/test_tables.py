@@ -1,3 +1,4 @@
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -5,11 +6,14 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import f as f_distribution
 
+from benchmarks import machine
+from benchmarks.machine import NotMeasured
 from benchmarks.search.tables import (
     _incumbents,
     _largest_budget,
     _noise,
     _rows,
+    comparison,
     expected_core_seconds,
     p_value,
 )
@@ -48,6 +52,27 @@ def test_a_method_is_compared_over_the_seeds_that_both_have() -> None:
     assert bohb[2:] == ["3", "6 of 6", "20 (10 to 30)", "-", "-"]
     assert hyperband[2:] == ["3", "6 of 6", "40 (20 to 60)", "3, 0, 0", "0.25"]
     assert random[2:] == ["2", "4 of 4", "45 (10 to 80)", "1, 1, 0", "1.00"]
+
+
+def test_a_task_is_compared_with_each_scale_of_observations(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(machine, "RESULTS", tmp_path)
+    with pytest.raises(NotMeasured, match="search_"):
+        comparison()
+    rows = {"default": {"fresh": fresh(30)}}
+    machine.write_result("search_Acrobot-v1", "compare Acrobot", {"rows": rows})
+    command = "compare CartPole"
+    machine.write_result("search_CartPole-v0", command, {"rows": rows})
+    rows = {"default": {"fresh": fresh(40)}}
+    machine.write_result("search_CartPole-v0_scale-1000", command, {"rows": rows})
+    told = comparison()
+    assert [line.split(" | ")[:5:2] for line in told.splitlines() if "default" in line] == [
+        ["| CartPole-v0, scale of 1000 steps", "-", "40"],
+        ["| CartPole-v0", "-", "30"],
+        ["| Acrobot-v1", "-", "30"],
+    ]
+    assert told.endswith("; `compare CartPole`, `compare Acrobot`)")  # the same command once
 
 
 def test_what_reaches_the_largest_budget_is_told_by_method() -> None:
