@@ -30,10 +30,10 @@ from bilevel.version import __version__
 
 if TYPE_CHECKING:
     from bilevel.evaluation import evaluate
-    from bilevel.gym.source import load
     from bilevel.hyperparameters import load_recipe
     from bilevel.nes import NES, learn
     from bilevel.synthetic_env import save_se as save
+    from bilevel.synthetic_env.source import load
     from bilevel.tasks import get_task
 
 __all__ = [
@@ -54,7 +54,7 @@ _LAZY = {
     "evaluate": ("bilevel.evaluation", "evaluate"),
     "get_task": ("bilevel.tasks", "get_task"),
     "learn": ("bilevel.nes", "learn"),
-    "load": ("bilevel.gym.source", "load"),
+    "load": ("bilevel.synthetic_env.source", "load"),
     "load_recipe": ("bilevel.hyperparameters", "load_recipe"),
     "save": ("bilevel.synthetic_env", "save_se"),
 }

@@ -101,14 +101,12 @@ class Space:
             space.seed(seed)
         return space
 
-    def searches(self, name: str, agents: Sequence[str]) -> bool:
-        """Whether every configuration has a value for that hyperparameter, `section.field`, or for
-        one minus it."""
-        section, _, field = name.partition(".")
-        plain = field.removeprefix(INVERSE)
-        names = f"{section}.{plain}", f"{section}.{INVERSE}{plain}"
+    def searched(self, agents: Sequence[str] = ("ddqn",)) -> frozenset[str]:
+        """Names, `section.field`, of the hyperparameters for which every configuration has a value,
+        be it of one minus the hyperparameter."""
         space = self.build(agents)
-        return not set(names).isdisjoint(set(space) - {*space.conditional_hyperparameters})
+        always = set(space) - {*space.conditional_hyperparameters}
+        return frozenset(name.replace(f".{INVERSE}", ".", 1) for name in always)
 
     def fitting(self, name: str, least: int) -> Self:
         """The space; one that comes with the package with a whole-numbered dimension that begins at

@@ -38,9 +38,9 @@ from benchmarks.search.studies import outcomes
 from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.hyperparameters import Hyperparameters, load_recipe
-from bilevel.synthetic_env import least_units
 from bilevel.tasks import Task, get_task
 from cluster.bohb.brackets import Schedule, core_seconds_to_run
+from cluster.bohb.definition import searched_space
 from cluster.bohb.journal import Journal
 from cluster.bohb.profiles import METHODS, get_profile, sized
 from cluster.bohb.runs import ConfigurationRuns
@@ -139,9 +139,10 @@ def search(task_id: str, method: str, seed: int, core_seconds: int, home: Path) 
     """Run a search; return what it found."""
     brackets, schedule = brackets_of(method, core_seconds)
     task = get_task(task_id)
-    space = Space.of(str(SPACE)).fitting("se.hidden_size", least_units(task))
+    base = base_of(task)
+    space = searched_space(Space.of(str(SPACE)), task, base)
     folder = home / task_id / f"{method}-seed{seed}"
-    study = Study(folder, task, seed, space, schedule, base_of(task), method)
+    study = Study(folder, task, seed, space, schedule, base, method)
     with locked_settings(folder, study.settings()):
         pool = kept_evaluations(home, task_id)
         summary = run_in_process(study, brackets, pool, partial(print, flush=True))

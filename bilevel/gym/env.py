@@ -19,15 +19,15 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from bilevel.gym.rendering import MODES, Renderer, draws_its_state
-from bilevel.gym.source import se_file
+from bilevel.synthetic_env.source import se_file
 
 
 class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     """The SE of a file, with observations Box (S,) float32 and the real task's actions.
 
-    `path` may also be MLflow's address of an SE (`bilevel.gym.source`). Raises InvalidInput if the
-    file is missing or damaged, if gymnasium does not know its task, or if the task cannot draw the
-    SE's states in this `render_mode` (`bilevel.gym.rendering`).
+    `path` may also be MLflow's address of an SE (`bilevel.synthetic_env.source`). Raises
+    InvalidInput if the file is missing or damaged, if gymnasium does not know its task, or if the
+    task cannot draw the SE's states in this `render_mode` (`bilevel.gym.rendering`).
     """
 
     metadata: dict[str, Any] = {"render_modes": list(MODES), "render_fps": 30}  # noqa: RUF012

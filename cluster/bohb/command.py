@@ -125,7 +125,6 @@ class _Runner:
         self.command = command
         self.session = session
         self.terminal = session.terminal
-        self.live: set[str] = set()  # names of configurations
         study = command.study
         study.write_space()
         study.take_over_prior()
@@ -143,7 +142,7 @@ class _Runner:
         """Run to the end; return the exit code."""
         study = self.command.study
         self._introduce()
-        views = StudyViews(study, self.session.identity, self.live)
+        views = StudyViews(study, self.session.identity, live=True)
         resume_hint = "run the same command again to resume"
         with self.session.live(views, self.brackets, resume_hint) as mirror:
             try:
@@ -153,7 +152,7 @@ class _Runner:
                     self.handover.interrupted()
                 raise
             finally:
-                self.live.clear()
+                views.running.clear()
             self.session.status = "FINISHED" if code == 0 else "FAILED"
             return code
 
@@ -196,15 +195,7 @@ class _Runner:
         deadline, end = deadlines(self.terminal.started, command.time_budget)
         searcher = BohbSearcher(self.search, trials, deadline, command.workers_per_trial)
         report = StudyReport(
-            command.study,
-            self.brackets,
-            deadline,
-            self.journal,
-            searcher,
-            views,
-            self.live,
-            mirror,
-            self.terminal,
+            self.brackets, deadline, self.journal, searcher, views, mirror, self.terminal
         )
         with self.session.guard.orderly():
             run_trials(

@@ -85,8 +85,8 @@ class Study:
     @property
     def start(self) -> str:
         """How its runs start, in words before a comma; nothing where that is searched."""
-        searched = self.space.searches("nes.start_candidates", self.agents)
-        return "" if searched else f"{start_of(self.base.nes)}, "
+        searched = self.space.searched(self.agents)
+        return "" if "nes.start_candidates" in searched else f"{start_of(self.base.nes)}, "
 
     @property
     def agents(self) -> tuple[str, ...]:

@@ -2,8 +2,8 @@
 
 import json
 import time
-from collections.abc import Container, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -34,17 +34,18 @@ from cluster.tracking import Document, Point, Progress, RunView
 
 @dataclass(frozen=True)
 class StudyViews:
-    """The MLflow runs of a study. `live` are the names of running configurations, None if no
-    process works on the study."""
+    """The MLflow runs of a study; `live` while a process works on it, and `running` are the names
+    of the configurations that it runs."""
 
     study: Study
     identity: RunIdentity
-    live: Container[str] | None
+    live: bool
+    running: set[str] = field(default_factory=set)
 
     @classmethod
     def of(cls, folder: Path) -> "StudyViews":
         """Views of a study that no process works on. Raises InvalidInput if it is damaged."""
-        return cls(Study.read(folder), RunIdentity.read(folder), None)
+        return cls(Study.read(folder), RunIdentity.read(folder), False)
 
     @property
     def task_id(self) -> str:
@@ -80,7 +81,7 @@ class StudyViews:
 
     def _study(self, journal: Journal) -> RunView:
         study, ends = self.study, finals(self.study.folder)
-        lifetime = Lifetime.of(study.folder, self.identity.began, self.live is not None)
+        lifetime = Lifetime.of(study.folder, self.identity.began, self.live)
         summary = StudySummary.of(journal, study.schedule.brackets(lifetime.target))
         tags = {"bilevel.kind": KIND}
         incumbent = summary.incumbent
@@ -202,7 +203,7 @@ class StudyViews:
             if failure is None:
                 raise
             runs = ConfigurationRuns(study, line.id, line.configuration)  # was never allowed to run
-        live = self.live is not None and name in self.live
+        running = name in self.running
         tags = {
             "bilevel.kind": "configuration",
             "bilevel.bracket": str(line.id[0]),
@@ -213,7 +214,7 @@ class StudyViews:
             tags["bilevel.error"] = last_line(failure)[:250]
             documents.append(Document.of_text("error.txt", failure))
         best = runs.best
-        if best is not None and not live:
+        if best is not None and not running:
             version = f"generation {runs.generations}"
             document = Document(BEST_FILE, version, lambda: se_bytes(best))
             hp = runs.run(0).hp
@@ -235,7 +236,7 @@ class StudyViews:
             started = first.finished - first.generation_seconds
         lifetime = (
             Lifetime("RUNNING", started, None)
-            if live
+            if running
             else Lifetime(_status(results, runs.tally.cost), started, max(times, default=started))
         )
         return RunView(

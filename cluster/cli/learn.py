@@ -127,12 +127,8 @@ def bohb(
     **options: Any,
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
-    from bilevel.agents.variation import VARIED
-    from bilevel.errors import InvalidInput
-    from bilevel.nes import NES
-    from bilevel.nes.rules import RULES
-    from bilevel.synthetic_env import least_units
-    from cluster.bohb.profiles import SET_BY_SEARCH, get_method, get_profile, sized
+    from cluster.bohb.definition import searched_space
+    from cluster.bohb.profiles import get_method, get_profile, sized
     from search_spaces.space import Space
 
     common = RunOptions(**options)
@@ -146,37 +142,8 @@ def bohb(
         "prior": prior,
     }
     size = replace(size, **{key: value for key, value in changes.items() if value is not None})
-    for name, value in common.settings:
-        if name in SET_BY_SEARCH:
-            raise InvalidInput(
-                f"{name} cannot be set to {value} in a search: all of its runs end once an SE is "
-                "confirmed, in the same way"
-            )
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
-    searched = Space.of(size.space)
-    unread = RULES[hp.nes.update].needs_pairs  # mirrored_sampling and score_transform
-    if searched == Space("full") and (unread or hp.se.structure != "plain"):
-        raise InvalidInput(
-            "the space 'full' needs plain SEs and the rule paper or authors (--recipe authors or "
-            f"paper); the recipe {hp.recipe!r} has {hp.se.structure} SEs and the rule "
-            f"{hp.nes.update}"
-        )
-    agents, where = [one.agent for one in hp.agents], f"is searched in the space {searched.name!r}"
-    for name, value in common.replaced if size.prior != "recipe" else ():
-        if searched.searches(name, agents):
-            raise InvalidInput(
-                f"{name} {where}, so that setting it to {value} has no effect: leave it out, or "
-                "begin with it (--prior recipe)"
-            )
-    for name in (f"{agent}.{field}" for agent in agents for field in VARIED):
-        if hp.vary_agent != "no" and searched.searches(name, agents):
-            raise InvalidInput(
-                f"{name} {where}, but runs draw it anew for each agent (--vary-hp "
-                f"{hp.vary_agent}): give --vary-hp no, or another space"
-            )
-    if hp.se.structure == "exogenous":
-        searched = searched.fitting("se.hidden_size", least_units(task))
-    searched.check(hp, SET_BY_SEARCH, lambda tried: NES(task, tried))
+    searched = searched_space(Space.of(size.space), task, hp, common.replaced, size.prior)
     context = common.the_context()
     name = (
         study or f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"

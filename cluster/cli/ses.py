@@ -58,7 +58,7 @@ class SEAddress(click.ParamType[GivenSE]):
     ) -> GivenSE:
         """The file. Raises InvalidInput if there is none, and if MLflow, which `--home` and
         `--tracking-uri` of the same command tell, cannot be reached or has none at an address."""
-        from bilevel.gym.source import is_of_mlflow, pinned, se_file
+        from bilevel.synthetic_env.source import is_of_mlflow, pinned, se_file
         from bilevel.zoo import ENTRIES, zoo_file
 
         if value in ENTRIES:

@@ -148,10 +148,10 @@ class Capacity:
         """Raise InvalidInput if the cluster cannot place that many one-core workers."""
         wanted = workers_per_trial * concurrent_trials
         if wanted > self.cores:
-            raise InvalidInput(
-                f"trials at a time ({concurrent_trials}) with so many workers each "
-                f"({workers_per_trial}) need {wanted} cores: the cluster has {self.cores}"
-            )
+            told = f"{workers_per_trial} workers"
+            if concurrent_trials > 1:
+                told = f"{concurrent_trials} trials at a time with {workers_per_trial} workers each"
+            raise InvalidInput(f"{told} need {wanted} cores: the cluster has {self.cores}")
 
 
 @contextlib.contextmanager

@@ -48,7 +48,7 @@ class EvaluationPool:
         self._arrived: set[int] = set()
         self._deaths_on_arrival = 0
         #: Seconds that its actors have spent in evaluations.
-        self.kernel_seconds = 0.0
+        self.evaluation_seconds = 0.0
         #: Steps on the real task that its evaluations have made.
         self.real_env_steps = 0
 
@@ -136,7 +136,7 @@ class EvaluationPool:
                 continue
             held[slot].pop(0)
             for result in answers:
-                self.kernel_seconds += result.seconds
+                self.evaluation_seconds += result.seconds
                 self.real_env_steps += result.real_env_steps
                 results.append(result)
                 on_result(result)

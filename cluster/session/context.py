@@ -58,7 +58,7 @@ class RunContext:
             if workers_per_trial * trials > capacity.cores:
                 terminal.log(
                     f"{workers_per_trial * trials} cores are asked for, the cluster has "
-                    f"{capacity.cores}: trials wait until others are free or join"
+                    f"{capacity.cores}: some work waits until others are free or join"
                 )
             require_server_for_nodes(self.tracking_uri)
             if ray.available_resources().get("CPU", 0) < 1:

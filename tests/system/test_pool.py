@@ -61,7 +61,7 @@ def test_any_number_of_actors_gives_what_a_loop_gives(nes: NES, small_hp: Hyperp
     for workers in (1, 2):
         with EvaluationPool(workers) as pool:
             results = pool.run(nes.task, state.se, requests)
-            assert pool.kernel_seconds == pytest.approx(sum(r.seconds for r in results))
+            assert pool.evaluation_seconds == pytest.approx(sum(r.seconds for r in results))
         assert without_times(results) == without_times(looped)
 
 

@@ -10,11 +10,10 @@ from typing import Any
 
 from ray.tune import Callback
 
-from bilevel.nes import GenerationRecord
 from cluster.bohb.journal import Journal
 from cluster.bohb.objective import Tally
 from cluster.bohb.search import Job
-from cluster.bohb.study import Study, configuration_name
+from cluster.bohb.study import configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.tune.searcher import BohbSearcher, DriverOnly
 from cluster.bohb.tune.trial import (
@@ -24,6 +23,7 @@ from cluster.bohb.tune.trial import (
     MISTAKE,
     NO_STORAGE,
     OBJECTIVE,
+    RECORD,
     SPENT,
     TALLY,
 )
@@ -36,29 +36,25 @@ _PICTURE_EVERY = 20.0
 
 
 class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
-    """Follows the trials of one study, and keeps `live`, the names of running configurations."""
+    """Follows the trials of one study, and tells its views which configurations run."""
 
     def __init__(
         self,
-        study: Study,
         brackets: int,
         deadline: float,
         journal: Journal,
         searcher: BohbSearcher,
         views: StudyViews,
-        live: set[str],
         mirror: Mirror,
         terminal: Terminal,
     ) -> None:
-        self._study = study
         self._deadline = deadline  # of the search, seconds of time.monotonic
         self._journal = journal
         self._searcher = searcher
         self._views = views
-        self._live = live
         self._mirror = mirror
         self._terminal = terminal
-        self._rungs = study.schedule.brackets(brackets)
+        self._rungs = views.study.schedule.brackets(brackets)
         self._summary = StudySummary(journal, self._rungs)
         self._jobs: dict[str, Job] = {}  # by trial
         self._last_picture = 0.0
@@ -71,7 +67,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         """Show that a configuration's run begins, or continues after a promotion."""
         job = self._searcher.jobs[trial.trial_id]
         self._jobs[trial.trial_id] = job
-        self._live.add(configuration_name(job.id))
+        self._views.running.add(configuration_name(job.id))
         self._mark(job)
         self._show(f"{configuration_name(job.id)} begins")
 
@@ -86,8 +82,8 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             self._terminal.log(line)
         self._mark(job)
         self._spent[trial.trial_id] = result[SPENT]
-        if result["record"] is not None:
-            score = GenerationRecord(**result["record"]).score_mean
+        if result[RECORD] is not None:
+            score = result[RECORD].score_mean
             done = f"{configuration_name(job.id)} {result[TALLY].cost:.0f}/{job.budget}s"
             self._show(f"{done}: {score:.1f}")
 
@@ -123,7 +119,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     def _close(self, trial_id: str) -> Job | None:
         job = self._jobs.pop(trial_id, None)
         if job is not None:
-            self._live.discard(configuration_name(job.id))
+            self._views.running.discard(configuration_name(job.id))
             self._mark(job)
         return job
 

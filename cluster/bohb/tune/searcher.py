@@ -17,8 +17,9 @@ from cluster.bohb.journal import ConfigId
 from cluster.bohb.search import BracketSearch, Job
 from cluster.bohb.tune.trial import (
     BUDGET_REACHED,
+    EVALUATION_SECONDS,
     FAILURE,
-    KERNEL_SECONDS,
+    JOB,
     MISTAKE,
     NO_STORAGE,
     OBJECTIVE,
@@ -63,7 +64,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
             None  # monotonic time of the last report of a trial (or first job)
         )
         self._core_seconds = 0.0  # available core time until then
-        self._kernel_seconds: dict[str, float] = {}  # spent in evaluations, by trial
+        self._evaluation_seconds: dict[str, float] = {}  # spent in evaluations, by trial
         self.jobs: dict[str, Job] = {}  # of the live trials
         self._deaths: dict[tuple[ConfigId, int], int] = {}  # by job
         self.stopped_by: InvalidInput | None = None
@@ -79,7 +80,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         this process to the last report of a trial."""
         if self._core_seconds == 0:
             return 0.0
-        return sum(self._kernel_seconds.values()) / self._core_seconds
+        return sum(self._evaluation_seconds.values()) / self._core_seconds
 
     def suggest(self, trial_id: str) -> dict[str, Any] | str | None:
         """The next job; None while no job can start; FINISHED at the end."""
@@ -97,9 +98,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
             return None
         self.jobs[trial_id] = job
         self._reported = self._reported or time.monotonic()
-        return {
-            "job": {"id": list(job.id), "configuration": job.configuration, "budget": job.budget}
-        }
+        return {JOB: {"id": list(job.id), "configuration": job.configuration, "budget": job.budget}}
 
     def on_trial_result(self, trial_id: str, result: dict[str, Any]) -> None:
         """Add up core and evaluation time. (Tune does not call this for a trial's last result.)"""
@@ -107,7 +106,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         cores = self._slots * self._workers_per_trial
         self._core_seconds += (now - (self._reported or now)) * cores
         self._reported = now
-        self._kernel_seconds[trial_id] = float(result.get(KERNEL_SECONDS, 0.0))
+        self._evaluation_seconds[trial_id] = float(result.get(EVALUATION_SECONDS, 0.0))
 
     def on_trial_complete(
         self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False

@@ -9,7 +9,6 @@ raised by the run is retried here and then reported, so that the searcher can te
 
 import socket
 import traceback
-from dataclasses import asdict
 from typing import Any
 
 from ray import tune
@@ -21,15 +20,19 @@ from cluster.bohb.study import Study
 from cluster.ray.pool import EvaluationPool
 from cluster.storage.run_folder import SETTINGS_FILE
 
+#: Key of a trial's job, in its configuration.
+JOB = "job"
 #: Keys of a trial's reports.
 OBJECTIVE, BUDGET_REACHED, FAILURE = "objective", "budget_reached", "failure"
-#: Keys of what the objective rests on (a `Tally`; Tune would flatten a dictionary), of lines for
-#: the terminal, and of the core seconds (estimated) that this job has spent so far.
-TALLY, MESSAGES, SPENT = "tally", "messages", "spent"
+#: Keys of the generation's record, or None, and of what the objective rests on, a `Tally`. (As they
+#: are: Tune would flatten dictionaries.)
+RECORD, TALLY = "record", "tally"
+#: Keys of lines for the terminal, and of the core seconds (estimated) that this job has spent.
+MESSAGES, SPENT = "messages", "spent"
 #: Keys of reports that end the study, a mistake unless other configurations have succeeded.
 NO_STORAGE, MISTAKE = "no_storage", "mistake"
-#: Key of the seconds that the job has spent in evaluations so far.
-KERNEL_SECONDS = "kernel_seconds"
+#: Key of the measured seconds that the job has spent in evaluations so far.
+EVALUATION_SECONDS = "evaluation_seconds"
 
 #: Errors of one step after which the configuration counts as failed.
 _ATTEMPTS = 3
@@ -45,10 +48,10 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
 
     def reset_config(self, new_config: dict[str, Any]) -> bool:
         """Take the next job; the pool is reused."""
-        self._job = new_config["job"]
+        self._job = new_config[JOB]
         self._runs: ConfigurationRuns | None = None
         self._spent_before: float | None = None  # by the configuration, before this job
-        self._kernel_seconds_before = self._pool.kernel_seconds
+        self._evaluation_seconds_before = self._pool.evaluation_seconds
         return True
 
     def step(self) -> dict[str, Any]:
@@ -81,17 +84,17 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
             before = runs.generations
             state = runs.advance(self._pool)  # a generation, or a round before or after one
             if runs.generations > before:
-                record = asdict(state.records[-1])
+                record = state.records[-1]
         self._runs = runs
         tally, reached = runs.tally, runs.spent(job["budget"])
         return {
-            "record": record,
+            RECORD: record,
             MESSAGES: messages,
             OBJECTIVE: tally.objective,
             TALLY: tally,
             SPENT: tally.cost - self._spent_before,
             BUDGET_REACHED: reached,
-            KERNEL_SECONDS: self._pool.kernel_seconds - self._kernel_seconds_before,
+            EVALUATION_SECONDS: self._pool.evaluation_seconds - self._evaluation_seconds_before,
             "done": reached,
         }
 

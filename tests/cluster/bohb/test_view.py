@@ -22,7 +22,7 @@ def running(folder: Path, brackets: int) -> StudyViews:
     make_study(folder, brackets)
     (folder / "finals.jsonl").unlink()
     RunStatus("RUNNING", 0.0, brackets + 1).save(folder)
-    return replace(StudyViews.of(folder), live=())
+    return replace(StudyViews.of(folder), live=True)
 
 
 def drawn_at(views: StudyViews) -> str:
@@ -36,7 +36,7 @@ def test_hyperparameters_are_drawn_now_and_then_and_in_full_once_it_stops(tmp_pa
     number = len(Journal(tmp_path).results)
     assert 10 < number < 20
     assert drawn_at(views) == "10 results"
-    assert drawn_at(replace(views, live=None)) == f"{number} results"
+    assert drawn_at(replace(views, live=False)) == f"{number} results"
 
 
 def test_the_first_results_are_drawn_at_once(tmp_path: Path) -> None:

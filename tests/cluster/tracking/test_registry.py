@@ -8,8 +8,8 @@ import mlflow
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.gym.source import se_file
 from bilevel.synthetic_env import se_bytes
+from bilevel.synthetic_env.source import se_file
 from bilevel.tasks import Task
 from cluster.cli.ses import SEAddress
 from cluster.cli.show import show

@@ -13,7 +13,15 @@ from cluster.bohb.journal import Journal
 from cluster.bohb.objective import Tally
 from cluster.bohb.search import BracketSearch
 from cluster.bohb.tune.searcher import DEATHS, BohbSearcher
-from cluster.bohb.tune.trial import BUDGET_REACHED, FAILURE, MISTAKE, NO_STORAGE, OBJECTIVE, TALLY
+from cluster.bohb.tune.trial import (
+    BUDGET_REACHED,
+    FAILURE,
+    JOB,
+    MISTAKE,
+    NO_STORAGE,
+    OBJECTIVE,
+    TALLY,
+)
 from search_spaces.bohb import search_space
 
 #: The report of a trial that has spent its budget.
@@ -34,7 +42,7 @@ def searcher(journal: Journal) -> BohbSearcher:
 def suggested(searcher: BohbSearcher, trial_id: str) -> Any:
     job = searcher.suggest(trial_id)
     assert isinstance(job, dict)
-    return job["job"]
+    return job[JOB]
 
 
 def test_as_many_jobs_at_a_time_as_the_cluster_has_room_for(searcher: BohbSearcher) -> None:

@@ -5,12 +5,9 @@ import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from bilevel.errors import InvalidInput, first_line
-
-if TYPE_CHECKING:
-    from bilevel.synthetic_env import StoredSE
+from bilevel.synthetic_env.storage import StoredSE, load_se
 
 #: A version of a registered model, by its number or alias.
 _MODEL = re.compile(r"models:/([^/@]+)(?:/(\d+)|@(.+))")
@@ -73,13 +70,11 @@ def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
     return files[0]
 
 
-def load(address: str | Path) -> "StoredSE":
+def load(address: str | Path) -> StoredSE:
     """Read an SE file, at a path or at MLflow's address (`se_file`).
 
     Raises InvalidInput if it is missing, damaged, or not an SE file.
     """
-    from bilevel.synthetic_env import load_se
-
     return load_se(se_file(address))
 
 
