@@ -11,7 +11,7 @@ from pathlib import Path
 
 from benchmarks.machine import write_result
 from bilevel.evaluation import RealTask
-from bilevel.hyperparameters import AgentHyperparameters, load_recipe
+from bilevel.hyperparameters import AgentHyperparameters, default_agents
 from bilevel.tasks import BUILT_IN_TASKS, get_task
 from cluster.evaluate.command import EvaluateCommand, run_evaluate
 from cluster.evaluate.report import Group, as_json
@@ -60,7 +60,7 @@ def main() -> None:
     command = EvaluateCommand(
         task,
         {"real": None},
-        load_recipe("paper", "", kinds).agents,
+        default_agents(kinds),
         options.agents,
         "all",
         0,

@@ -28,7 +28,7 @@ from benchmarks.arguments import format_seeds, known_task, parse_seeds
 from benchmarks.machine import resumed_runs, write_result
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
-from bilevel.hyperparameters import load_recipe
+from bilevel.hyperparameters import default_agents
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import load_se
 from cluster.nes.run import STATE_FILE, NESRun
@@ -97,7 +97,7 @@ def run_seed(
 def teach(path: Path, kind: str, number: int) -> tuple[float, int]:
     """Score and train steps of a fresh agent, drawn from the paper's full ranges."""
     se, (name, vary) = load_se(path), AGENTS[kind]
-    base = load_recipe("paper", "", [name]).agents
+    base = default_agents([name])
     agent = draw_agent(base, vary, derive(number, Purpose.AGENT))
     outcome = train_and_test(se.task(), se.se, agent, derive(number, Purpose.FINAL))
     return outcome.score, outcome.train_steps

@@ -19,7 +19,7 @@ from bilevel.hyperparameters.definitions import (
     SEHyperparameters,
     StoredHyperparameters,
 )
-from bilevel.hyperparameters.recipes import RECIPES, load_recipe, recipe_text
+from bilevel.hyperparameters.recipes import RECIPES, default_agents, load_recipe, recipe_text
 
 __all__ = [
     "ACTIVATIONS",
@@ -38,6 +38,7 @@ __all__ = [
     "TD3Hyperparameters",
     "agent_hyperparameters",
     "agent_names",
+    "default_agents",
     "load_recipe",
     "recipe_text",
 ]

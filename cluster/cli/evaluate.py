@@ -64,7 +64,7 @@ def evaluate(
     An SE is a file, the name of one of the zoo, or MLflow's address (runs:/..., models:/...).
     Several kinds (--agent ddqn,td3) are trained --agents times each.
     """
-    from bilevel.hyperparameters import VARIATIONS, load_recipe
+    from bilevel.hyperparameters import VARIATIONS, default_agents, load_recipe
     from bilevel.synthetic_env import StoredSE
 
     ses = _labelled(given)
@@ -94,11 +94,10 @@ def evaluate(
         task.try_out()
     common = RunOptions(task=task.id, **options)
     agents = common.the_agents()
-    kinds = (
-        load_recipe("paper", "", agents or ("ddqn",))
-        if recipe is None
-        else load_recipe(recipe, task.id, agents)
-    ).agents
+    if recipe is None:
+        kinds = default_agents(agents or ("ddqn",))
+    else:
+        kinds = load_recipe(recipe, task.id, agents).agents
     if max_episodes is not None:
         kinds = tuple(_shortened(hp, max_episodes) for hp in kinds)
     vary = vary or "no"

@@ -22,7 +22,7 @@ from typing import Any
 
 from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationResult
-from bilevel.hyperparameters import load_recipe
+from bilevel.hyperparameters import default_agents
 from bilevel.tasks import Task
 from cluster.experiments.agents import AgentResults, Unit
 from cluster.experiments.conditions import title_of
@@ -64,7 +64,7 @@ class ExperimentCommand:
     def plan(self, experiment: Experiment) -> Plan:
         """The experiment's subject. Raises InvalidInput."""
         names = self.agents or experiment.kinds(self.task)
-        kinds = load_recipe("paper", "", names).agents
+        kinds = default_agents(names)
         return Plan(self.task, self.size, self.size.trained(kinds), self.seed)
 
     def name(self, experiment: str) -> str:

@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from bilevel.durable import write_aside
-from bilevel.hyperparameters import load_recipe
+from bilevel.hyperparameters import default_agents, load_recipe
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
 from bilevel.zoo import Card, Entry, Taught
@@ -44,7 +44,7 @@ def build(command: BuildCommand) -> Card:
     run_folder = context.home.run_folder(task.id, f"zoo-{entry.name}")
     run_nes(NESCommand(NESRun(task, hp, entry.seed, run_folder), context, command.workers))
     se = load_se(run_folder / BEST_FILE)
-    kinds = load_recipe("paper", "", KINDS).agents
+    kinds = default_agents(KINDS)
     groups = run_evaluate(
         EvaluateCommand(
             task,

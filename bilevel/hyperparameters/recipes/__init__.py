@@ -54,7 +54,8 @@ class _Recipe:
 def load_recipe(
     name: str | Path, task: _Task | str, agents: Sequence[str] | str | None = None
 ) -> Hyperparameters:
-    """A recipe for a task (or its id), by name or as the path of a file (`*.toml`).
+    """A recipe for a task (or its id; '' is none in particular), by name or as the path of a file
+    (`*.toml`).
 
     `agents`, one name or several, replaces those that the recipe draws. An agent of a user's own
     has the defaults of the fields that the recipe does not give. Raises InvalidInput for an unknown
@@ -79,6 +80,12 @@ def load_recipe(
             vary_agent=recipe.vary_agent,
             recipe=Path(name).stem,
         )
+
+
+def default_agents(names: Sequence[str]) -> tuple[AgentHyperparameters, ...]:
+    """These agents with the paper's default hyperparameters (Table "Default HPs"), of no task in
+    particular."""
+    return load_recipe("paper", "", names).agents
 
 
 @contextmanager

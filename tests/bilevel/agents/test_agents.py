@@ -19,6 +19,7 @@ from bilevel.evaluation import environment_in_python, train_and_test
 from bilevel.hyperparameters import (
     AgentHyperparameters,
     DDQNHyperparameters,
+    default_agents,
     load_recipe,
 )
 from bilevel.hyperparameters.validation import hyperparameters
@@ -45,7 +46,7 @@ def _documented_agent(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None
 
 
 def small(name: str, **changes: Any) -> Any:
-    (hp,) = load_recipe("paper", "", (name,)).agents
+    (hp,) = default_agents((name,))
     sizes = {"max_episodes": 14, "init_episodes": 2, "hidden_size": 8, "batch_size": 16}
     known = {spec.name for spec in fields(hp)}
     return replace(hp, **({k: v for k, v in sizes.items() if k in known} | changes))
@@ -172,7 +173,7 @@ def test_annotations_may_be_strings(tmp_path: Path) -> None:
     file = tmp_path / "postponed_agent.py"
     file.write_text(f"{docstring}{newline}from __future__ import annotations\n{rest}")
     load_agent_file(file)
-    (hp,) = load_recipe("paper", "", ("postponed-reinforce",)).agents
+    (hp,) = default_agents(("postponed-reinforce",))
     assert replace(hp, hidden_size=3) != hp  # type: ignore[call-arg]
     with pytest.raises(InvalidInput, match="Reinforce hidden_size must be int, 1 to 4096"):
         replace(hp, hidden_size="3")  # type: ignore[call-arg]

@@ -7,6 +7,7 @@ from bilevel import InvalidInput
 from bilevel.hyperparameters import (
     DDQNHyperparameters,
     SEHyperparameters,
+    default_agents,
     load_recipe,
 )
 from tests.conftest import restored
@@ -20,7 +21,7 @@ def test_what_a_run_trains_is_at_least_one_agent_each_once() -> None:
 
 
 def test_a_dueling_network_needs_a_unit_a_stream() -> None:
-    (agent,) = load_recipe("paper", "", ("dueling-ddqn",)).agents
+    (agent,) = default_agents(("dueling-ddqn",))
     assert isinstance(agent, DDQNHyperparameters)
     with pytest.raises(InvalidInput, match="hidden_size must be at least 2"):
         replace(agent, hidden_size=1)

@@ -20,7 +20,7 @@ from bilevel.hyperparameters import (
     DDQNHyperparameters,
     SEHyperparameters,
     TD3Hyperparameters,
-    load_recipe,
+    default_agents,
 )
 from bilevel.kernels import ddqn, td3, training
 from bilevel.kernels.environment import Environment, environment
@@ -36,7 +36,7 @@ SEED = 3
 
 def small(agent: str, **changes: Any) -> Any:
     """Small hyperparameters of a built-in agent."""
-    (hp,) = load_recipe("paper", "", (agent,)).agents
+    (hp,) = default_agents((agent,))
     sizes = {"max_episodes": 13, "init_episodes": 1, "batch_size": 16, "hidden_size": 8}
     return replace(hp, **(sizes | {"learning_rate": 1e-3, "test_episodes": 2} | changes))
 

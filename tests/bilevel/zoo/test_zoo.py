@@ -10,7 +10,7 @@ import torch
 from bilevel import InvalidInput
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
-from bilevel.hyperparameters import load_recipe
+from bilevel.hyperparameters import default_agents, load_recipe
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
@@ -43,7 +43,7 @@ def test_card_file_and_entry_agree(name: str) -> None:
 def test_fresh_agents_do_about_as_well_as_the_card_says(name: str, least: float) -> None:
     """The bounds leave room for the luck of a few agents on other processors."""
     se = load_se(zoo_file(name))
-    kinds = load_recipe("paper", "", ("ddqn",)).agents
+    kinds = default_agents(("ddqn",))
     scores = []
     for number in range(4):
         word = derive(5, Purpose.EVALUATION, number)

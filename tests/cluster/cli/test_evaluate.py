@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from bilevel.errors import InvalidInput
-from bilevel.hyperparameters import load_recipe, recipe_text
+from bilevel.hyperparameters import default_agents, load_recipe, recipe_text
 from cluster.cli.evaluate import _labelled, _shortened
 from cluster.cli.ses import GivenSE
 from tests.commands import run_bilevel
@@ -52,7 +52,7 @@ def test_two_runs_ses_have_labels_of_their_own(
 
 
 def test_agents_that_would_never_learn_are_refused() -> None:
-    (hp,) = load_recipe("paper", "", ("ddqn",)).agents
+    (hp,) = default_agents(("ddqn",))
     assert _shortened(hp, hp.init_episodes + 1).max_episodes == hp.init_episodes + 1
     told = f"--max-episodes must be above ddqn.init_episodes, which is {hp.init_episodes}: .*; got"
     with pytest.raises(InvalidInput, match=told):

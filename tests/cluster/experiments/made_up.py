@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from bilevel.evaluation import EvaluationResult
-from bilevel.hyperparameters import load_recipe
+from bilevel.hyperparameters import default_agents
 from bilevel.tasks import Task, get_task
 from cluster.experiments.agents import AgentResults, Unit
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan, se_runs
@@ -36,7 +36,7 @@ def end_run(run: NESRun) -> None:
 def smoke_plan(experiment: Experiment, task_id: str = "CartPole-v0", seed: int = 0) -> Plan:
     """The experiment of the size smoke."""
     task, size = get_task(task_id), get_size("smoke")
-    kinds = load_recipe("paper", "", experiment.kinds(task)).agents
+    kinds = default_agents(experiment.kinds(task))
     return Plan(task, size, size.trained(kinds), seed)
 
 

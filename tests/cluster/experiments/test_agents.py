@@ -8,7 +8,7 @@ import pytest
 
 from bilevel.agents import RegisteredAgent
 from bilevel.errors import InvalidInput
-from bilevel.hyperparameters import load_recipe
+from bilevel.hyperparameters import default_agents
 from bilevel.tasks import Task
 from bilevel.version import RUN_FORMAT
 from cluster.experiments.agents import AgentResults, Place, Source, Unit
@@ -25,7 +25,7 @@ def ses(cartpole: Task) -> list[Source]:
 
 
 def unit(task: Task, source: Source, place: Place, seed: int = 0, agent: str = "ddqn") -> Unit:
-    (kind,) = load_recipe("paper", "", (agent,)).agents
+    (kind,) = default_agents((agent,))
     return Unit.of(task, source, place, kind, seed)
 
 
