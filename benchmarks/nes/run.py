@@ -1,5 +1,7 @@
-"""An NES run in this process, and what its SE is worth."""
+"""An NES run in this process, what its SE is worth, and what several runs have cost an SE."""
 
+import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -34,3 +36,10 @@ def run_nes(
         "score": round(float(np.mean(scores)), 1),
         "solved": bool(np.mean(scores) >= task.solved_reward),
     }
+
+
+def core_seconds_per_se(runs: Sequence[dict[str, Any]], counted: str = "confirmed") -> float:
+    """Core seconds of all runs over the number of those that are `counted`, `confirmed` or
+    `solved`: what an SE costs, the failures paid for. Infinite if there is none."""
+    found = sum(run[counted] for run in runs)
+    return sum(run["core_seconds"] for run in runs) / found if found else math.inf

@@ -11,6 +11,7 @@ from scipy.stats import spearmanr, wilcoxon
 from benchmarks.arguments import parse_seeds
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import mean_and_range, source, table
+from benchmarks.nes.run import core_seconds_per_se
 
 #: Target mean score of each kind of agent on an SE, by task; `sb3` is for agents of
 #: Stable-Baselines3.
@@ -120,7 +121,6 @@ def scale_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
     for steps, found in sorted(by_steps.items()):
         chosen = [found[seed] for seed in common]
         costs = [run["core_seconds"] for run in chosen]
-        confirmed = sum(run["confirmed"] for run in chosen)
         errors = np.abs([np.array(run["mean"]) - exact for run in chosen]) / deviation
         agreement = [float(spearmanr(of_mean, costs).statistic) for of_mean in errors.T]
         p = f"{wilcoxon(np.log(first), np.log(costs)).pvalue:.2g}" if first else ""
@@ -129,7 +129,7 @@ def scale_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
                 task,
                 f"{steps:,}".replace(",", " "),
                 f"{sum(run['solved'] for run in chosen)} of {len(chosen)}",
-                f"{sum(costs) / confirmed:.0f}" if confirmed else "-",
+                f"{core_seconds_per_se(chosen):.0f}",
                 _spread(costs, ".0f"),
                 p,
                 f"{np.median(errors.max(1)):.2f}, {errors.max():.2f}",

@@ -11,7 +11,7 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from benchmarks.search.studies import COMPARISONS, committed, comparisons, summary
-from benchmarks.search.tables import by_method, expected_core_seconds
+from benchmarks.search.tables import by_method, core_seconds_per_solved
 from cluster.bohb.pictures import objective_against_cost
 from cluster.bohb.profiles import METHODS
 from cluster.bohb.view import hyperparameter_picture
@@ -30,17 +30,17 @@ def compared(title: str, measured: dict[str, Any]) -> Figure:
     axes = figure.subplots()
     found = {method: by_method(measured, method) for method in METHODS}
     for seed in sorted(set.intersection(*(set(of) for of in found.values()))):
-        costs = [expected_core_seconds(of[seed]) for of in found.values()]
+        costs = [core_seconds_per_solved(of[seed]) for of in found.values()]
         axes.plot(costs, color=GUIDE, lw=0.4, alpha=0.5, zorder=0)
     for place, (method, of) in enumerate(found.items()):
-        costs = [expected_core_seconds(fresh) for fresh in of.values()]
+        costs = [core_seconds_per_solved(fresh) for fresh in of.values()]
         look = _LOOKS[method]
         axes.scatter([place] * len(costs), costs, s=14, color=look.colour, marker=look.marker)
         if costs:
             ends = place - 0.2, place + 0.2
             axes.hlines(float(np.median(costs)), *ends, color=look.colour, lw=2)
     if "default" in measured:
-        default = expected_core_seconds(measured["default"]["fresh"])
+        default = core_seconds_per_solved(measured["default"]["fresh"])
         axes.axhline(default, color=GUIDE, lw=0.7, ls="--", label="the recipe default")
         axes.legend(loc="lower right")
     axes.set_ylim(bottom=0)

@@ -19,6 +19,7 @@ from scipy.stats import fisher_exact, mannwhitneyu
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import mean_and_range, source, table
+from benchmarks.nes.run import core_seconds_per_se
 from cluster.bohb.journal import Journal, Origin, ResultLine
 from cluster.bohb.study import Study, configuration_name
 from cluster.bohb.summary import StudySummary
@@ -377,6 +378,6 @@ def _quality(runs: list[dict[str, Any]]) -> tuple[str, ...]:
         f"{confirmed} of {len(runs)}",
         f"{sum(run['solved'] and run['confirmed'] for run in runs)} of {confirmed}",
         f"{np.median(costs):.0f} ({min(costs):.0f} to {max(costs):.0f})",
-        f"{sum(costs) / confirmed:.0f}",
+        f"{core_seconds_per_se(runs):.0f}",
         f"{np.median([run['final_train_steps'] for run in runs]):.0f}",
     )

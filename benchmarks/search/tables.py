@@ -9,6 +9,7 @@ from scipy.stats import f as f_distribution
 from scipy.stats import fisher_exact, permutation_test, spearmanr
 
 from benchmarks.markdown import source, table
+from benchmarks.nes.run import core_seconds_per_se
 from benchmarks.search import studies
 from benchmarks.search.studies import at_largest, with_an_se
 from cluster.bohb.journal import Origin
@@ -18,11 +19,9 @@ from cluster.bohb.profiles import METHODS
 _FEWEST = 4
 
 
-def expected_core_seconds(fresh: Sequence[dict[str, Any]]) -> float:
-    """Expected core seconds to an SE on which fresh agents solve the task: those of all runs over
-    the number of runs that did; infinite if none did."""
-    solved = sum(run["solved"] for run in fresh)
-    return sum(run["core_seconds"] for run in fresh) / solved if solved else float("inf")
+def core_seconds_per_solved(fresh: Sequence[dict[str, Any]]) -> float:
+    """Expected core seconds to an SE on which fresh agents solve the task."""
+    return core_seconds_per_se(fresh, "solved")
 
 
 def by_method(rows: dict[str, Any], method: str) -> dict[int, list[dict[str, Any]]]:
@@ -141,9 +140,7 @@ def _incumbents(task: str, measured: dict[str, Any]) -> list[tuple[str, ...]]:
         if fresh is None:
             continue
         costs = np.array([run["core_seconds"] for run in fresh])
-        confirmed = sum(run["confirmed"] for run in fresh)
-        key = _recipe(row)
-        fresh_objective = float(costs.sum() / confirmed) if confirmed else float("inf")
+        key, fresh_objective = _recipe(row), core_seconds_per_se(fresh)
         each[key] = row["search"]["incumbent"], fresh_objective, float(costs.std() / costs.mean())
     if len(each) < _FEWEST:
         return []
@@ -231,7 +228,7 @@ def _rows(task: str, measured: dict[str, Any]) -> list[list[str]]:
             continue
         both = sorted(found[method].keys() & found["bohb"].keys())
         costs, bohbs = (
-            np.array([expected_core_seconds(of[seed]) for seed in both])
+            np.array([core_seconds_per_solved(of[seed]) for seed in both])
             for of in (found[method], found["bohb"])
         )
         pairs = [
@@ -249,7 +246,7 @@ def _rows(task: str, measured: dict[str, Any]) -> list[list[str]]:
 
 def _quality(searches: Sequence[Sequence[dict[str, Any]]]) -> tuple[str, str]:
     runs = [run for fresh in searches for run in fresh]
-    costs = [expected_core_seconds(fresh) for fresh in searches]
+    costs = [core_seconds_per_solved(fresh) for fresh in searches]
     spread = f" ({min(costs):.0f} to {max(costs):.0f})" if len(costs) > 1 else ""
     solved = sum(run["solved"] for run in runs)
     return f"{solved} of {len(runs)}", f"{np.median(costs):.0f}{spread}"

@@ -14,7 +14,7 @@ from benchmarks.search.tables import (
     _noise,
     _rows,
     comparison,
-    expected_core_seconds,
+    core_seconds_per_solved,
     p_value,
 )
 from cluster.bohb.journal import Origin
@@ -26,9 +26,9 @@ def fresh(cost: float, solved: int = 2, of: int = 2) -> list[dict[str, Any]]:
 
 
 def test_failed_runs_are_paid_for() -> None:
-    assert expected_core_seconds(fresh(10)) == 10
-    assert expected_core_seconds(fresh(10, solved=1)) == 20
-    assert expected_core_seconds(fresh(10, solved=0)) == float("inf")
+    assert core_seconds_per_solved(fresh(10)) == 10
+    assert core_seconds_per_solved(fresh(10, solved=1)) == 20
+    assert core_seconds_per_solved(fresh(10, solved=0)) == float("inf")
 
 
 def test_p_is_exact_for_few_pairs() -> None:
