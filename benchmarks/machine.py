@@ -1,4 +1,4 @@
-"""Machine and versions that every result states."""
+"""What every result states: machine, versions, commit."""
 
 import json
 import os
@@ -13,6 +13,7 @@ from typing import Any
 
 from benchmarks.arguments import format_seeds
 from bilevel.durable import write_aside
+from cluster.storage.author import commit
 
 RESULTS = Path(__file__).parent / "results"
 
@@ -46,7 +47,8 @@ def spread(values: Sequence[float]) -> dict[str, float]:
 def write_result(name: str, command: str, values: dict[str, Any]) -> Path:
     """Write `results/NAME.json`, whole or not at all, with lists of plain values on one line."""
     path = RESULTS / f"{name}.json"
-    content = json.dumps({"command": command, "machine": machine(), **values}, indent=2)
+    stated = {"command": command, "commit": commit(), "machine": machine()}
+    content = json.dumps({**stated, **values}, indent=2)
     content = _PLAIN_LIST.sub(lambda match: " ".join(match[0].split()), content)
     write_aside(path, f"{content}\n".encode())
     return path

@@ -38,7 +38,7 @@ MAX_STEP_LIMIT = 1_000_000
 #: Random steps on the real task that measure the scale of its observations: of a compiled task, and
 #: of one that gymnasium runs, whose steps may be slow. With 1000 of them some runs on CartPole take
 #: several times as long as with 100 000 (docs/nes.md).
-SCALE_STEPS, GYMNASIUM_SCALE_STEPS = 100_000, 1_000
+SCALE_STEPS, GYMNASIUM_SCALE_STEPS = 100_000, 10_000
 
 #: Range of an observation, relative to its mean, up to which it counts as constant.
 _CONSTANT = 1e-6

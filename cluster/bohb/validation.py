@@ -38,7 +38,9 @@ from cluster.session.terminal import last_line
 FINALISTS = 3
 #: Share of a study's core time, and of its time budget, that is kept for validation.
 SHARE = 0.25
-#: Part of the core seconds that finalists must have spent when time is up, to be compared.
+#: Part of the core seconds that finalists must have spent when time is up, to be compared; the
+#: search's largest budget is always enough. (Its trials fill any number of cores, the generations
+#: of its finalists do not.)
 _ENOUGH = 0.5
 
 #: File of a study with its last validation.
@@ -146,7 +148,8 @@ def validate(
             runs.remove(behind)
             name = configuration_name(behind.id)
             log(f"{name} failed with new seeds, and is left out: {last_line(str(error))}")
-    if not runs or min(one.tally.cost for one in runs) < _ENOUGH * each:
+    enough = min(_ENOUGH * each, study.schedule.budgets[-1])
+    if not runs or min(one.tally.cost for one in runs) < enough:
         return None
     now = time.time()
     stamps = {"submitted": started, "started": started, "finished": now}

@@ -95,16 +95,19 @@ def _import_first(files: Sequence[_AgentFile]) -> None:
     sys.path[:0] = [str(Path(file.path).parent) for file in files]
 
 
-def runtime_env() -> dict[str, Any] | None:
-    """Ray's `runtime_env` for the actors; None if no agent files were loaded."""
-    if not _FILES:
-        return None
+def runtime_env(own: bool) -> dict[str, Any] | None:
+    """Ray's `runtime_env`, by which actors import what this process does: the agent files that were
+    loaded and, unless the cluster is this command's `own`, what PYTHONPATH finds. None if there is
+    nothing to tell them."""
     files = [*_FILES]
     paths = os.environ.get("PYTHONPATH", "").split(os.pathsep)
-    given = [str(Path(path).resolve()) for path in paths if path]
+    # The processes of a cluster that is joined have another environment.
+    given = [] if own else [str(Path(path).resolve()) for path in paths if path]
+    if not files and not given:
+        return None
 
     def import_the_same() -> None:
-        sys.path[:0] = given  # a joined cluster's processes have another environment
+        sys.path[:0] = given
         _import_first(files)
         for file in reversed(files):
             with suppress(Exception, SystemExit):  # told where the agent is needed

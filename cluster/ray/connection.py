@@ -84,7 +84,7 @@ def _connect(address: str, own: bool, attempts: int) -> None:
                 include_dashboard=False if own else None,
                 log_to_driver=False,
                 logging_level=logging.ERROR,
-                runtime_env=runtime_env(),
+                runtime_env=runtime_env(own),
             )
     except Exception as error:  # bare where a node does not start in time
         ray.shutdown()

@@ -24,7 +24,7 @@ class Author:
 
     user: str
     command: str
-    commit: str  # empty unless the package runs from a git checkout
+    commit: str  # of the code, as `commit` returns it
 
     @property
     def program(self) -> str:
@@ -40,7 +40,7 @@ class Author:
         """The author of runs that this process begins."""
         program, *arguments = sys.argv
         arguments = [without_password(argument) for argument in arguments]
-        return cls(_user(), shlex.join([Path(program).name, *arguments]), _commit())
+        return cls(_user(), shlex.join([Path(program).name, *arguments]), commit())
 
 
 def without_password(text: str) -> str:
@@ -55,7 +55,8 @@ def _user() -> str:
         return ""
 
 
-def _commit() -> str:
+def commit() -> str:
+    """The commit of the code; empty unless the package runs from a git checkout."""
     source = Path(bilevel.__file__).parents[1]
     if not (source / ".git").exists():
         return ""

@@ -11,6 +11,7 @@ from benchmarks.machine import (
     spread,
     write_result,
 )
+from cluster.storage.author import commit
 
 
 def test_results_are_read_as_they_were_written(
@@ -24,6 +25,7 @@ def test_results_are_read_as_they_were_written(
     assert told["runs"] == values["runs"]
     assert told["command"] == "python -m it"
     assert told["machine"]["cores"] >= 1
+    assert told["commit"] == commit()
     for missing in (("other",), ("name", "rows")):
         with pytest.raises(NotMeasured, match=missing[0]):
             read_result(*missing)

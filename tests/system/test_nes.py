@@ -3,6 +3,7 @@
 import os
 import re
 import signal
+import subprocess
 from pathlib import Path
 
 import gymnasium
@@ -16,7 +17,7 @@ from bilevel import InvalidInput  # (registers the environment)
 from bilevel.nes import NESState
 from bilevel.tasks.task import SCALE_STEPS
 from cluster.nes.run import NESRun
-from tests.commands import run_bilevel
+from tests.commands import BILEVEL, run_bilevel
 from tests.system.conftest import client, run_until, untimed
 
 pytestmark = pytest.mark.timeout(280)
@@ -205,6 +206,32 @@ def test_it_begins_again_from_other_starts(tmp_home: Path, address: str) -> None
     told = result.stdout.count("no new best SE for 1 generations: attempt")
     assert told >= attempts[-1]
     assert result.stdout.count("choosing a start among 2 random SEs") == told + 1
+
+
+def test_a_task_of_the_users_own_on_a_joined_cluster(tmp_home: Path, address: str) -> None:
+    """Its module is where PYTHONPATH says, on the cluster's nodes, too."""
+    code, elsewhere = tmp_home / "code", tmp_home / "elsewhere"
+    code.mkdir()
+    elsewhere.mkdir()
+    (code / "mine.py").write_text(
+        """
+import gymnasium
+from gymnasium.envs.classic_control import CartPoleEnv
+
+gymnasium.register("Mine-v0", CartPoleEnv, max_episode_steps=9, reward_threshold=8)
+"""
+    )
+    small = ("mine:Mine-v0", *SMALL[2:], *ALONE, "--set", "ddqn.test_episodes=2")
+    result = subprocess.run(
+        [BILEVEL, "nes", *small, "--generations", "1", "--home", tmp_home, "--address", address],
+        capture_output=True,
+        text=True,
+        cwd=elsewhere,
+        env={**os.environ, "PYTHONPATH": "../code"},
+        check=False,
+    )
+    assert result.returncode == 0, result.stderr
+    assert "generation   0  score" in result.stdout
 
 
 def test_the_default_name_tells_recipe_agents_and_variation(tmp_home: Path, address: str) -> None:

@@ -177,7 +177,7 @@ def test_the_scale_of_observations_is_that_of_random_episodes() -> None:
 
 
 def test_the_scale_of_a_task_that_gymnasium_runs_takes_fewer_steps() -> None:
-    assert get_task("MountainCar-v0").observation_scale(0).real_env_steps == 1000
+    assert get_task("MountainCar-v0").observation_scale(0).real_env_steps == 10_000
 
 
 def test_each_state_in_which_an_action_was_taken_counts_once(

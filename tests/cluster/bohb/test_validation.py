@@ -188,6 +188,29 @@ class TestValidation:
         assert run_validation(study, lambda: True)[0] is None
         assert Validation.load(study.folder) == shorter
 
+    def test_the_largest_budget_is_enough_for_a_comparison(self, tmp_path: Path) -> None:
+        """On many cores the search has spent more than its finalists can in the time left."""
+        study = make_study(tmp_path)
+        journal, largest = Journal(study.folder), study.schedule.budgets[-1]
+        plan = Plan.of(journal, None)
+        assert plan is not None
+        spent: dict[str, float] = {}
+
+        def progress(done: float, total: float) -> None:
+            spent["each"] = done / len(plan.finalists)
+
+        for times, enough in ((0.5, False), (1.5, True)):
+            found = validate(
+                study,
+                journal,
+                replace(plan, core_seconds=100 * largest),
+                MadeUpPool(),
+                lambda line: None,
+                progress,
+                lambda at_most=times * largest: spent.get("each", 0.0) >= at_most,  # type: ignore[misc]
+            )
+            assert (found is not None) == enough
+
     def test_interrupted_it_goes_on(self, tmp_path: Path) -> None:
         """It comes to the same, generation by generation."""
         whole, _ = run_validation(make_study(tmp_path / "whole"))

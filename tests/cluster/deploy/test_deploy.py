@@ -16,6 +16,9 @@ def objects() -> list[dict[str, Any]]:
 def test_ray_accepts_its_own_file() -> None:
     config = yaml.safe_load((DEPLOY / "ray-up.yaml").read_text())
     validate_config(prepare_config(config))
+    config["provider"]["worker_ips"].append("WORKER_ADDRESS_3")
+    (nodes,) = prepare_config(config)["available_node_types"].values()
+    assert (nodes["min_workers"], nodes["max_workers"]) == (3, 3)
 
 
 def test_kubernetes_objects_refer_to_each_other() -> None:
