@@ -88,8 +88,11 @@ def brackets_to_reach(
     return begun + more if complete else max(begun, more)
 
 
-def more_than_asked(brackets: int) -> str:
-    """What is told of an unfinished study with more brackets than its command asks for."""
+def more_than_asked(brackets: int, asked: int, unfinished: bool) -> str | None:
+    """What is told of an unfinished study with more brackets than its command has asked for; None
+    of any other."""
+    if not unfinished or brackets <= asked:
+        return None
     if brackets >= ENDLESS:
         return "it was begun without a number of brackets, and goes on until its time is over"
     return f"it was begun with {count(brackets, 'bracket')}, and goes on with these"
@@ -178,8 +181,9 @@ class _Runner:
         elif self.journal.configs:
             begun = count(len(self.journal.configs), "configuration")
             log(f"resuming {begun} of this study from checkpoints; none has a result yet")
-        if self._unfinished and self.brackets > command.brackets:
-            log(more_than_asked(self.brackets))
+        more = more_than_asked(self.brackets, command.brackets, self._unfinished)
+        if more is not None:
+            log(more)
 
     def _pool(self) -> EvaluationPool:
         """A pool as large as those of all trials together, for use while no trial runs."""

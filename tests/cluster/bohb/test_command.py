@@ -61,5 +61,10 @@ def test_a_quarter_of_the_time_is_for_validation() -> None:
 
 
 def test_a_study_that_does_more_than_it_is_asked_says_so() -> None:
-    assert more_than_asked(4) == "it was begun with 4 brackets, and goes on with these"
-    assert more_than_asked(ENDLESS).startswith("it was begun without a number of brackets")
+    told = more_than_asked(4, 2, unfinished=True)
+    assert told == "it was begun with 4 brackets, and goes on with these"
+    endless = more_than_asked(ENDLESS, 2, unfinished=True)
+    assert endless is not None
+    assert endless.startswith("it was begun without a number of brackets")
+    assert more_than_asked(4, 4, unfinished=True) is None
+    assert more_than_asked(4, 2, unfinished=False) is None  # a complete one has got two more
