@@ -69,11 +69,9 @@ def committed() -> list[Study]:
     ]
     if not found:
         raise NotMeasured("studies in `benchmarks/search/studies`")
-    return sorted(found, key=lambda study: (TASKS.index(study.task.id), _begun(study)))
-
-
-def _begun(study: Study) -> float:
-    return min(line.timestamps["submitted"] for line in Journal(study.folder).results)
+    return sorted(
+        found, key=lambda study: (TASKS.index(study.task.id), Journal(study.folder).began)
+    )
 
 
 def summary(study: Study) -> StudySummary:
@@ -191,7 +189,7 @@ def outcomes(journal: Journal, at_budget: bool = False) -> dict[str, ByOrigin]:
     configurations, but for the recipe itself; the objective of a failure is infinite. `at_budget`
     scales objectives as if each had cost its budget: all outrun it by a part of a generation, those
     with large generations by more."""
-    origins = {line.id: line.origin for line in journal.configs}
+    proposals = journal.proposals
     found: dict[str, ByOrigin] = {
         str(budget): {
             origin.value: [] for origin in (Origin.RANDOM, Origin.AROUND_RECIPE, Origin.MODEL)
@@ -199,12 +197,12 @@ def outcomes(journal: Journal, at_budget: bool = False) -> dict[str, ByOrigin]:
         for budget in sorted({line.budget for line in journal.results})
     }
     for line in journal.results:
-        if origins[line.id] is not Origin.RECIPE:
+        if proposals[line.id].origin is not Origin.RECIPE:
             objective = math.inf if line.loss is None else line.loss
             if at_budget and "core_seconds" in line.info:
                 objective *= line.budget / line.info["core_seconds"]
             outcome = objective, line.info.get("confirmed", 0)
-            found[str(line.budget)][origins[line.id].value].append(outcome)
+            found[str(line.budget)][proposals[line.id].origin.value].append(outcome)
     return found
 
 

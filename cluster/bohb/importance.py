@@ -38,15 +38,15 @@ class Importance:
 
 def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | None:
     """The importances in a study; None while it has too few results."""
-    good = [line for line in journal.results if line.loss is not None]
+    good = journal.successes
     if not good:
         return None
     budget = max(Counter(line.budget for line in good).items(), key=lambda item: (item[1], item[0]))
-    values = {line.id: line.configuration for line in journal.configs}
+    proposals = journal.proposals
     at_budget = [line for line in good if line.budget == budget[0]]
     if len(at_budget) < _PER_HYPERPARAMETER * len(space) + _BESIDES:
         return None
-    inputs = np.array([unit_values(space, values[line.id]) for line in at_budget])
+    inputs = np.array([unit_values(space, proposals[line.id].configuration) for line in at_budget])
     ranks = rankdata([line.objective for line in at_budget])
     if np.ptp(ranks) == 0:
         return None

@@ -127,6 +127,21 @@ class Journal:
         return [self._config_file.path, self._result_file.path]
 
     @property
+    def proposals(self) -> dict[ConfigId, ConfigLine]:
+        """The proposed configurations by their ids, in their order."""
+        return {line.id: line for line in self.configs}
+
+    @property
+    def successes(self) -> list[ResultLine]:
+        """The results that are no failures, in their order."""
+        return [line for line in self.results if line.loss is not None]
+
+    @property
+    def began(self) -> float:
+        """When the first job of a result was submitted, unix time in seconds; 0 without results."""
+        return min((line.timestamps["submitted"] for line in self.results), default=0.0)
+
+    @property
     def recipe(self) -> ConfigId | None:
         """The configuration of the recipe that the search began with, if it did."""
         return next((line.id for line in self.configs if line.origin is Origin.RECIPE), None)
@@ -134,7 +149,7 @@ class Journal:
     @property
     def reached(self) -> dict[ConfigId, int]:
         """Core seconds that each configuration has spent: the budget of its last result."""
-        return {line.id: line.budget for line in self.results if line.loss is not None}
+        return {line.id: line.budget for line in self.successes}
 
     def add_config(self, line: ConfigLine) -> None:
         """Append a proposal, durably. Raises StorageFailure."""

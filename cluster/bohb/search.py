@@ -76,12 +76,12 @@ class BracketSearch:
         with _hpbandsters_warnings_ignored():
             self._generator = BOHB(space, random_fraction=1 / 3 if model else 1.0)
         if earlier is not None:
-            values = {line.id: line.configuration for line in earlier.configs}
+            proposals = earlier.proposals
             for result in earlier.results:
                 # The model of the largest budget proposes: one of a budget that this search never
                 # reaches would ignore its results.
                 if result.budget in schedule.budgets:
-                    self._learn(_hpbandsters(result, values[result.id]))
+                    self._learn(_hpbandsters(result, proposals[result.id].configuration))
         self._recorded: dict[int, deque[ConfigLine]] = {}
         for line in journal.configs:
             self._recorded.setdefault(line.id[0], deque()).append(line)
@@ -113,7 +113,7 @@ class BracketSearch:
     @property
     def succeeded(self) -> bool:
         """Whether any job has given a result."""
-        return any(line.loss is not None for line in self._journal.results)
+        return bool(self._journal.successes)
 
     def next_job(self) -> Job | None:
         """The next job, or None while all open rungs wait for results."""

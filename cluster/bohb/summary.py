@@ -83,7 +83,7 @@ class StudySummary:
     def ranked(self) -> list[ConfigId]:
         """The configurations that have results, the best first. Those that went on to a larger
         budget come before those that did not."""
-        last = {line.id: line for line in self.journal.results if line.loss is not None}
+        last = {line.id: line for line in self.journal.successes}
         return sorted(last, key=lambda one: (-last[one].budget, last[one].objective))
 
     @property
@@ -93,22 +93,17 @@ class StudySummary:
 
     def configuration(self, config_id: ConfigId) -> Configuration:
         """The configuration with that id."""
-        return next(c.configuration for c in self.journal.configs if c.id == config_id)
+        return self.journal.proposals[config_id].configuration
 
     def result_of(self, config_id: ConfigId) -> ResultLine:
         """The last result of that configuration that is no failure."""
-        return next(
-            line
-            for line in reversed(self.journal.results)
-            if line.id == config_id and line.loss is not None
-        )
+        return next(line for line in reversed(self.journal.successes) if line.id == config_id)
 
     def points(self) -> list[ResultPoint]:
         """All results, with the core seconds that the search had spent by then."""
-        origins = {line.id: line.origin for line in self.journal.configs}
+        proposals, began = self.journal.proposals, self.journal.began
         reached: dict[ConfigId, int] = {}
         spent = 0
-        began = min((line.timestamps["submitted"] for line in self.journal.results), default=0.0)
         points = []
         for line in self.journal.results:
             spent += line.budget - reached.get(line.id, 0)
@@ -116,7 +111,7 @@ class StudySummary:
             if line.loss is not None:
                 seconds = line.finished - began
                 came = spent, line.budget, seconds
-                points.append(ResultPoint(*came, line.loss, origins[line.id], line.id))
+                points.append(ResultPoint(*came, line.loss, proposals[line.id].origin, line.id))
         return points
 
     def validated_points(self) -> list[ValidatedPoint]:

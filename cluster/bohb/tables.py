@@ -34,9 +34,8 @@ def incumbents_csv(summary: StudySummary) -> str:
 
 
 def _csv(summary: StudySummary, results: Sequence[ResultLine]) -> str:
-    configs = {line.id: line for line in summary.journal.configs}
+    configs, began = summary.journal.proposals, summary.journal.began
     names = sorted({name for line in configs.values() for name in line.configuration})
-    began = min((line.timestamps["submitted"] for line in summary.journal.results), default=0.0)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
     writer.writerow([*_COLUMNS, *names])

@@ -89,7 +89,7 @@ class Plan:
         """SHARE of the study's core time, for as many finalists as get the largest budget of the
         search each; those of the validation `before`, if the search has no results since. None for
         a search that is too short for it: two would get less than half."""
-        results = [line for line in journal.results if line.loss is not None]
+        results = journal.successes
         best = sorted(results, key=lambda line: (-line.budget, line.loss))
         searched = sum(journal.reached.values())
         core_seconds = validation_seconds(searched)
@@ -131,9 +131,9 @@ def validate(
     StorageFailure, and OtherVersion.
     """
     each = plan.core_seconds
-    configurations = {line.id: line.configuration for line in journal.configs}
+    proposals = journal.proposals
     runs = [
-        ConfigurationRuns.open(study, one, configurations[one], log, validation=True)
+        ConfigurationRuns.open(study, one, proposals[one].configuration, log, validation=True)
         for one in plan.finalists
     ]
     started = time.time()
