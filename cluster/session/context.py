@@ -56,9 +56,10 @@ class RunContext:
             if capacity.cores:
                 capacity.require(workers_per_trial)
             if workers_per_trial * trials > capacity.cores:
+                what = "trials wait" if trials > 1 else "the run waits"
                 terminal.log(
                     f"{workers_per_trial * trials} cores are asked for, the cluster has "
-                    f"{capacity.cores}: some work waits until others are free or join"
+                    f"{capacity.cores}: {what} until others are free or join"
                 )
             require_server_for_nodes(self.tracking_uri)
             if ray.available_resources().get("CPU", 0) < 1:

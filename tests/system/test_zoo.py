@@ -33,7 +33,8 @@ def test_an_se_and_its_card_are_made(
 ) -> None:
     """As `zoo build` does it, with a small recipe and few, small agents; again, it resumes."""
     small = small_hp.agents
-    monkeypatch.setattr("cluster.zoo.build.load_recipe", lambda name, *_: small_hp)
+    monkeypatch.setattr("cluster.zoo.build.load_recipe", lambda name, task: small_hp)
+    monkeypatch.setattr("cluster.zoo.build.default_agents", lambda names: small)
     home, folder = Home(tmp_home), tmp_home / "made"
     command = BuildCommand(
         Entry("tiny", "CartPole-v0", 7),
