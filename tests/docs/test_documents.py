@@ -3,6 +3,7 @@
 The code of docs/agents.md, se-files.md and zoo.md is run where what it shows is tested.
 """
 
+import csv
 import json
 import os
 import re
@@ -16,7 +17,10 @@ import pytest
 from scipy.stats import mannwhitneyu
 
 from benchmarks.machine import read_result
+from benchmarks.search import studies
+from benchmarks.search.tables import by_method, core_seconds_per_solved
 from bilevel.hyperparameters import load_recipe, recipe_text
+from cluster.bohb.profiles import METHODS
 from tests.commands import BILEVEL, run_bilevel
 from tests.documents import ROOT, python_blocks
 
@@ -66,6 +70,10 @@ def told_by(script: str, folder: Path) -> str:
     return run.stdout
 
 
+#: The default over seeds that no choice was made on.
+SEEDS = "nes_seeds_CartPole-v0"
+
+
 def test_what_an_se_costs_follows_from_the_results() -> None:
     """The real steps of the seeds that no choice was made on, over those of an agent."""
     million, agents = {}, {}
@@ -86,6 +94,53 @@ def test_what_an_se_costs_follows_from_the_results() -> None:
     told = " ".join((ROOT / "docs" / "experiments.md").read_text().split())
     for number in agents.values():
         assert f"after {number} " in told
+    trained = transferred("CartPole-v0", "ddqn", "real")
+    steps = statistics.median(run["real_env_steps"] for run in read_result(SEEDS)["runs"])
+    median = statistics.median(int(row["train_steps"]) for row in trained)
+    assert f"by the median it is {steps / median:.0f};" in readme
+    failing = [float(row["score"]) < -100 for row in transferred("Acrobot-v1", "ddqn", "real")]
+    assert statistics.mean(failing) > 0.5  # "on Acrobot most of these agents do not solve the task"
+
+
+def test_how_long_agents_train_on_the_defaults_ses() -> None:
+    longest = max(
+        int(row["train_episodes"])
+        for task in ("CartPole-v0", "Acrobot-v1")
+        for row in transferred(task, "ddqn", "default")
+    )
+    assert f"none took more than {longest} |" in (ROOT / "docs" / "nes.md").read_text()
+
+
+def transferred(task: str, agent: str, source: str) -> list[dict[str, str]]:
+    """The rows of the experiment `transfer` of such agents."""
+    folder = ROOT / "benchmarks" / "experiments" / task / "experiment-transfer-seed0"
+    with (folder / "data.csv").open() as file:
+        rows = list(csv.DictReader(file))
+    return [row for row in rows if (row["agent"], row["source"]) == (agent, source)]
+
+
+def test_what_the_comparison_of_search_methods_tells() -> None:
+    """Medians of the methods, those of the first comparison on CartPole, and the default."""
+    medians, default = {}, {}
+    for title, result in studies.comparisons().items():
+        rows = result["rows"]
+        default[title] = f"{core_seconds_per_solved(rows['default']['fresh']):.0f}"
+        medians[title] = [
+            f"{statistics.median(map(core_seconds_per_solved, by_method(rows, one).values())):.0f}"
+            for one in METHODS
+        ]
+    now, before, acrobot = (
+        medians[title]
+        for title in ("CartPole-v0", *(f"{t}, scale of 1000 steps" for t in studies.TASKS))
+    )
+    told = " ".join((ROOT / "docs" / "tuning.md").read_text().split())
+    assert (
+        f"BOHB's recipes take {acrobot[0]} core seconds in the median on Acrobot, Hyperband's "
+        f"{acrobot[1]}, random search's {acrobot[2]}; on CartPole today it is {now[0]}, {now[1]} "
+        f"and {now[2]} (in the first comparison {before[0]}, {before[1]} and {before[2]}). No "
+        "difference is more than chance could do, and the default, from a longer search, takes "
+        f"less: {default['Acrobot-v1, scale of 1000 steps']} and {default['CartPole-v0']}."
+    ) in told
 
 
 def test_what_the_steps_of_the_scale_change() -> None:
