@@ -9,7 +9,7 @@ import pytest
 
 from bilevel import InvalidInput
 from cluster.bohb.journal import ConfigLine, Journal, ResultLine
-from cluster.bohb.study import SPACE_FILE
+from cluster.bohb.study import SPACE_FILE, configuration_name
 from cluster.bohb.summary import StudySummary
 from cluster.bohb.validation import Validation
 from cluster.bohb.view import StudyViews, _way, hyperparameter_picture
@@ -37,6 +37,17 @@ def test_hyperparameters_are_drawn_now_and_then_and_in_full_once_it_stops(tmp_pa
     assert 10 < number < 20
     assert drawn_at(views) == "10 results"
     assert drawn_at(replace(views, live=False)) == f"{number} results"
+
+
+def test_a_configuration_runs_while_the_study_says_so(tmp_path: Path) -> None:
+    views = running(tmp_path, brackets=1)
+    line = next(line for line in Journal(tmp_path).configs)
+    name = configuration_name(line.id)
+    best = {one.path for one in views.view(views.key(name)).documents}
+    assert views.view(views.key(name)).lifetime.status == "FINISHED"
+    views.running.add(name)
+    assert views.view(views.key(name)).lifetime.status == "RUNNING"
+    assert best > {one.path for one in views.view(views.key(name)).documents}  # at its end
 
 
 def test_the_first_results_are_drawn_at_once(tmp_path: Path) -> None:
