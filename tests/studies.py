@@ -11,13 +11,13 @@ import numpy as np
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource
 from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import Task, get_task
-from cluster.bohb.brackets import Schedule
-from cluster.bohb.journal import Journal
-from cluster.bohb.objective import Tally
-from cluster.bohb.profiles import get_profile, sized
-from cluster.bohb.runs import ConfigurationRuns
-from cluster.bohb.search import BracketSearch, Job
-from cluster.bohb.study import Study
+from cluster.bohb.search.bracket_search import BracketSearch, Job
+from cluster.bohb.search.objective import Tally
+from cluster.bohb.search.runs import ConfigurationRuns
+from cluster.bohb.study.brackets import Schedule
+from cluster.bohb.study.definition import Study
+from cluster.bohb.study.journal import Journal
+from cluster.bohb.study.profiles import get_profile, sized
 from cluster.nes.selection import FinalScore, export_best
 from cluster.ray.pool import EvaluationPool
 from cluster.storage.run_folder import RunStatus, locked_settings

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 from benchmarks.markdown import table
 from benchmarks.search.studies import STUDIES, committed, summary, time_spent
 from bilevel.decode import decode
-from cluster.bohb.study import Study, configuration_name
-from cluster.bohb.summary import StudySummary
+from cluster.bohb.results.summary import StudySummary
+from cluster.bohb.study.definition import Study, configuration_name
 from cluster.storage.author import Author
 from cluster.storage.run_folder import read_settings
 

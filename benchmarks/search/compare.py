@@ -39,15 +39,15 @@ from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.hyperparameters import Hyperparameters, load_recipe
 from bilevel.tasks import Task, get_task
-from cluster.bohb.brackets import Schedule, core_seconds_to_run
-from cluster.bohb.definition import searched_space
-from cluster.bohb.journal import Journal
-from cluster.bohb.profiles import METHODS, get_profile, sized
-from cluster.bohb.runs import ConfigurationRuns
-from cluster.bohb.search import BracketSearch
-from cluster.bohb.study import Study
-from cluster.bohb.summary import StudySummary
-from cluster.bohb.validation import Plan, validate
+from cluster.bohb.results.summary import StudySummary
+from cluster.bohb.search.bracket_search import BracketSearch
+from cluster.bohb.search.runs import ConfigurationRuns
+from cluster.bohb.search.validation import Plan, validate
+from cluster.bohb.study.brackets import Schedule, core_seconds_to_run
+from cluster.bohb.study.definition import Study
+from cluster.bohb.study.journal import Journal
+from cluster.bohb.study.profiles import METHODS, get_profile, sized
+from cluster.bohb.study.rules import searched_space
 from cluster.nes.run import Pool
 from cluster.storage.run_folder import locked_settings
 from search_spaces.space import Space

@@ -12,8 +12,8 @@ from matplotlib.figure import Figure
 
 from benchmarks.search.studies import COMPARISONS, committed, comparisons, summary
 from benchmarks.search.tables import by_method, core_seconds_per_solved
-from cluster.bohb.pictures import objective_against_cost
-from cluster.bohb.profiles import METHODS
+from cluster.bohb.results.pictures import objective_against_cost
+from cluster.bohb.study.profiles import METHODS
 from cluster.bohb.view import hyperparameter_picture
 from cluster.experiments.style import GUIDE, SERIES, column, styled
 

@@ -20,9 +20,9 @@ from scipy.stats import fisher_exact, mannwhitneyu
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import mean_and_range, source, table
 from benchmarks.nes.run import core_seconds_per_se
-from cluster.bohb.journal import Journal, Origin, ResultLine
-from cluster.bohb.study import Study, configuration_name
-from cluster.bohb.summary import StudySummary
+from cluster.bohb.results.summary import StudySummary
+from cluster.bohb.study.definition import Study, configuration_name
+from cluster.bohb.study.journal import Journal, Origin, ResultLine
 
 STUDIES = Path(__file__).parent / "studies"
 #: Recipes of a task in the order in which they came about, and the endings of their results over

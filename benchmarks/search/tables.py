@@ -12,8 +12,8 @@ from benchmarks.markdown import source, table
 from benchmarks.nes.run import core_seconds_per_se
 from benchmarks.search import studies
 from benchmarks.search.studies import at_largest, with_an_se
-from cluster.bohb.journal import Origin
-from cluster.bohb.profiles import METHODS
+from cluster.bohb.study.journal import Origin
+from cluster.bohb.study.profiles import METHODS
 
 #: Incumbents from which on their order is compared.
 _FEWEST = 4

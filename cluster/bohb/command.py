@@ -7,18 +7,18 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from bilevel.errors import StorageFailure
-from cluster.bohb.brackets import Schedule, configurations_to_begin
 from cluster.bohb.handover import Handover
-from cluster.bohb.journal import Journal
-from cluster.bohb.profiles import ENDLESS
-from cluster.bohb.search import BracketSearch
-from cluster.bohb.study import Study
-from cluster.bohb.summary import StudySummary
+from cluster.bohb.results.summary import StudySummary
+from cluster.bohb.search.bracket_search import BracketSearch
+from cluster.bohb.search.validation import SHARE
+from cluster.bohb.study.brackets import Schedule, configurations_to_begin
+from cluster.bohb.study.definition import Study
+from cluster.bohb.study.journal import Journal
+from cluster.bohb.study.profiles import ENDLESS
 from cluster.bohb.tune.report import StudyReport
 from cluster.bohb.tune.searcher import BohbSearcher
 from cluster.bohb.tune.stopping import StudyStopper
 from cluster.bohb.tune.tuner import run_trials
-from cluster.bohb.validation import SHARE
 from cluster.bohb.view import StudyViews
 from cluster.ray.connection import Capacity, require_server_for_nodes, scaled_to
 from cluster.ray.pool import EvaluationPool

@@ -11,9 +11,9 @@ from loky import cpu_count
 from bilevel.agents import get_agent
 from bilevel.evaluation import evaluate
 from bilevel.nes import NES
-from cluster.bohb.brackets import Schedule, configurations_to_begin, core_seconds_to_run
 from cluster.bohb.command import StudyCommand
-from cluster.bohb.validation import validation_seconds
+from cluster.bohb.search.validation import validation_seconds
+from cluster.bohb.study.brackets import Schedule, configurations_to_begin, core_seconds_to_run
 from cluster.session.terminal import Terminal, count, duration
 from cluster.storage.home import require_writable
 from cluster.storage.run_folder import check_settings

@@ -6,12 +6,12 @@ from collections.abc import Callable, Iterator, Sequence
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
 from bilevel.synthetic_env import save_se
-from cluster.bohb.journal import Journal, ResultLine
-from cluster.bohb.objective import Tally
-from cluster.bohb.runs import ConfigurationRuns
-from cluster.bohb.study import RECIPE_FILE, Study, configuration_name
-from cluster.bohb.summary import StudySummary
-from cluster.bohb.validation import Plan, validate
+from cluster.bohb.results.summary import StudySummary
+from cluster.bohb.search.objective import Tally
+from cluster.bohb.search.runs import ConfigurationRuns
+from cluster.bohb.search.validation import Plan, validate
+from cluster.bohb.study.definition import RECIPE_FILE, Study, configuration_name
+from cluster.bohb.study.journal import Journal, ResultLine
 from cluster.nes.selection import (
     RACERS,
     Contender,

@@ -12,14 +12,14 @@ from matplotlib.figure import Figure
 from bilevel.errors import InvalidInput
 from bilevel.nes import NESState
 from bilevel.synthetic_env import se_bytes
-from cluster.bohb import pictures
-from cluster.bohb.importance import importance, unit_values
-from cluster.bohb.journal import ConfigId, ConfigLine, Journal, ResultLine
-from cluster.bohb.profiles import ENDLESS
-from cluster.bohb.runs import ConfigurationRuns
-from cluster.bohb.study import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
-from cluster.bohb.summary import StudySummary
-from cluster.bohb.tables import TALLIED, incumbents_csv, results_csv
+from cluster.bohb.results import pictures
+from cluster.bohb.results.importance import importance, unit_values
+from cluster.bohb.results.summary import StudySummary
+from cluster.bohb.results.tables import TALLIED, incumbents_csv, results_csv
+from cluster.bohb.search.runs import ConfigurationRuns
+from cluster.bohb.study.definition import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
+from cluster.bohb.study.journal import ConfigId, ConfigLine, Journal, ResultLine
+from cluster.bohb.study.profiles import ENDLESS
 from cluster.nes.selection import BEST_FILE
 from cluster.nes.view import (
     edition,

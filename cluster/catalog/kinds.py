@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bilevel.errors import one_of
-from cluster.bohb.study import KIND as STUDY
+from cluster.bohb.study.definition import KIND as STUDY
 from cluster.bohb.view import StudyViews, study_progress
 from cluster.evaluate.run import KIND as EVALUATION
 from cluster.evaluate.view import EvaluationViews, evaluation_progress

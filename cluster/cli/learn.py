@@ -127,8 +127,8 @@ def bohb(
     **options: Any,
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
-    from cluster.bohb.definition import searched_space
-    from cluster.bohb.profiles import get_method, get_profile, sized
+    from cluster.bohb.study.profiles import get_method, get_profile, sized
+    from cluster.bohb.study.rules import searched_space
     from search_spaces.space import Space
 
     common = RunOptions(**options)
@@ -150,10 +150,10 @@ def bohb(
     )
     folder = context.home.run_folder(task.id, name)
 
-    from cluster.bohb.brackets import Schedule
     from cluster.bohb.command import StudyCommand, run_study
     from cluster.bohb.estimate import dry_run as estimate
-    from cluster.bohb.study import Study
+    from cluster.bohb.study.brackets import Schedule
+    from cluster.bohb.study.definition import Study
 
     schedule = Schedule.of(method, size.smallest_budget, size.largest_budget, size.cycle)
     defined = Study(folder, task, common.seed, searched, schedule, hp, method, size.prior)

@@ -195,7 +195,7 @@ class RunOptions:
         if given in RECIPES or given.endswith(".toml"):
             return Path(given).stem, given
 
-        from cluster.bohb.study import RECIPE_FILE
+        from cluster.bohb.study.definition import RECIPE_FILE
 
         runs = {folder.name: folder for folder in Home(self.home).runs(task.id)}
         found = [name for name, folder in runs.items() if (folder / RECIPE_FILE).exists()]

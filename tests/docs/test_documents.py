@@ -20,7 +20,7 @@ from benchmarks.machine import read_result
 from benchmarks.search import studies
 from benchmarks.search.tables import by_method, core_seconds_per_solved
 from bilevel.hyperparameters import load_recipe, recipe_text
-from cluster.bohb.profiles import METHODS
+from cluster.bohb.study.profiles import METHODS
 from tests.commands import BILEVEL, run_bilevel
 from tests.documents import ROOT, python_blocks
 

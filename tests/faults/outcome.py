@@ -9,7 +9,7 @@ from typing import Any
 
 from safetensors import safe_open
 
-from cluster.bohb.journal import Journal
+from cluster.bohb.study.journal import Journal
 
 #: Measured fields of a generation's record.
 TIMES = (

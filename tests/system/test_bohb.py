@@ -16,10 +16,10 @@ import pytest
 from benchmarks.search.compare import InProcess, run_in_process
 from bilevel.synthetic_env import load_se
 from cluster.bohb.handover import INCUMBENT_FILE
-from cluster.bohb.journal import Journal, Origin
-from cluster.bohb.runs import ConfigurationRuns
-from cluster.bohb.study import RECIPE_FILE, SPACE_FILE, Study, configuration_name
-from cluster.bohb.validation import Validation
+from cluster.bohb.search.runs import ConfigurationRuns
+from cluster.bohb.search.validation import Validation
+from cluster.bohb.study.definition import RECIPE_FILE, SPACE_FILE, Study, configuration_name
+from cluster.bohb.study.journal import Journal, Origin
 from cluster.nes.selection import BEST_FILE
 from search_spaces.bohb import search_space
 from tests.commands import BILEVEL, run_bilevel

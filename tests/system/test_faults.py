@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from cluster.bohb.journal import Journal
+from cluster.bohb.study.journal import Journal
 from tests.faults import processes
 from tests.faults.outcome import Outcome
 from tests.faults.row import Row

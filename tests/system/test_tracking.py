@@ -24,8 +24,8 @@ from sqlalchemy.orm import Session
 from bilevel import InvalidInput
 from bilevel.nes.checkpoint import save_state
 from bilevel.synthetic_env import SE, load_se
-from cluster.bohb.journal import Journal
-from cluster.bohb.study import Study
+from cluster.bohb.study.definition import Study
+from cluster.bohb.study.journal import Journal
 from cluster.bohb.view import StudyViews
 from cluster.catalog.kinds import views_of
 from cluster.catalog.sync import sync

@@ -10,11 +10,11 @@ from typing import Any
 
 from ray.tune import Callback
 
-from cluster.bohb.journal import Journal
-from cluster.bohb.objective import Tally
-from cluster.bohb.search import Job
-from cluster.bohb.study import configuration_name
-from cluster.bohb.summary import StudySummary
+from cluster.bohb.results.summary import StudySummary
+from cluster.bohb.search.bracket_search import Job
+from cluster.bohb.search.objective import Tally
+from cluster.bohb.study.definition import configuration_name
+from cluster.bohb.study.journal import Journal
 from cluster.bohb.tune.searcher import BohbSearcher, DriverOnly
 from cluster.bohb.tune.trial import (
     BUDGET_REACHED,

@@ -13,8 +13,8 @@ from ray.tune.search import Searcher
 
 from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.user_code import Mistake
-from cluster.bohb.journal import ConfigId
-from cluster.bohb.search import BracketSearch, Job
+from cluster.bohb.search.bracket_search import BracketSearch, Job
+from cluster.bohb.study.journal import ConfigId
 from cluster.bohb.tune.trial import (
     BUDGET_REACHED,
     EVALUATION_SECONDS,

@@ -15,8 +15,8 @@ from ray import tune
 
 from bilevel.errors import StorageFailure
 from bilevel.user_code import Mistake
-from cluster.bohb.runs import ConfigurationRuns
-from cluster.bohb.study import Study
+from cluster.bohb.search.runs import ConfigurationRuns
+from cluster.bohb.study.definition import Study
 from cluster.ray.pool import EvaluationPool
 from cluster.storage.run_folder import SETTINGS_FILE
 

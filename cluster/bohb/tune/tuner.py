@@ -8,7 +8,7 @@ from contextlib import contextmanager
 
 from ray import tune
 
-from cluster.bohb.study import Study
+from cluster.bohb.study.definition import Study
 from cluster.bohb.tune.report import StudyReport
 from cluster.bohb.tune.searcher import BohbSearcher
 from cluster.bohb.tune.stopping import StudyStopper

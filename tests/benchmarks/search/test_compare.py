@@ -26,10 +26,10 @@ from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
 from bilevel.nes.checkpoint import save_state
 from bilevel.tasks import Task, get_task
-from cluster.bohb.brackets import core_seconds_to_run
-from cluster.bohb.journal import Journal
-from cluster.bohb.profiles import METHODS
-from cluster.bohb.validation import VALIDATION_FILE
+from cluster.bohb.search.validation import VALIDATION_FILE
+from cluster.bohb.study.brackets import core_seconds_to_run
+from cluster.bohb.study.journal import Journal
+from cluster.bohb.study.profiles import METHODS
 from search_spaces.bohb import search_space
 from tests.studies import MadeUpPool, new_study
 

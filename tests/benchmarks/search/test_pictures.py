@@ -3,7 +3,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.search.pictures import compared
-from cluster.bohb.profiles import METHODS
+from cluster.bohb.study.profiles import METHODS
 
 
 def test_each_search_is_a_point_over_its_method() -> None:

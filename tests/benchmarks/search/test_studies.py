@@ -24,8 +24,8 @@ from benchmarks.search.studies import (
     summary,
 )
 from bilevel.hyperparameters import load_recipe
-from cluster.bohb.journal import ConfigLine, Journal, Origin, ResultLine
-from cluster.bohb.study import RECIPE_FILE
+from cluster.bohb.study.definition import RECIPE_FILE
+from cluster.bohb.study.journal import ConfigLine, Journal, Origin, ResultLine
 from search_spaces.translation import INVERSE, of_hyperparameters
 
 STAMPS = {"submitted": 0.0, "started": 0.0, "finished": 0.0}

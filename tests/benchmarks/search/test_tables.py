@@ -17,8 +17,8 @@ from benchmarks.search.tables import (
     core_seconds_per_solved,
     p_value,
 )
-from cluster.bohb.journal import Origin
-from cluster.bohb.profiles import METHODS
+from cluster.bohb.study.journal import Origin
+from cluster.bohb.study.profiles import METHODS
 
 
 def fresh(cost: float, solved: int = 2, of: int = 2) -> list[dict[str, Any]]:

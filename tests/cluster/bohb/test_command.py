@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from cluster.bohb.brackets import Schedule
 from cluster.bohb.command import StudyCommand, deadlines, more_than_asked
-from cluster.bohb.profiles import ENDLESS
+from cluster.bohb.study.brackets import Schedule
+from cluster.bohb.study.profiles import ENDLESS
 from cluster.ray.connection import Capacity
 from cluster.session.context import RunContext
 from cluster.storage.home import Home

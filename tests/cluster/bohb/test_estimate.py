@@ -8,9 +8,9 @@ import pytest
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource
 from bilevel.tasks import Task
 from cluster.bohb import estimate as estimating
-from cluster.bohb.brackets import Schedule
 from cluster.bohb.command import StudyCommand
 from cluster.bohb.estimate import Estimate
+from cluster.bohb.study.brackets import Schedule
 from cluster.session.context import RunContext
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home

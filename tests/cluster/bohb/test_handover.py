@@ -4,8 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from cluster.bohb.handover import _contenders
-from cluster.bohb.journal import Journal
-from cluster.bohb.runs import ConfigurationRuns
+from cluster.bohb.search.runs import ConfigurationRuns
+from cluster.bohb.study.journal import Journal
 from cluster.nes.selection import RACERS
 from tests.studies import make_study
 

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from bilevel import InvalidInput
-from cluster.bohb.journal import ConfigLine, Journal, ResultLine
-from cluster.bohb.study import SPACE_FILE, configuration_name
-from cluster.bohb.summary import StudySummary
-from cluster.bohb.validation import Validation
+from cluster.bohb.results.summary import StudySummary
+from cluster.bohb.search.validation import Validation
+from cluster.bohb.study.definition import SPACE_FILE, configuration_name
+from cluster.bohb.study.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.view import StudyViews, _way, hyperparameter_picture
 from cluster.storage.run_folder import RunStatus
 from tests.studies import make_study

@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from cluster.bohb.profiles import ENDLESS
+from cluster.bohb.study.profiles import ENDLESS
 from cluster.catalog.overview import overview, print_overview
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus, held
@@ -78,7 +78,7 @@ def test_table(home: Home, capsys: pytest.CaptureFixture[str]) -> None:
 
 
 def test_a_study_is_read_as_it_was_begun(home: Home) -> None:
-    from cluster.bohb.study import Study
+    from cluster.bohb.study.definition import Study
 
     folder = home.run_folder("CartPole-v0", "one")
     make_study(folder)

@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bilevel import InvalidInput
-from cluster.bohb.journal import ConfigLine, Journal, ResultLine
+from cluster.bohb.study.journal import ConfigLine, Journal, ResultLine
 from cluster.storage.jsonl_log import JsonlLog
 from tests.small_disk import on_small_disk, small_disks
 

@@ -11,7 +11,7 @@ from bilevel import InvalidInput
 from bilevel.errors import OtherVersion
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.tasks import Task
-from cluster.bohb.study import Study
+from cluster.bohb.study.definition import Study
 from cluster.evaluate.run import EvaluationSettings
 from cluster.evaluate.view import EvaluationViews
 from cluster.nes.run import NESRun

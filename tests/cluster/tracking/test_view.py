@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from bilevel import InvalidInput
-from cluster.bohb.journal import Journal
-from cluster.bohb.study import configuration_name
+from cluster.bohb.study.definition import configuration_name
+from cluster.bohb.study.journal import Journal
 from cluster.catalog.kinds import views_of
 from cluster.nes.selection import BEST_FILE
 from cluster.storage.run_folder import Final, RunIdentity, RunStatus

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from cluster.bohb.journal import Journal, Origin
-from cluster.bohb.objective import Tally
-from cluster.bohb.search import Job
+from cluster.bohb.search.bracket_search import Job
+from cluster.bohb.search.objective import Tally
+from cluster.bohb.study.journal import Journal, Origin
 from cluster.bohb.tune.report import StudyReport
 from cluster.bohb.tune.trial import BUDGET_REACHED, MESSAGES, OBJECTIVE, RECORD, SPENT, TALLY
 from cluster.bohb.view import StudyViews

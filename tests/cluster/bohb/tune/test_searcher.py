@@ -1,6 +1,8 @@
 """The searcher, called as Ray Tune calls it."""
 
 import math
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -8,10 +10,10 @@ import pytest
 
 from bilevel.errors import StorageFailure
 from bilevel.user_code import Mistake
-from cluster.bohb.brackets import Schedule
-from cluster.bohb.journal import Journal
-from cluster.bohb.objective import Tally
-from cluster.bohb.search import BracketSearch
+from cluster.bohb.search.bracket_search import BracketSearch
+from cluster.bohb.search.objective import Tally
+from cluster.bohb.study.brackets import Schedule
+from cluster.bohb.study.journal import Journal
 from cluster.bohb.tune.searcher import DEATHS, BohbSearcher
 from cluster.bohb.tune.trial import (
     BUDGET_REACHED,
@@ -134,3 +136,10 @@ def test_a_journal_that_cannot_be_written_stops_the_study(
     searcher.on_trial_complete("a", DONE)
     assert isinstance(searcher.stopped_by, StorageFailure)
     assert journal.results == []
+
+
+def test_a_trial_starts_without_what_proposes() -> None:
+    """The imports of hpbandster and ConfigSpace take longer than a trial's own."""
+    proposing = "{'hpbandster', 'ConfigSpace'}"
+    code = f"import sys, cluster.bohb.tune.trial; sys.exit(bool({proposing} & set(sys.modules)))"
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from typing import Self
 
 from bilevel.errors import InvalidInput
-from cluster.bohb.brackets import Rung, core_seconds_to_run
-from cluster.bohb.journal import ConfigId, Configuration, Journal, Origin, ResultLine
-from cluster.bohb.study import configuration_name
-from cluster.bohb.validation import VALIDATION_FILE, Validation
+from cluster.bohb.search.validation import VALIDATION_FILE, Validation
+from cluster.bohb.study.brackets import Rung, core_seconds_to_run
+from cluster.bohb.study.definition import configuration_name
+from cluster.bohb.study.journal import ConfigId, Configuration, Journal, Origin, ResultLine
 
 
 @dataclass(frozen=True)

@@ -8,9 +8,9 @@ import pytest
 from matplotlib.figure import Figure
 
 from bilevel.tasks import Task
-from cluster.bohb.journal import Origin
-from cluster.bohb.pictures import objective_against_cost
-from cluster.bohb.summary import ResultPoint, ValidatedPoint
+from cluster.bohb.results.pictures import objective_against_cost
+from cluster.bohb.results.summary import ResultPoint, ValidatedPoint
+from cluster.bohb.study.journal import Origin
 from cluster.pictures import png
 
 ORIGINS = (Origin.RANDOM, Origin.AROUND_RECIPE, Origin.MODEL)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import rankdata
 
-from cluster.bohb.journal import Journal
+from cluster.bohb.study.journal import Journal
 
 Floats = NDArray[np.float64]
 

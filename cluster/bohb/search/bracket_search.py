@@ -26,9 +26,16 @@ from hpbandster.optimizers.iterations import SuccessiveHalving
 
 from bilevel.errors import InvalidInput
 from bilevel.seeds import Purpose, derive, split
-from cluster.bohb.brackets import Schedule
-from cluster.bohb.journal import ConfigId, ConfigLine, Configuration, Journal, Origin, ResultLine
-from cluster.bohb.study import Study
+from cluster.bohb.study.brackets import Schedule
+from cluster.bohb.study.definition import Study
+from cluster.bohb.study.journal import (
+    ConfigId,
+    ConfigLine,
+    Configuration,
+    Journal,
+    Origin,
+    ResultLine,
+)
 from search_spaces.prior import around
 from search_spaces.translation import native
 

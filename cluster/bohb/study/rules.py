@@ -10,7 +10,7 @@ from bilevel.nes import NES
 from bilevel.nes.rules import RULES
 from bilevel.synthetic_env import least_units
 from bilevel.tasks import Task
-from cluster.bohb.profiles import SET_BY_SEARCH
+from cluster.bohb.study.profiles import SET_BY_SEARCH
 from search_spaces.space import Space
 
 

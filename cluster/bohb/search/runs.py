@@ -6,9 +6,9 @@ from typing import Self
 
 from bilevel.nes import NESState
 from bilevel.synthetic_env import StoredSE
-from cluster.bohb.journal import ConfigId, Configuration
-from cluster.bohb.objective import Tally
-from cluster.bohb.study import Study
+from cluster.bohb.search.objective import Tally
+from cluster.bohb.study.definition import Study
+from cluster.bohb.study.journal import ConfigId, Configuration
 from cluster.nes.run import NESRun, Pool
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 
-from cluster.bohb import pictures
-from cluster.bohb.brackets import Schedule
-from cluster.bohb.importance import Importance, importance, unit_values
-from cluster.bohb.journal import Journal
-from cluster.bohb.search import BracketSearch
+from cluster.bohb.results import pictures
+from cluster.bohb.results.importance import Importance, importance, unit_values
+from cluster.bohb.search.bracket_search import BracketSearch
+from cluster.bohb.study.brackets import Schedule
+from cluster.bohb.study.journal import Journal
 from cluster.pictures import ORANGE, png
 
 SPACE = CS.ConfigurationSpace(

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import ConfigSpace as CS
 
-from cluster.bohb.journal import Journal
-from cluster.bohb.study import SPACE_FILE
-from cluster.bohb.summary import StudySummary
-from cluster.bohb.tables import incumbents_csv, results_csv
+from cluster.bohb.results.summary import StudySummary
+from cluster.bohb.results.tables import incumbents_csv, results_csv
+from cluster.bohb.study.definition import SPACE_FILE
+from cluster.bohb.study.journal import Journal
 from tests.studies import make_study
 
 

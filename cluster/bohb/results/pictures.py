@@ -10,9 +10,9 @@ from matplotlib.ticker import LogLocator, MaxNLocator, NullLocator
 from numpy.typing import NDArray
 
 from bilevel.tasks import Task
-from cluster.bohb.importance import Importance
-from cluster.bohb.journal import Origin
-from cluster.bohb.summary import ResultPoint, ValidatedPoint
+from cluster.bohb.results.importance import Importance
+from cluster.bohb.results.summary import ResultPoint, ValidatedPoint
+from cluster.bohb.study.journal import Origin
 from cluster.pictures import BLUE, GREY, ORANGE
 
 #: Seconds up to which a search is told in seconds.

@@ -12,9 +12,9 @@ from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters import Hyperparameters, StoredHyperparameters, recipe_text
 from bilevel.seeds import Purpose, derive
 from bilevel.tasks import Task
-from cluster.bohb.brackets import Schedule
-from cluster.bohb.journal import ConfigId, Configuration, Journal
-from cluster.bohb.profiles import METHODS, get_method
+from cluster.bohb.study.brackets import Schedule
+from cluster.bohb.study.journal import ConfigId, Configuration, Journal
+from cluster.bohb.study.profiles import METHODS, get_method
 from cluster.nes.run import NESRun, start_of
 from cluster.storage.run_folder import SETTINGS_FILE, Settings, read_settings, settings_of
 from search_spaces import SPACES

@@ -8,17 +8,17 @@ import pytest
 
 from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.nes import NESState
-from cluster.bohb.journal import ConfigLine, Journal, ResultLine
-from cluster.bohb.runs import ConfigurationRuns
-from cluster.bohb.study import Study
-from cluster.bohb.summary import StudySummary
-from cluster.bohb.validation import (
+from cluster.bohb.results.summary import StudySummary
+from cluster.bohb.search.runs import ConfigurationRuns
+from cluster.bohb.search.validation import (
     SHARE,
     VALIDATION_FILE,
     Plan,
     Validation,
     validate,
 )
+from cluster.bohb.study.definition import Study
+from cluster.bohb.study.journal import ConfigLine, Journal, ResultLine
 from cluster.ray.pool import EvaluationPool
 from tests.studies import MadeUpPool, make_study
 

@@ -27,9 +27,9 @@ from pydantic import Field
 from bilevel.decode import decode_file
 from bilevel.durable import write_aside
 from bilevel.errors import OtherVersion, StorageFailure
-from cluster.bohb.journal import ConfigId, Journal, ResultLine
-from cluster.bohb.runs import ConfigurationRuns
-from cluster.bohb.study import Study, configuration_name
+from cluster.bohb.search.runs import ConfigurationRuns
+from cluster.bohb.study.definition import Study, configuration_name
+from cluster.bohb.study.journal import ConfigId, Journal, ResultLine
 from cluster.nes.run import Pool
 from cluster.session.terminal import last_line
 

@@ -9,7 +9,7 @@ from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import load_recipe
 from bilevel.synthetic_env import least_units
 from bilevel.tasks import get_task
-from cluster.bohb.definition import searched_space
+from cluster.bohb.study.rules import searched_space
 from search_spaces.space import Space
 
 TASK = get_task("CartPole-v0")

@@ -7,7 +7,7 @@ import pytest
 
 from bilevel import InvalidInput
 from bilevel.hyperparameters import RECIPES, load_recipe
-from cluster.bohb.profiles import PROFILES, get_profile, sized
+from cluster.bohb.study.profiles import PROFILES, get_profile, sized
 from cluster.cli.options import RunOptions
 from search_spaces.space import Space
 

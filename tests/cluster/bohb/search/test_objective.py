@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from bilevel.nes import NESState
-from cluster.bohb.journal import Journal, Origin
-from cluster.bohb.objective import Tally
-from cluster.bohb.runs import ConfigurationRuns
-from cluster.bohb.search import Job
-from cluster.bohb.study import Study
+from cluster.bohb.search.bracket_search import Job
+from cluster.bohb.search.objective import Tally
+from cluster.bohb.search.runs import ConfigurationRuns
+from cluster.bohb.study.definition import Study
+from cluster.bohb.study.journal import Journal, Origin
 from tests.studies import MadeUpPool, make_study, new_study, run_job
 
 

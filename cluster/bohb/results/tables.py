@@ -4,9 +4,9 @@ import csv
 import io
 from collections.abc import Iterable, Sequence
 
-from cluster.bohb.journal import ConfigLine, ResultLine
-from cluster.bohb.study import configuration_name
-from cluster.bohb.summary import StudySummary
+from cluster.bohb.results.summary import StudySummary
+from cluster.bohb.study.definition import configuration_name
+from cluster.bohb.study.journal import ConfigLine, ResultLine
 
 #: What the objective rests on (`Tally.info`).
 TALLIED = ("core_seconds", "runs", "confirmed", "progress")

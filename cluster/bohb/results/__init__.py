@@ -1,0 +1,1 @@
+"""What a study has found: numbers, tables and pictures of its journal."""

@@ -1,0 +1,32 @@
+"""Searches in one process, whose losses are computed from the configuration."""
+
+from math import log
+from pathlib import Path
+
+from cluster.bohb.search.bracket_search import BracketSearch, Job
+from cluster.bohb.study.brackets import Schedule
+from cluster.bohb.study.journal import Journal
+from search_spaces.bohb import search_space
+
+#: Hyperband's brackets.
+LADDER = Schedule((1, 3, 9), 3)
+
+
+def loss_of(job: Job) -> float:
+    """A smooth function of the configuration with a clear optimum."""
+    values = job.configuration
+    step, limit = values["nes.step_size"], values["se.step_limit"]
+    return log(step / 0.2) ** 2 + log(limit / 20) ** 2 - 0.01 * job.budget
+
+
+def new_search(folder: Path, brackets: int = 6, seed: int = 0) -> BracketSearch:
+    return BracketSearch(search_space("core"), LADDER, brackets, seed, Journal(folder))
+
+
+def run_to_end(search: BracketSearch, fail: tuple[int, ...] = ()) -> list[Job]:
+    jobs: list[Job] = []
+    while (job := search.next_job()) is not None:
+        search.register(job, None if len(jobs) in fail else loss_of(job))
+        jobs.append(job)
+    assert search.finished
+    return jobs
