@@ -17,6 +17,17 @@ import numpy as np
 #: NaN undefined, and diverged agents could not be detected.
 FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
 
+#: The compiler's options for a kernel. It is inlined, because the compiler may order its sums:
+#: otherwise several libraries hold their own optimised copy of a function, whose sums differ in the
+#: last bits, and the copy that a call reaches depends on what the process has compiled or loaded
+#: before.
+OPTIONS: dict[str, Any] = {
+    "nogil": True,
+    "error_model": "numpy",
+    "fastmath": FAST_MATH,
+    "forceinline": True,
+}
+
 
 def _cache_folder() -> str:
     """Folder of the cached machine code, named by a digest of the kernels' sources.
@@ -49,22 +60,11 @@ def _cache_folder() -> str:
 _CACHE_FOLDER = _cache_folder()
 
 
-def _compile(
-    function: Callable[..., Any], fastmath: set[str], inlined: bool = True
-) -> Callable[..., Any]:
+def _compile(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
+    """Compile with other options than `OPTIONS` where they are given."""
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _CACHE_FOLDER
     try:
-        # Inlined, where the compiler may order sums as it likes: otherwise several libraries
-        # hold their own optimised copy of a function, whose sums differ in the last bits, and
-        # the copy that a call reaches depends on what the process has compiled or loaded before.
-        jitted: Callable[..., Any] = numba.njit(
-            function,
-            cache=True,
-            nogil=True,
-            error_model="numpy",
-            fastmath=fastmath,
-            forceinline=inlined,
-        )
+        jitted: Callable[..., Any] = numba.njit(function, cache=True, **(OPTIONS | options))
     finally:
         numba.config.CACHE_DIR = before
     return jitted
@@ -72,19 +72,19 @@ def _compile(
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile with Numba on first call; later processes load the machine code from a disk cache."""
-    return _compile(function, FAST_MATH)
+    return _compile(function)
 
 
 def compiled_apart(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile as `compiled` does a function that orders its sums itself: no caller gets a copy of
     its code, which shortens the compilation of kernels that call it often."""
-    return _compile(function, FAST_MATH, inlined=False)
+    return _compile(function, forceinline=False)
 
 
 def _approximated(function: Callable[..., Any]) -> Callable[..., Any]:
     """Compile for finite or NaN arguments: division and square root may then use the processor's
     estimate and one Newton step (relative error 2e-7)."""
-    return _compile(function, FAST_MATH | {"ninf", "afn"})
+    return _compile(function, fastmath=FAST_MATH | {"ninf", "afn"})
 
 
 @_approximated

@@ -20,7 +20,7 @@ from numba import types
 from numba.extending import overload
 
 from bilevel.kernels.environment import reset, step
-from bilevel.kernels.jit import compiled, is_finite
+from bilevel.kernels.jit import OPTIONS, compiled, is_finite
 from bilevel.kernels.replay import sample, store
 from bilevel.kernels.stopping import CONVERGED, EPISODES_SPENT, NOT_FINITE, converged, solved
 
@@ -56,27 +56,23 @@ def end_episode(agent: Any) -> Any:
 
 
 def implements(
-    agent_type: type,
-    call: Callable[..., Any],
+    agent_type: type, call: Callable[..., Any]
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Decorator: register a compiled function as the implementation of `call` for an agent type."""
+    """Decorator: register a kernel as the implementation of `call`, whose parameters it has, for an
+    agent type.
 
-    def register(function: Callable[..., Any]) -> Callable[..., Any]:
-        # Numba requires the parameter names of the stub.
-        implementations: dict[str, Callable[..., Any]] = {
-            "act": lambda agent, state, exploring, rng: function(agent, state, exploring, rng),
-            "greedy": lambda agent, state: function(agent, state),
-            "learn": lambda agent, rng: function(agent, rng),
-            "end_episode": lambda agent: function(agent),
-        }
-        implementation = implementations[call.__name__]
+    The compiler gets the kernel's source: a compiled function would be optimised once more for the
+    call alone, before it is inlined.
+    """
 
+    def register(kernel: Any) -> Callable[..., Any]:
         def resolve(agent: Any, *others: Any) -> Callable[..., Any] | None:
             named = isinstance(agent, (types.NamedTuple, types.NamedUniTuple))
-            return implementation if named and agent.instance_class is agent_type else None
+            source: Callable[..., Any] = kernel.py_func
+            return source if named and agent.instance_class is agent_type else None
 
-        overload(call, strict=False)(resolve)
-        return function
+        overload(call, jit_options=OPTIONS, strict=False)(resolve)
+        return kernel  # type: ignore[no-any-return]
 
     return register
 
