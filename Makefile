@@ -84,7 +84,7 @@ test: check ## Format, lint, types, and all tests
 check: $(INSTALLED) ## Format, lint, types and imports
 	@$(BIN)/ruff format --check --quiet .
 	@$(BIN)/ruff check --quiet .
-	@$(BIN)/mypy bilevel search_spaces cluster tests benchmarks
+	@$(BIN)/mypy --num-workers auto bilevel search_spaces cluster tests benchmarks
 	@$(BIN)/lint-imports --no-logo
 
 docs: $(INSTALLED) ## The documentation as a site in docs/_build, without a network
