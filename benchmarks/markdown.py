@@ -4,6 +4,8 @@ from collections.abc import Iterable, Sequence
 from statistics import mean
 from typing import Any
 
+from scipy.stats import binomtest
+
 
 def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
     """The table, without a trailing newline."""
@@ -14,6 +16,13 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 def mean_and_range(values: Sequence[float]) -> str:
     """Mean, lowest and highest of some scores."""
     return f"{mean(values):.1f} ({min(values):.1f} to {max(values):.1f})"
+
+
+def number_and_interval(successes: int, of: int) -> str:
+    """Successes among independent runs, with the 95% interval of Clopper and Pearson for their
+    share."""
+    low, high = binomtest(successes, of).proportion_ci()
+    return f"{successes} of {of} ({low:.0%} to {high:.0%})"
 
 
 def source(*results: dict[str, Any]) -> str:

@@ -10,7 +10,7 @@ from scipy.stats import spearmanr, wilcoxon
 
 from benchmarks.arguments import parse_seeds
 from benchmarks.machine import NotMeasured, read_result
-from benchmarks.markdown import mean_and_range, source, table
+from benchmarks.markdown import mean_and_range, number_and_interval, source, table
 from benchmarks.nes.run import core_seconds_per_se
 
 #: Target mean score of each kind of agent on an SE, by task; `sb3` is for agents of
@@ -29,7 +29,7 @@ _FEWEST = 4
 
 _SEEDS = (
     "task",
-    "solved",
+    "solved, 95% interval",
     "confirmed",
     "seconds to confirmed SE",
     "seconds in all",
@@ -180,7 +180,7 @@ def _seeds_row(task: str, runs: Sequence[dict[str, Any]]) -> list[str]:
     confirmed = [run["seconds_to_se"] for run in runs if run["confirmed"]]
     return [
         task,
-        f"{sum(run['solved'] for run in runs)} of {len(runs)}",
+        number_and_interval(sum(run["solved"] for run in runs), len(runs)),
         f"{len(confirmed)} of {len(runs)}",
         _spread(confirmed, ".0f") if confirmed else "-",
         _spread([run["seconds"] for run in runs], ".0f"),

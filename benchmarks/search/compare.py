@@ -34,7 +34,7 @@ import joblib
 from benchmarks.arguments import format_seeds, known_task, parse_seeds
 from benchmarks.machine import resumed_result, write_result
 from benchmarks.nes.run import run_nes
-from benchmarks.search.studies import outcomes
+from benchmarks.search.outcomes import outcomes
 from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.hyperparameters import Hyperparameters, load_recipe

@@ -10,8 +10,13 @@ import numpy as np
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
-from benchmarks.search.studies import COMPARISONS, committed, comparisons, summary
-from benchmarks.search.tables import by_method, core_seconds_per_solved
+from benchmarks.search.comparison import (
+    COMPARISONS,
+    by_method,
+    comparisons,
+    core_seconds_per_solved,
+)
+from benchmarks.search.studies import committed, summary
 from cluster.bohb.results.pictures import objective_against_cost
 from cluster.bohb.study.profiles import METHODS
 from cluster.bohb.view import hyperparameter_picture

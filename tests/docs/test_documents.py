@@ -17,8 +17,8 @@ import pytest
 from scipy.stats import mannwhitneyu
 
 from benchmarks.machine import read_result
-from benchmarks.search import studies
-from benchmarks.search.tables import by_method, core_seconds_per_solved
+from benchmarks.search.comparison import by_method, comparisons, core_seconds_per_solved
+from benchmarks.search.recipes import TASKS
 from bilevel.hyperparameters import load_recipe, recipe_text
 from cluster.bohb.study.profiles import METHODS
 from tests.commands import BILEVEL, run_bilevel
@@ -122,7 +122,7 @@ def transferred(task: str, agent: str, source: str) -> list[dict[str, str]]:
 def test_what_the_comparison_of_search_methods_tells() -> None:
     """Medians of the methods, those of the first comparison on CartPole, and the default."""
     medians, default = {}, {}
-    for title, result in studies.comparisons().items():
+    for title, result in comparisons().items():
         rows = result["rows"]
         default[title] = f"{core_seconds_per_solved(rows['default']['fresh']):.0f}"
         medians[title] = [
@@ -130,8 +130,7 @@ def test_what_the_comparison_of_search_methods_tells() -> None:
             for one in METHODS
         ]
     now, before, acrobot = (
-        medians[title]
-        for title in ("CartPole-v0", *(f"{t}, scale of 1000 steps" for t in studies.TASKS))
+        medians[title] for title in ("CartPole-v0", *(f"{t}, scale of 1000 steps" for t in TASKS))
     )
     told = " ".join((ROOT / "docs" / "tuning.md").read_text().split())
     assert (

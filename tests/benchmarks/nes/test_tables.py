@@ -41,7 +41,7 @@ def test_failures_are_counted() -> None:
     write([run(0), run(1, solved=False), run(2, confirmed=False)])
     row = seeds().splitlines()[2]
     assert row.startswith(
-        "| CartPole-v0 | 2 of 3 | 2 of 3 | 20 (20 to 21) | 31 (30 to 32) | 41 (40 to 42) |"
+        "| CartPole-v0 | 2 of 3 (9% to 99%) | 2 of 3 | 20 (20 to 21) | 31 (30 to 32) | 41 (40 to 42) |"
     )
     assert row.endswith("| 11 (10 to 12) | 500 (500 to 500) | 1.0 (1.0 to 1.0) | 90% |")
 

@@ -8,13 +8,13 @@ from scipy.stats import f as f_distribution
 
 from benchmarks import machine
 from benchmarks.machine import NotMeasured
-from benchmarks.search.tables import (
+from benchmarks.search.comparison import (
     _incumbents,
     _largest_budget,
     _noise,
     _rows,
-    comparison,
     core_seconds_per_solved,
+    methods,
     p_value,
 )
 from cluster.bohb.study.journal import Origin
@@ -59,14 +59,14 @@ def test_a_task_is_compared_with_each_scale_of_observations(
 ) -> None:
     monkeypatch.setattr(machine, "RESULTS", tmp_path)
     with pytest.raises(NotMeasured, match="search_"):
-        comparison()
+        methods()
     rows = {"default": {"fresh": fresh(30)}}
     machine.write_result("search_Acrobot-v1", "compare Acrobot", {"rows": rows})
     command = "compare CartPole"
     machine.write_result("search_CartPole-v0", command, {"rows": rows})
     rows = {"default": {"fresh": fresh(40)}}
     machine.write_result("search_CartPole-v0_scale-1000", command, {"rows": rows})
-    told = comparison()
+    told = methods()
     assert [line.split(" | ")[:5:2] for line in told.splitlines() if "default" in line] == [
         ["| CartPole-v0, scale of 1000 steps", "-", "40"],
         ["| CartPole-v0", "-", "30"],

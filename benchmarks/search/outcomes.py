@@ -1,0 +1,56 @@
+"""What became of the configurations that a search tried."""
+
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from cluster.bohb.study.journal import Journal, Origin
+
+#: Objective of a result, and the number of its confirmed SEs.
+Outcome = tuple[float, int]
+#: The outcomes of configurations by their origin.
+ByOrigin = dict[str, list[Outcome]]
+
+
+def outcomes(journal: Journal, at_budget: bool = False) -> dict[str, ByOrigin]:
+    """The results of a search by budget, the smallest first, and by the origin of their
+    configurations, but for the recipe itself; the objective of a failure is infinite. `at_budget`
+    scales objectives as if each had cost its budget: all outrun it by a part of a generation, those
+    with large generations by more."""
+    proposals = journal.proposals
+    found: dict[str, ByOrigin] = {
+        str(budget): {
+            origin.value: [] for origin in (Origin.RANDOM, Origin.AROUND_RECIPE, Origin.MODEL)
+        }
+        for budget in sorted({line.budget for line in journal.results})
+    }
+    for line in journal.results:
+        if proposals[line.id].origin is not Origin.RECIPE:
+            objective = math.inf if line.loss is None else line.loss
+            if at_budget and "core_seconds" in line.info:
+                objective *= line.budget / line.info["core_seconds"]
+            outcome = objective, line.info.get("confirmed", 0)
+            found[str(line.budget)][proposals[line.id].origin.value].append(outcome)
+    return found
+
+
+def at_smallest(by_budget: Mapping[str, ByOrigin]) -> ByOrigin:
+    """The outcomes at the smallest budget, which every configuration gets."""
+    return by_budget[min(by_budget, key=int)]
+
+
+def at_largest(by_budget: Mapping[str, ByOrigin]) -> ByOrigin:
+    """The outcomes at the largest budget, which all but random search give to the best only."""
+    return by_budget[max(by_budget, key=int)]
+
+
+def with_an_se(found: Sequence[Outcome]) -> int:
+    """How many of these configurations have found an SE."""
+    return sum(confirmed > 0 for _, confirmed in found)
+
+
+def quartiles(values: Sequence[float]) -> str:
+    """The median, with the quartiles."""
+    low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
+    return f"{middle:.0f} ({low:.0f} to {high:.0f})"
