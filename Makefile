@@ -22,16 +22,17 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@# Whoever interrupts this has a Python without pip, which is made anew.
 	@$(BIN)/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	@grep -vE '^torch==' constraints.txt > $(VENV)/others.txt
-	@# uv is several times as fast as pip; without it, pip does the same.
+	@# uv is several times as fast as pip; without it, pip does the same. Both compile all bytecode:
+	@# where PYTHONDONTWRITEBYTECODE is set, every process would compile what it imports.
 	@command -v uv > /dev/null || $(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^uv==' constraints.txt) || true
-	@$$(command -v uv || echo $(BIN)/uv) pip install --quiet --python $(BIN)/python --no-deps --requirement $(VENV)/others.txt \
+	@$$(command -v uv || echo $(BIN)/uv) pip install --quiet --compile-bytecode --python $(BIN)/python --no-deps --requirement $(VENV)/others.txt \
 		|| $(BIN)/python -m pip install --quiet --no-deps --requirement $(VENV)/others.txt
 	@# As a path: from the folder above, a folder called bilevel would hide what a finder finds.
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --config-settings \
 		editable_mode=compat --editable .
 	@echo "  2 of 2: PyTorch, 200 MB, while the agents' kernels are compiled, 1 to 2 minutes"
 	@# By pip, whose settings may name a build without CUDA. The kernels do not need it.
-	@$(BIN)/python -m pip install --quiet --no-compile --no-deps $$(grep -E '^torch==' constraints.txt) & \
+	@$(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^torch==' constraints.txt) & \
 		installing=$$!; $(BIN)/python -m bilevel.compile && wait $$installing
 	@$(BIN)/python -c 'import torch' 2> /dev/null || { \
 		echo "  this build of PyTorch needs CUDA's libraries: installing them, some GB"; \
