@@ -30,6 +30,7 @@ $(INSTALLED): pyproject.toml constraints.txt
 	@# As a path: from the folder above, a folder called bilevel would hide what a finder finds.
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --config-settings \
 		editable_mode=compat --editable .
+	@$(BIN)/python -m compileall -q bilevel search_spaces cluster benchmarks tests
 	@echo "  2 of 2: PyTorch, 200 MB, while the agents' kernels are compiled, 1 to 2 minutes"
 	@# By pip, whose settings may name a build without CUDA. The kernels do not need it.
 	@$(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^torch==' constraints.txt) & \
