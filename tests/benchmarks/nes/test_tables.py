@@ -40,9 +40,8 @@ def test_failures_are_counted() -> None:
     """Nor is the end of a run without an SE the time until it has one."""
     write([run(0), run(1, solved=False), run(2, confirmed=False)])
     row = seeds().splitlines()[2]
-    assert row.startswith(
-        "| CartPole-v0 | 2 of 3 (9% to 99%) | 2 of 3 | 20 (20 to 21) | 31 (30 to 32) | 41 (40 to 42) |"
-    )
+    assert row.startswith("| CartPole-v0 | 2 of 3 (9% to 99%) | 2 of 3 | 20 (20 to 21) |")
+    assert "| 31 (30 to 32) | 41 (40 to 42) |" in row
     assert row.endswith("| 11 (10 to 12) | 500 (500 to 500) | 1.0 (1.0 to 1.0) | 90% |")
 
 
