@@ -27,9 +27,11 @@ def compile_agent(name: str) -> None:
     train_and_test(task, None, agent, 0)
 
 
-def compile_distillation() -> None:
-    """Distil an SE, which calls all kernels of the supervised baseline."""
+def compile_scale_and_distillation() -> None:
+    """Measure the scale of observations, and distil an SE, which calls all kernels of the
+    supervised baseline."""
     task = get_task(_TASK)
+    task.observation_scale(0)
     distill(task, Architecture.of(task, load_recipe("paper", task.id).se), 0)
 
 
@@ -39,7 +41,7 @@ def main() -> None:
     agents.sort(key=lambda name: name != "td3")
     with ProcessPoolExecutor() as pool:
         jobs = [pool.submit(compile_agent, name) for name in agents]
-        jobs.append(pool.submit(compile_distillation))
+        jobs.append(pool.submit(compile_scale_and_distillation))
         for job in jobs:
             job.result()
 

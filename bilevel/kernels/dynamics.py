@@ -49,6 +49,20 @@ def step(dynamics, physics, action):
 
 
 @compiled
+def observe_episodes(dynamics, step_limit, actions, initial_physics, seen):
+    """Write the observations before each of the `actions` (n,) into `seen` (n, S). Episodes start
+    in the rows of `initial_physics` (n, p), which are overwritten."""
+    episode = age = 0
+    for k in range(actions.size):
+        observe(dynamics, initial_physics[episode], seen[k])
+        _, terminated = step(dynamics, initial_physics[episode], actions[k])
+        age += 1
+        if terminated or age == step_limit:
+            episode += 1
+            age = 0
+
+
+@compiled
 def _cartpole_step(physics, action):
     x, dx, theta, dtheta = physics
     force = 10.0 if action == 1 else -10.0

@@ -153,13 +153,8 @@ class Task:
         rng = np.random.default_rng(seed)
         actions = rng.integers(self.n_actions, size=steps)
         seen = np.empty((steps, self.state_size), np.float32)
-        physics, age = self.initial_physics(rng, 1)[0], 0
-        for action, state in zip(actions, seen, strict=True):
-            dynamics.observe(self.dynamics, physics, state)
-            _, terminated = dynamics.step(self.dynamics, physics, action)
-            age += 1
-            if terminated or age == self.step_limit:
-                physics, age = self.initial_physics(rng, 1)[0], 0
+        initial = self.initial_physics(rng, steps)  # more than there are episodes
+        dynamics.observe_episodes(self.dynamics, self.step_limit, actions, initial, seen)
         return seen
 
     def _seen(self, seed: int, steps: int) -> NDArray[np.float32]:

@@ -54,3 +54,25 @@ def test_observed_dynamics_end_a_run_at_once() -> None:
     reward, terminated = dynamics.step(dynamics.OBSERVED, np.zeros(3), 0)
     assert np.isnan(reward)
     assert terminated
+
+
+@pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
+def test_observed_episodes_are_made_of_single_steps(task_id: str) -> None:
+    """Some end with the task, some at the step limit."""
+    task, rng = get_task(task_id), np.random.default_rng(0)
+    actions = rng.integers(task.n_actions, size=400)
+    initial = task.initial_physics(rng, actions.size)
+    step_limit, ends = 15, {True: 0, False: 0}
+    seen = np.empty((actions.size, task.state_size), np.float32)
+    dynamics.observe_episodes(task.dynamics, step_limit, actions, initial.copy(), seen)
+    episode, age, state = 0, 0, np.empty(task.state_size, np.float32)
+    for k, action in enumerate(actions):
+        dynamics.observe(task.dynamics, initial[episode], state)
+        np.testing.assert_allclose(seen[k], state, rtol=1e-4, atol=1e-6)
+        _, terminated = dynamics.step(task.dynamics, initial[episode], action)
+        age += 1
+        if terminated or age == step_limit:
+            ends[terminated] += 1
+            episode, age = episode + 1, 0
+    assert ends[False] > 5
+    assert (ends[True] > 5) == (task_id == "CartPole-v0")
