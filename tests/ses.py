@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from bilevel.hyperparameters import SEHyperparameters
-from bilevel.synthetic_env import SE, Architecture, StoredSE
+from bilevel.hyperparameters import Hyperparameters, SEHyperparameters
+from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE, coordinates
 from bilevel.tasks import Task
 
 
@@ -23,3 +23,10 @@ def make_se(task: Task, layers: int = 1, activation: Any = "lrelu", seed: int = 
     psi = architecture.initialize(np.random.default_rng(seed))
     info = {"score_mean": 12.5}
     return StoredSE(SE(architecture, psi), task.id, task.step_limit, task.solved_reward, info)
+
+
+def around(task: Task, hp: Hyperparameters, seed: int = 0) -> SEDistribution:
+    """A search distribution around a random SE."""
+    space = coordinates(task, hp.se, task.unit_scale)
+    mean = space.initialize(np.random.default_rng(seed))
+    return SEDistribution(space, mean, np.full(space.size, 0.05, np.float32), mean)

@@ -18,7 +18,7 @@ from bilevel.agents import get_agent
 from bilevel.agents.agent import agent_seeds
 from bilevel.agents.environments import KernelEnvironment
 from bilevel.agents.training import train as train_in_python
-from bilevel.evaluation import schedule
+from bilevel.evaluation.run import schedule
 from bilevel.hyperparameters import AgentHyperparameters, SEHyperparameters, load_recipe
 from bilevel.kernels import training
 from bilevel.kernels.environment import environment

@@ -6,7 +6,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.evaluation import real_returns
+from bilevel.evaluation.run import real_returns
 from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.kernels import ddqn
 from bilevel.kernels.offline import learn_offline

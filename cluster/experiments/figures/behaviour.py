@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from bilevel.agents import Transition
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
-from bilevel.recording import record
+from bilevel.evaluation import record
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task
@@ -59,9 +59,9 @@ def _record(plan: Plan, material: Material, progress: Callable[[int, int], None]
         path = _file(material.folder, unit)
         if not path.exists():
             assert unit.source.se is not None
-            training, tests = record(plan.task, unit.source.se.se, unit.hp, unit.seed)
+            made = record(plan.task, unit.source.se.se, unit.hp, unit.seed)
             size = plan.task.state_size
-            arrays = {**columns("train", training, size), **columns("test", tests, size)}
+            arrays = {**columns("train", made.training, size), **columns("test", made.tests, size)}
             write_aside(path, _npz(arrays))
     progress(len(units), len(units))
 

@@ -15,7 +15,8 @@ from bilevel.agents import agent as registry
 from bilevel.agents import get_agent, register_agent, registered_agents
 from bilevel.agents.variation import draw_agent
 from bilevel.durable import checksum
-from bilevel.evaluation import environment_in_python, train_and_test
+from bilevel.evaluation import train_and_test
+from bilevel.evaluation.run import environment_in_python
 from bilevel.hyperparameters import (
     AgentHyperparameters,
     DDQNHyperparameters,

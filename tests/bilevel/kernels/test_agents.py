@@ -13,7 +13,7 @@ from bilevel.agents.agent import agent_seeds
 from bilevel.agents.environments import KernelEnvironment
 from bilevel.agents.training import returns_converged, task_solved
 from bilevel.agents.training import train as train_in_python
-from bilevel.evaluation import schedule
+from bilevel.evaluation.run import schedule
 from bilevel.hyperparameters import (
     ACTIVATIONS,
     AgentHyperparameters,

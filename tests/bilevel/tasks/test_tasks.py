@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.evaluation import greedy_episodes, train_and_test
+from bilevel.evaluation import train_and_test
+from bilevel.evaluation.run import greedy_episodes
 from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import BUILT_IN_TASKS, Task, get_task
 

@@ -1,16 +1,11 @@
-"""One evaluation: train a fresh agent on an SE, score it on the real task.
-
-An evaluation is a pure function of its request, the task and the SEs: the same request gives the
-same score wherever and whenever it runs. So a pool of actors may run requests in any order, and
-repeat them.
-"""
+"""TrainAgent and EvaluateAgent (paper, Algorithm 1): one agent's training and its tests."""
 
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, TypeVar
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,109 +17,23 @@ from bilevel.agents.environments import GymnasiumEnvironment, KernelEnvironment
 from bilevel.agents.training import TrainingEnvironment, returns_converged, task_solved
 from bilevel.agents.training import train as train_in_python
 from bilevel.cost import estimated_core_seconds
-from bilevel.errors import InvalidInput, require
+from bilevel.errors import require
+from bilevel.evaluation.recording import RecordedAgent, Recording
+from bilevel.evaluation.requests import (
+    EvaluationRequest,
+    EvaluationResult,
+    Outcome,
+    SESource,
+    requested_se,
+)
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.kernels import training
 from bilevel.kernels.environment import Environment, environment
 from bilevel.kernels.stopping import NOT_FINITE
 from bilevel.seeds import checked_seed, split
-from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE
+from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task
 from bilevel.threads import one_blas_thread, one_torch_thread
-
-
-@dataclass(frozen=True)
-class Centre:
-    """Train on the centre of the search distribution, or on a single given SE."""
-
-
-@dataclass(frozen=True)
-class Perturbed:
-    """Train on centre + sign * eps, with eps drawn by `seed`."""
-
-    seed: int
-    sign: int  #: 1 or -1
-
-
-@dataclass(frozen=True)
-class Initialized:
-    """Train on a random SE, drawn by `seed`."""
-
-    seed: int
-
-
-@dataclass(frozen=True)
-class Given:
-    """Train on one of several given SEs."""
-
-    number: int  #: of the SE, from 0
-
-
-@dataclass(frozen=True)
-class RealTask:
-    """Train on the real task, without an SE."""
-
-
-#: What an agent trains on.
-TrainedOn = Centre | Perturbed | Initialized | Given | RealTask
-
-#: What requests get their SE from: one SE, several, or a distribution; None for the real task.
-SESource = SE | StoredSE | SEDistribution | tuple[SE | StoredSE, ...] | None
-
-
-@dataclass(frozen=True)
-class EvaluationRequest:
-    """Input of one evaluation, besides the task and the SE or the distribution of SEs."""
-
-    index: int  #: position among the requests of one call
-    seed: int  #: of initial parameters, exploration, minibatches and test episodes
-    agent: AgentHyperparameters
-    on: TrainedOn = Centre()
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """Result of training and testing one fresh agent."""
-
-    test_returns: tuple[float, ...]  #: of the test episodes on the real task
-    train_steps: int
-    train_episodes: int
-    real_env_steps: int  #: of tests, and of training on the real task
-    finite: bool  #: False: training or test diverged; the returns are the task's worst
-    cost: float  #: core seconds, estimated (`bilevel.cost`)
-
-    @property
-    def score(self) -> float:
-        """Mean return of the test episodes on the real task."""
-        return float(np.mean(self.test_returns))
-
-
-@dataclass(frozen=True)
-class EvaluationResult(Outcome):
-    """The outcome of the request `index`; only the measured `seconds` are not determined by it."""
-
-    index: int
-    seconds: float
-
-
-_Result = TypeVar("_Result", bound=Outcome)
-
-
-def comparable(results: Sequence[_Result]) -> list[_Result]:
-    """The results with test returns by which they can be compared. A diverged agent gets no more
-    than the lowest score of the others, however the task's worst score compares with them."""
-    lowest = min((result.score for result in results if result.finite), default=np.inf)
-    return [
-        result
-        if result.finite
-        else replace(result, test_returns=tuple(min(one, lowest) for one in result.test_returns))
-        for result in results
-    ]
-
-
-def scores_of(results: Sequence[Outcome]) -> NDArray[np.float64]:
-    """Scores (n,) of `comparable` results."""
-    return np.array([result.score for result in comparable(results)])
 
 
 def evaluate(task: Task, se: SESource, request: EvaluationRequest) -> EvaluationResult:
@@ -147,32 +56,6 @@ def evaluate(task: Task, se: SESource, request: EvaluationRequest) -> Evaluation
     return EvaluationResult(**vars(outcome), index=request.index, seconds=seconds)
 
 
-def requested_se(se: SESource, on: TrainedOn) -> SE | None:
-    """The SE that a request asks for, None for the real task. Raises InvalidInput if `se` does not
-    hold it."""
-    if isinstance(on, RealTask):
-        return None
-    if isinstance(on, Given) and isinstance(se, tuple):
-        if not 0 <= on.number < len(se):
-            raise InvalidInput(f"training on {on}: allowed are the SEs 0 to {len(se) - 1}")
-        se, on = se[on.number], Centre()
-    if isinstance(se, StoredSE):
-        se = se.se
-    if isinstance(se, SE) and isinstance(on, Centre):
-        return se
-    if not isinstance(se, SEDistribution) or isinstance(on, Given):
-        needed = {Centre: "an SE or a distribution of SEs", Given: "a tuple of SEs"}
-        raise InvalidInput(
-            f"training on {on} needs {needed.get(type(on), 'a distribution of SEs')} (on the real "
-            f"task, on=RealTask() needs none); got {se!r:.40}"
-        )
-    if isinstance(on, Perturbed):
-        return se.perturbed(on.seed, on.sign)
-    if isinstance(on, Initialized):
-        return se.random(on.seed)
-    return se.centre
-
-
 def train_and_test(
     task: Task, se: SE | None, hp: AgentHyperparameters, seed: int, compiled: bool = True
 ) -> Outcome:
@@ -182,15 +65,20 @@ def train_and_test(
     environment it trains on are compiled. Raises InvalidInput for an SE of a task with other sizes,
     and Mistake for an agent in Python, or a task, that returns what it must not, raises or exits.
     """
-    if se is not None:
-        se.architecture.check_fits(task)
-    agent_seed, physics_seed, test_seed = split(seed, 3)
-    run = _Run(task, se, hp, agent_seed, physics_seed, test_seed)
+    run = AgentRun.of(task, se, hp, seed)
     has_kernel = get_agent(hp.agent).build_kernel is not None
     with one_blas_thread():
         if compiled and has_kernel and (se is not None or task.compiled):
             return run.compiled()
         return run.interpreted()
+
+
+def record(task: Task, se: SE, hp: AgentHyperparameters, seed: int) -> Recording:
+    """The transitions that `train_and_test` makes with these arguments, by the agent's definition;
+    no tests if training diverges. Raises InvalidInput for an SE of a task with other sizes."""
+    recording = Recording()
+    AgentRun.of(task, se, hp, seed).interpreted(recording)
+    return recording
 
 
 def greedy_episodes(
@@ -265,8 +153,8 @@ def _environment(task: Task, se: SE | None, episodes: int, seed: int) -> Environ
 
 
 @dataclass(frozen=True)
-class _Run:
-    """One training run and its tests."""
+class AgentRun:
+    """One agent's training and tests, with its seeds."""
 
     task: Task
     se: SE | None
@@ -274,6 +162,13 @@ class _Run:
     agent_seed: int
     physics_seed: int
     test_seed: int
+
+    @classmethod
+    def of(cls, task: Task, se: SE | None, hp: AgentHyperparameters, seed: int) -> Self:
+        """Raises InvalidInput for an SE of a task with other sizes."""
+        if se is not None:
+            se.architecture.check_fits(task)
+        return cls(task, se, hp, *split(seed, 3))
 
     def compiled(self) -> Outcome:
         """Train and test the agent's compiled kernel."""
@@ -293,17 +188,18 @@ class _Run:
         returns, tested = real_returns(task, agent, hp.test_episodes, self.test_seed)
         return self._tested(steps, episodes, returns, tested)
 
-    def interpreted(self) -> Outcome:
+    def interpreted(self, recording: Recording | None = None) -> Outcome:
         """Train and test the agent's definition: slower, but works for every agent and task."""
-        task, hp, n = self.task, self.hp, self.hp.test_episodes
+        task, hp = self.task, self.hp
         with one_torch_thread():  # other evaluations use the other cores
-            agent = definition(task, hp, self.agent_seed)
+            agent = definition(task, hp, self.agent_seed, recording)
             stop = returns_converged(hp) if self.se else task_solved(hp, task.solved_reward)
             with environment_in_python(task, self.se, hp.max_episodes, self.physics_seed) as env:
                 steps, episodes, finite = train_in_python(agent, hp, env, stop)
             if not finite:
                 return self._diverged(steps, episodes)
-            returns, tested = _returns(greedy_episodes(task, agent.greedy, n, self.test_seed))
+            tests = greedy_episodes(task, agent.greedy, hp.test_episodes, self.test_seed)
+            returns, tested = _returns(tests if recording is None else recording.keeping(tests))
         return self._tested(steps, episodes, returns, tested)
 
     def _tested(
@@ -326,11 +222,15 @@ class _Run:
         return Outcome(returns, steps, episodes, real, finite, cost)
 
 
-def definition(task: Task, hp: AgentHyperparameters, agent_seed: int) -> CheckedAgent:
+def definition(
+    task: Task, hp: AgentHyperparameters, agent_seed: int, recording: Recording | None = None
+) -> CheckedAgent:
     """A fresh agent in Python. Raises Mistake where it returns what it must not, raises or
     exits."""
     build = partial(get_agent(hp.agent).build, hp, task.state_size, task.n_actions, agent_seed)
-    return CheckedAgent(hp.agent, task.n_actions, build)
+    if recording is None:
+        return CheckedAgent(hp.agent, task.n_actions, build)
+    return RecordedAgent(hp.agent, task.n_actions, build, recording.training)
 
 
 def schedule(hp: AgentHyperparameters) -> training.Schedule:

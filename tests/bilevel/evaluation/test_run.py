@@ -11,29 +11,18 @@ from bilevel.errors import InvalidInput
 from bilevel.evaluation import (
     Centre,
     EvaluationRequest,
-    Given,
     Initialized,
-    Outcome,
     Perturbed,
     RealTask,
     TrainedOn,
     evaluate,
-    requested_se,
-    scores_of,
     train_and_test,
 )
 from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_recipe
-from bilevel.synthetic_env import SE, Architecture, SEDistribution, coordinates
+from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task, get_task
 from tests.conftest import ddqn
-from tests.ses import make_se
-
-
-def around(task: Task, hp: Hyperparameters, seed: int = 0) -> SEDistribution:
-    """A search distribution around a random SE."""
-    space = coordinates(task, hp.se, task.unit_scale)
-    mean = space.initialize(np.random.default_rng(seed))
-    return SEDistribution(space, mean, np.full(space.size, 0.05, np.float32), mean)
+from tests.ses import around, make_se
 
 
 def test_result_depends_on_the_request_alone(cartpole: Task, small_hp: Hyperparameters) -> None:
@@ -65,36 +54,6 @@ def test_a_request_needs_a_seed(seed: Any, cartpole: Task, small_hp: Hyperparame
     request = EvaluationRequest(0, seed, small_hp.agents[0], RealTask())
     with pytest.raises(InvalidInput, match=rf"a seed is an integer of at least 0; got {seed!r}"):
         evaluate(cartpole, None, request)
-
-
-def test_what_a_request_asks_for(cartpole: Task, small_hp: Hyperparameters) -> None:
-    ses = around(cartpole, small_hp)
-    centre, plus, minus = (
-        requested_se(ses, on) for on in (Centre(), Perturbed(7, 1), Perturbed(7, -1))
-    )
-    assert centre is not None
-    assert plus is not None
-    assert minus is not None
-    np.testing.assert_allclose(plus.psi + minus.psi, 2 * centre.psi, atol=1e-6)
-    assert (plus.psi - centre.psi).std() == pytest.approx(0.05, rel=0.2)
-    one, same, other = (requested_se(ses, Initialized(seed)) for seed in (1, 1, 2))
-    assert one is not None
-    assert same is not None
-    assert other is not None
-    assert one.digest == same.digest != other.digest
-    assert requested_se(ses, RealTask()) is None
-    assert requested_se(centre, Centre()) is centre
-    assert requested_se((one, centre), Given(1)) is centre
-    for source in (centre, ses, None):
-        with pytest.raises(InvalidInput, match=r"training on Given.* needs a tuple of SEs \("):
-            requested_se(source, Given(0))
-    for se in (None, centre):
-        with pytest.raises(
-            InvalidInput, match=r"training on Initialized.* needs a distribution of SEs"
-        ):
-            requested_se(se, Initialized(1))
-    with pytest.raises(InvalidInput, match=r"training on Centre.* needs an SE or a distribution"):
-        requested_se(None, Centre())
 
 
 def test_an_se_as_it_is_loaded(
@@ -198,30 +157,6 @@ def test_learning_on_the_real_task_is_possible(cartpole: Task) -> None:
     """DDQN with the paper's default hyperparameters learns CartPole on the real task."""
     agent = replace(load_recipe("paper", "").agents[0], max_episodes=300)
     assert any(train_and_test(cartpole, None, agent, seed).score > 150 for seed in range(5))
-
-
-def outcome(score: float, finite: bool = True) -> Outcome:
-    return Outcome((score,), 100, 10, 7, finite, 0.5)
-
-
-def test_a_diverged_agent_does_not_outrank_others() -> None:
-    """The worst score of a task with penalties may lie above all that agents get."""
-    assert scores_of([outcome(-110.0), outcome(0.0, finite=False), outcome(-50.0)]).tolist() == [
-        -110.0,
-        -110.0,
-        -50.0,
-    ]
-    assert scores_of([outcome(20.0), outcome(0.0, finite=False)]).tolist() == [20.0, 0.0]
-    assert scores_of([outcome(-3.0, finite=False)] * 2).tolist() == [-3.0, -3.0]
-
-
-def test_a_given_se_is_one_of_those_there_are(cartpole: Task) -> None:
-    ses = make_se(cartpole), make_se(cartpole, seed=1).se
-    assert requested_se(ses, Given(0)) is ses[0].se
-    assert requested_se(ses, Given(1)) is ses[1]
-    for number in (-1, 2):
-        with pytest.raises(InvalidInput, match="allowed are the SEs 0 to 1"):
-            requested_se(ses, Given(number))
 
 
 class Impatient(gymnasium.Env[Any, Any]):
