@@ -1,4 +1,4 @@
-"""What a study hands over."""
+"""What a study is, what it may begin with, and what it hands over."""
 
 import json
 import shutil
