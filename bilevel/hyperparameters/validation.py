@@ -1,7 +1,7 @@
 """Frozen dataclasses whose fields pydantic checks, however they are built."""
 
 from collections.abc import Callable, Mapping
-from functools import wraps
+from functools import cache, wraps
 from inspect import get_annotations
 from typing import Any, Literal, TypeVar, cast, dataclass_transform, get_args, get_origin
 
@@ -57,10 +57,15 @@ def has_plain_range(cls: type, name: str) -> bool:
 
 def within_range(cls: type, name: str, value: _Number) -> _Number:
     """The value, or the nearest end of the range (`ge`, `le`) of that field of a class."""
-    field = cls.__pydantic_fields__[name]  # type: ignore[attr-defined]
-    low, high = _end(field, "ge"), _end(field, "le")
+    low, high = _range(cls, name)
     value = value if low is None else max(value, low)
     return value if high is None else min(value, high)
+
+
+@cache  # NES draws agents by the thousand
+def _range(cls: type, name: str) -> tuple[Any, Any]:
+    field: FieldInfo = cls.__pydantic_fields__[name]  # type: ignore[attr-defined]
+    return _end(field, "ge"), _end(field, "le")
 
 
 def _end(field: FieldInfo, name: str) -> Any:
