@@ -43,9 +43,10 @@ _AUTHORS = "in some generation", "at the end", "score", "first in generation", "
 
 def _success(row: dict[str, Any]) -> list[str]:
     shares = (row[name] for name in ("ever_solved", "solved_at_end", "handed_over_solved"))
+    spread = f" ± {row['score_at_end_std']:.0f}" if row["runs"] > 1 else ""
     return [
         *(f"{round(share * row['runs'])} of {row['runs']}" for share in shares),
-        f"{row['score_at_end']:.0f} ± {row['score_at_end_std']:.0f}",
+        f"{row['score_at_end']:.0f}{spread}",
         _or_none(row["median_first_solved"]),
         _or_none(row["core_seconds_first_solved"]),
         f"{row['generations']:g}",
