@@ -1,7 +1,7 @@
 """Markdown tables, and the sources of their figures."""
 
 from collections.abc import Iterable, Sequence
-from statistics import mean
+from statistics import mean, median
 from typing import Any
 
 from scipy.stats import binomtest
@@ -16,6 +16,11 @@ def table(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
 def mean_and_range(values: Sequence[float]) -> str:
     """Mean, lowest and highest of some scores."""
     return f"{mean(values):.1f} ({min(values):.1f} to {max(values):.1f})"
+
+
+def median_and_range(values: Sequence[float], form: str = ".0f") -> str:
+    """Median, lowest and highest, each in that format."""
+    return f"{median(values):{form}} ({min(values):{form}} to {max(values):{form}})"
 
 
 def number_and_interval(successes: int, of: int) -> str:

@@ -10,7 +10,7 @@ from scipy.stats import spearmanr, wilcoxon
 
 from benchmarks.arguments import parse_seeds
 from benchmarks.machine import NotMeasured, read_result
-from benchmarks.markdown import mean_and_range, number_and_interval, source, table
+from benchmarks.markdown import mean_and_range, median_and_range, number_and_interval, source, table
 from benchmarks.nes.run import core_seconds_per_se
 
 #: Target mean score of each kind of agent on an SE, by task; `sb3` is for agents of
@@ -130,7 +130,7 @@ def scale_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
                 f"{steps:,}".replace(",", " "),
                 f"{sum(run['solved'] for run in chosen)} of {len(chosen)}",
                 f"{core_seconds_per_se(chosen):.0f}",
-                _spread(costs, ".0f"),
+                median_and_range(costs),
                 p,
                 f"{np.median(errors.max(1)):.2f}, {errors.max():.2f}",
                 ", ".join(f"{one:.2f}" for one in agreement),
@@ -171,10 +171,6 @@ def _results(ending: str, tasks: Sequence[str]) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _spread(values: Sequence[float], form: str) -> str:
-    return f"{statistics.median(values):{form}} ({min(values):{form}} to {max(values):{form}})"
-
-
 def _seeds_row(task: str, runs: Sequence[dict[str, Any]]) -> list[str]:
     utilisation = statistics.median(run["core_utilisation"] for run in runs)
     confirmed = [run["seconds_to_se"] for run in runs if run["confirmed"]]
@@ -182,12 +178,12 @@ def _seeds_row(task: str, runs: Sequence[dict[str, Any]]) -> list[str]:
         task,
         number_and_interval(sum(run["solved"] for run in runs), len(runs)),
         f"{len(confirmed)} of {len(runs)}",
-        _spread(confirmed, ".0f") if confirmed else "-",
-        _spread([run["seconds"] for run in runs], ".0f"),
-        _spread([run["core_seconds"] for run in runs], ".0f"),
-        _spread([run["generations"] for run in runs], ".0f"),
-        _spread([run["final_train_steps"] for run in runs], ".0f"),
-        _spread([run["real_env_steps"] / 1e6 for run in runs], ".1f"),
+        median_and_range(confirmed) if confirmed else "-",
+        median_and_range([run["seconds"] for run in runs]),
+        median_and_range([run["core_seconds"] for run in runs]),
+        median_and_range([run["generations"] for run in runs]),
+        median_and_range([run["final_train_steps"] for run in runs]),
+        median_and_range([run["real_env_steps"] / 1e6 for run in runs], ".1f"),
         f"{utilisation:.0%}",
     ]
 

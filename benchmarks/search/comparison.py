@@ -10,7 +10,7 @@ from scipy.stats import f as f_distribution
 from scipy.stats import fisher_exact, permutation_test, spearmanr
 
 from benchmarks.machine import NotMeasured, read_result
-from benchmarks.markdown import source, table
+from benchmarks.markdown import median_and_range, source, table
 from benchmarks.nes.run import core_seconds_per_se
 from benchmarks.search.outcomes import at_largest, with_an_se
 from benchmarks.search.recipes import TASKS
@@ -169,10 +169,10 @@ def _incumbents(task: str, measured: dict[str, Any]) -> list[tuple[str, ...]]:
         (
             task,
             str(len(each)),
-            f"{np.median(ratios):.2f} ({ratios.min():.2f} to {ratios.max():.2f})",
+            median_and_range(ratios.tolist(), ".2f"),
             f"{agreement.statistic:.2f}",
             f"{agreement.pvalue:.2g}",
-            f"{np.median(spread):.2f} ({spread.min():.2f} to {spread.max():.2f})",
+            median_and_range(spread.tolist(), ".2f"),
         )
     ]
 

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import fisher_exact, mannwhitneyu
 
 from benchmarks.machine import NotMeasured, read_result
-from benchmarks.markdown import mean_and_range, source, table
+from benchmarks.markdown import mean_and_range, median_and_range, source, table
 from benchmarks.nes.run import core_seconds_per_se
 
 #: Recipes of a task in the order in which they came about, and the endings of their results over
@@ -114,7 +114,7 @@ def _quality(runs: list[dict[str, Any]]) -> tuple[str, ...]:
         f"{sum(run['solved'] for run in runs)} of {len(runs)}",
         f"{confirmed} of {len(runs)}",
         f"{sum(run['solved'] and run['confirmed'] for run in runs)} of {confirmed}",
-        f"{np.median(costs):.0f} ({min(costs):.0f} to {max(costs):.0f})",
+        median_and_range(costs),
         f"{core_seconds_per_se(runs):.0f}",
         f"{np.median([run['final_train_steps'] for run in runs]):.0f}",
     )

@@ -58,11 +58,11 @@ def end_episode(agent: Any) -> Any:
 def implements(
     agent_type: type, call: Callable[..., Any]
 ) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Decorator: register a kernel as the implementation of `call`, whose parameters it has, for an
+    """Decorator: register a kernel, with the parameters of `call`, as its implementation for an
     agent type.
 
-    The compiler gets the kernel's source: a compiled function would be optimised once more for the
-    call alone, before it is inlined.
+    The compiler gets the kernel's source: a call of the compiled kernel would be a function of its
+    own, optimised once more before it is inlined.
     """
 
     def register(kernel: Any) -> Callable[..., Any]:

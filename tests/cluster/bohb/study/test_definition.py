@@ -135,7 +135,7 @@ def study(tmp_path: Path) -> Study:
         return study
 
 
-def test_is_what_its_folder_says(study: Study) -> None:
+def test_a_study_is_what_its_folder_says(study: Study) -> None:
     assert Study.read(study.folder) == study
 
 
@@ -190,7 +190,7 @@ def later(earlier_study: Study, tmp_path: Path) -> Study:
     )
 
 
-def test_results_are_copied_before_their_configurations(
+def test_earlier_results_are_copied_before_their_configurations(
     later: Study, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The other study may be under way: a result needs its configuration."""
@@ -203,7 +203,7 @@ def test_results_are_copied_before_their_configurations(
     assert copied == ["results.json", "configs.json"]
 
 
-def test_they_are_copied(later: Study) -> None:
+def test_earlier_results_are_copied(later: Study) -> None:
     """What becomes of the other study does not matter then."""
     later.check_prior()
     later.take_over_prior()
@@ -218,7 +218,7 @@ def test_they_are_copied(later: Study) -> None:
     assert any(job is not None and job.origin is Origin.MODEL for job in found)
 
 
-def test_those_that_do_not_fit_are_refused(later: Study) -> None:
+def test_priors_that_do_not_fit_are_refused(later: Study) -> None:
     unknown = replace(later, prior="unknown")
     with pytest.raises(InvalidInput, match=r"unknown prior 'unknown': .*studies on the same"):
         unknown.check_prior()
