@@ -79,8 +79,10 @@ runs: $(INSTALLED) ## All runs so far: state, progress, best score
 ui: $(INSTALLED) ## The MLflow UI on these runs
 	@$(BIN)/bilevel ui $(ARGS)
 
+# Compiles the kernels first: after a change of them, every test process would do it for itself.
 # Three at a time on two cores: while one test waits for a process, another computes.
 test: check ## Format, lint, types, and all tests
+	@$(BIN)/python -m bilevel.compile
 	@$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder $(ARGS)
 
 check: $(INSTALLED) ## Format, lint, types and imports

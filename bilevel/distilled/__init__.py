@@ -6,7 +6,7 @@ real task are counted.
     D <- steps of random actions on the real task
     Q <- double Q-learning on D alone; its first snapshot that solves the task, or else the best
     D <- D and twice as many steps of Q's greedy policy, with some random actions
-    A <- mean advantages Q(s, a) - mean_a' Q(s, a') of TEACHERS other Q, learned on D
+    A <- mean advantages Q(s, a) - mean_a' Q(s, a') of other Q, learned on D
     D <- D with initial states of the task in place of episode ends, if it rewards survival
     next-state network <- regression on the next states of D
     reward network     <- regression on 0.5 + tanh(2 A / std A)
@@ -45,12 +45,8 @@ from bilevel.tasks import Task
 from bilevel.tasks.transitions import Transitions
 from bilevel.threads import one_blas_thread
 
-#: Random steps on the real task, steps of Q's policy, and the probability that a random action
-#: replaces one of the policy's.
-RANDOM_STEPS, POLICY_STEPS, EXPLORATION = 10_000, 20_000, 0.3
-
-#: Q-networks learned; the advantages of those that solve the task (or else the best) are averaged.
-TEACHERS = 3
+#: Probability that a random action replaces one of the policy's.
+EXPLORATION = 0.3
 
 #: Reward of an action with advantage 0.
 BASE = 0.5
@@ -58,8 +54,22 @@ BASE = 0.5
 #: Raw done output where no episode ends; an episode ends above 0.5.
 LEAST_DONE = 0.45
 
-#: Steps, learning rate and batch size of the regressions.
-FIT_STEPS, FIT_RATE, FIT_BATCH = 20_000, 1e-2, 256
+#: Learning rate and batch size of the regressions.
+FIT_RATE, FIT_BATCH = 1e-2, 256
+
+
+class Effort(NamedTuple):
+    """How much is recorded and learned for one SE."""
+
+    random_steps: int = 10_000  # on the real task
+    policy_steps: int = 20_000  # on the real task
+    snapshots: int = 40  # of each Q, at most
+    teachers: int = 3  # the advantages of those that solve the task (or else the best) are averaged
+    fit_steps: int = 20_000  # of each regression
+
+
+#: The effort of a distilled SE that is worth training on.
+FULL = Effort()
 
 
 class Lessons(NamedTuple):
@@ -78,30 +88,36 @@ class DistilledSE(NamedTuple):
     real_env_steps: int
 
 
-def distill(task: Task, architecture: Architecture, seed: int) -> DistilledSE:
-    """Distil an SE from action values of `task`; the result depends on `seed` alone.
+def distill(
+    task: Task, architecture: Architecture, seed: int, effort: Effort = FULL
+) -> DistilledSE:
+    """Distil an SE from action values of `task`; the result depends on `seed` and `effort` alone.
 
-    This takes seconds. The SE's rewards are fitted to values between BASE - 1 and BASE + 1.
+    With full effort this takes seconds. The SE's rewards are fitted to values between BASE - 1 and
+    BASE + 1.
     """
     with one_blas_thread():
-        taught = lessons(task, seed)
-        return DistilledSE(
-            SE(architecture, _regressed(architecture, taught)), taught.real_env_steps
-        )
+        taught = lessons(task, seed, effort)
+        psi = _regressed(architecture, taught, effort.fit_steps)
+        return DistilledSE(SE(architecture, psi), taught.real_env_steps)
 
 
-def lessons(task: Task, seed: int) -> Lessons:
-    """Record steps on the real task and reward their actions; depends on `seed` alone."""
-    recording, first, following, fitting, *teaching = split(seed, 4 + TEACHERS)
+def lessons(task: Task, seed: int, effort: Effort) -> Lessons:
+    """Record steps on the real task and reward their actions; depends on `seed` and `effort`
+    alone."""
+    recording, first, following, fitting, *teaching = split(seed, 4 + effort.teachers)
+    snapshots = effort.snapshots
     with one_blas_thread():
-        data = Transitions.recorded(task, RANDOM_STEPS, recording)
-        policy = ActionValues.learned(task, data, first)
-        data += Transitions.recorded(task, POLICY_STEPS, following, policy.greedy, EXPLORATION)
-        teachers = [ActionValues.learned(task, data, seed) for seed in teaching]
+        data = Transitions.recorded(task, effort.random_steps, recording)
+        policy = ActionValues.learned(task, data, first, snapshots)
+        data += Transitions.recorded(
+            task, effort.policy_steps, following, policy.greedy, EXPLORATION
+        )
+        teachers = [ActionValues.learned(task, data, seed, snapshots) for seed in teaching]
         rewards = np.float32(BASE) + np.tanh(np.float32(2) * advantages(task, data, teachers))
     tested = sum(values.real_env_steps for values in (policy, *teachers))
     data_of_se = data.of_continuing_task() if data.reward_survival else data
-    return Lessons(data_of_se, rewards, fitting, RANDOM_STEPS + POLICY_STEPS + tested)
+    return Lessons(data_of_se, rewards, fitting, len(data.states) + tested)
 
 
 def advantages(task: Task, data: Transitions, teachers: list[ActionValues]) -> NDArray[np.float32]:
@@ -114,7 +130,7 @@ def advantages(task: Task, data: Transitions, teachers: list[ActionValues]) -> N
     return mean[np.arange(len(mean)), data.actions]
 
 
-def _regressed(architecture: Architecture, taught: Lessons) -> NDArray[np.float32]:
+def _regressed(architecture: Architecture, taught: Lessons, steps: int) -> NDArray[np.float32]:
     """psi (P,), each network fitted to its column of the data."""
     data, rewards, seed, _ = taught
     actions = np.eye(architecture.n_actions, dtype=np.float32)[data.actions]
@@ -139,7 +155,7 @@ def _regressed(architecture: Architecture, taught: Lessons) -> NDArray[np.float3
             np.ascontiguousarray(targets, np.float32),
             np.ascontiguousarray(weights, np.float32),
             FIT_BATCH,
-            FIT_STEPS,
+            steps,
             FIT_RATE,
             np.array([(seed + number) % 2**64], np.uint64),
         )

@@ -14,8 +14,8 @@ from bilevel.seeds import split
 from bilevel.tasks import Task
 from bilevel.tasks.transitions import Transitions
 
-#: Number of snapshots of Q, gradient steps between them, and test episodes of each.
-SNAPSHOTS, SNAPSHOT_STEPS, TESTS = 40, 500, 10
+#: Gradient steps between two snapshots of Q, and test episodes of each snapshot.
+SNAPSHOT_STEPS, TESTS = 500, 10
 
 #: Added to divisors to keep them from zero.
 SMALL = 1e-6
@@ -50,8 +50,8 @@ class ActionValues:
     real_env_steps: int = 0  # of the tests of all snapshots
 
     @classmethod
-    def learned(cls, task: Task, data: Transitions, seed: int) -> Self:
-        """Double Q-learning; returns the first snapshot that solves the task, or the best.
+    def learned(cls, task: Task, data: Transitions, seed: int, snapshots: int) -> Self:
+        """Double Q-learning; returns the first of `snapshots` that solves the task, or the best.
 
         Snapshots are tested on the real task, because the quality of Q-learning on a fixed data
         set fluctuates.
@@ -69,7 +69,7 @@ class ActionValues:
         draws = np.array([learning], np.uint64)
         best = cls(agent._replace(theta=of_raw_states(agent, mean, scale)), -np.inf)
         tested = 0
-        for _ in range(SNAPSHOTS):
+        for _ in range(snapshots):
             learn_offline(agent, memory, SNAPSHOT_STEPS, draws)
             if not np.isfinite(agent.theta).all():
                 break

@@ -1,10 +1,11 @@
 """The supervised baseline: off by default, and its real steps are counted."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 
-from bilevel import distilled
-from bilevel.distilled import distill
+from bilevel.distilled import Effort, distill
 from bilevel.hyperparameters import load_recipe
 from bilevel.nes import NES
 from bilevel.synthetic_env import Architecture
@@ -12,21 +13,13 @@ from bilevel.tasks import Task
 from bilevel.tasks.task import SCALE_STEPS
 from bilevel.tasks.transitions import Transitions
 
-
-@pytest.fixture
-def short(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Shortens the distillation, so that it is fast but its SE is useless."""
-    monkeypatch.setattr(distilled, "RANDOM_STEPS", 300)
-    monkeypatch.setattr(distilled, "POLICY_STEPS", 200)
-    monkeypatch.setattr(distilled, "FIT_STEPS", 20)
-    monkeypatch.setattr("bilevel.distilled.action_values.SNAPSHOTS", 2)
-    monkeypatch.setattr("bilevel.distilled.action_values.SNAPSHOT_STEPS", 5)
+#: Fast, but the SE is useless.
+SMALL = Effort(random_steps=300, policy_steps=200, snapshots=2, fit_steps=20)
 
 
-@pytest.mark.usefixtures("short")
 def test_a_distilled_start_is_a_function_of_its_seed_and_counts_its_steps(cartpole: Task) -> None:
     architecture = Architecture.of(cartpole, load_recipe("distilled", cartpole.id).se)
-    one, same, other = (distill(cartpole, architecture, seed) for seed in (1, 1, 2))
+    one, same, other = (distill(cartpole, architecture, seed, SMALL) for seed in (1, 1, 2))
     np.testing.assert_array_equal(one.se.psi, same.se.psi)
     assert one.real_env_steps == same.real_env_steps
     assert not np.array_equal(one.se.psi, other.se.psi)
@@ -34,8 +27,10 @@ def test_a_distilled_start_is_a_function_of_its_seed_and_counts_its_steps(cartpo
     assert 500 + 4 * 10 * 8 <= one.real_env_steps <= 500 + 8 * 10 * 200
 
 
-@pytest.mark.usefixtures("short")
-def test_nes_begins_there_with_that_recipe_alone(cartpole: Task) -> None:
+def test_nes_begins_there_with_that_recipe_alone(
+    cartpole: Task, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("bilevel.distilled.distill", partial(distill, effort=SMALL))
     state = NES(cartpole, load_recipe("distilled", cartpole.id), 3).init()
     assert state.race is None
     assert state.real_env_steps > 500
