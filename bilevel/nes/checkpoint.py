@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import safetensors.numpy
 from numpy.typing import NDArray
@@ -29,28 +29,7 @@ _TENSORS = ("theta", "std_dev", "average", "observation_mean", "observation_devi
 
 def save_state(state: NESState, path: Path | str) -> None:
     """Write a checkpoint durably. Raises StorageFailure."""
-    header: dict[str, Any] = {
-        "format": RUN_FORMAT,
-        "seed": state.provenance.get("seed"),
-        "run": _made_by(state.task, state.provenance),
-        "generation": state.generation,
-        "attempt": state.attempt,
-        "attempt_began": state.attempt_began,
-        "race": None if state.race is None else asdict(state.race),
-        "judged": state.judged,
-        "confirmation": None if state.confirmation is None else asdict(state.confirmation),
-        "confirmed": state.confirmed,
-        "refuted": state.refuted,
-        "real_env_steps": state.real_env_steps,
-        "cost": state.cost,
-        "scale_steps": state.scale.real_env_steps,
-        "finished": state.finished,
-        "finalists": [
-            {f.name: getattr(finalist, f.name) for f in fields(Finalist) if f.name != "theta"}
-            for finalist in state.finalists
-        ],
-        "records": [asdict(record) for record in state.records],
-    }
+    header: dict[str, Any] = {"format": RUN_FORMAT, **asdict(_Header.of(state))}
     tensors = {
         "theta": state.se.mean,
         "std_dev": state.se.std_dev,
@@ -157,6 +136,10 @@ class _Finalist:
     score_mean: float
     perturbed_score_mean: float
 
+    @classmethod
+    def of(cls, finalist: Finalist) -> Self:
+        return cls(**{spec.name: getattr(finalist, spec.name) for spec in fields(cls)})
+
 
 @dataclass(frozen=True)
 class _Header:
@@ -178,6 +161,17 @@ class _Header:
     records: tuple[GenerationRecord, ...]
     seed: int | None = None  # of the run; a state without provenance has none
     run: dict[str, Any] = field(default_factory=dict)  # see `_made_by`
+
+    @classmethod
+    def of(cls, state: NESState) -> Self:
+        same = [spec.name for spec in fields(cls) if hasattr(state, spec.name)]
+        others: dict[str, Any] = {
+            "scale_steps": state.scale.real_env_steps,
+            "finalists": tuple(map(_Finalist.of, state.finalists)),
+            "seed": state.provenance.get("seed"),
+            "run": _made_by(state.task, state.provenance),
+        }
+        return cls(**{name: getattr(state, name) for name in same} | others)
 
 
 def _checksum(text: str, tensors: Mapping[str, NDArray[Any]]) -> str:
