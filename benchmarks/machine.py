@@ -86,12 +86,17 @@ def resumed_result(name: str, command: str, growing: Sequence[str]) -> dict[str,
 def resumed_runs(
     name: str, command: str, growing: Sequence[str], seeds: Sequence[int]
 ) -> list[dict[str, Any]]:
-    """The runs of a `resumed_result`. Exits, too, if some have other seeds than `seeds`, those of
-    the command: it would be told as the command of all."""
+    """The runs of a `resumed_result`. Exits, too, if some have other seeds than `seeds`."""
     runs: list[dict[str, Any]] = resumed_result(name, command, growing).get("runs", [])
-    if lacking := {run["seed"] for run in runs}.difference(seeds):
+    require_seeds(name, {run["seed"] for run in runs}, seeds)
+    return runs
+
+
+def require_seeds(name: str, measured: set[int], seeds: Sequence[int]) -> None:
+    """Exit if some of the seeds that a result has are not in `seeds`, those of the command: it
+    would be told as the command of all."""
+    if lacking := measured.difference(seeds):
         raise SystemExit(
             f"benchmarks/results/{name}.json has the seeds {format_seeds(sorted(lacking))}, too: "
             "add them to --seeds, or move it away"
         )
-    return runs

@@ -32,10 +32,11 @@ from typing import Any
 import joblib
 
 from benchmarks.arguments import format_seeds, known_task, parse_seeds
-from benchmarks.machine import resumed_result, write_result
+from benchmarks.machine import require_seeds, resumed_result, write_result
 from benchmarks.nes.run import run_nes
 from benchmarks.search.outcomes import outcomes
 from bilevel.durable import write_aside
+from bilevel.errors import OtherVersion, StorageFailure
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.hyperparameters import Hyperparameters, load_recipe
 from bilevel.tasks import Task, get_task
@@ -120,9 +121,11 @@ def run_in_process(
     rungs = study.schedule.brackets(brackets)
     search = BracketSearch.of(study, journal, brackets)
     while (job := search.next_job()) is not None:
-        runs = ConfigurationRuns.open(study, job.id, job.configuration, log)
         try:
+            runs = ConfigurationRuns.open(study, job.id, job.configuration, log)
             runs.spend(job.budget, pool)
+        except (StorageFailure, OtherVersion):
+            raise
         except Exception as error:  # as in a trial
             search.register(job, None, exception=str(error))
             continue
@@ -196,8 +199,10 @@ class Comparison:
     def __init__(self, options: argparse.Namespace) -> None:
         self.options = options
         self.name = f"search_{options.task}"
-        self.rows: dict[str, Any] = {"default": {}}
-        self.rows |= resumed_result(self.name, self.command, ("seeds", "fresh")).get("rows", {})
+        before = resumed_result(self.name, self.command, ("seeds", "fresh")).get("rows", {})
+        measured = {row["seed"] for row in before.values() if "seed" in row}
+        require_seeds(self.name, measured, options.seeds)
+        self.rows: dict[str, Any] = {"default": {}, **before}
         # Searches with equal seeds one after the other, those with others beside each other.
         cores = os.cpu_count() or 1
         for place in range(0, len(options.seeds), cores):

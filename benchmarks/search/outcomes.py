@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from typing import Literal
 
 import numpy as np
 
@@ -51,6 +52,8 @@ def with_an_se(found: Sequence[Outcome]) -> int:
 
 
 def quartiles(values: Sequence[float]) -> str:
-    """The median, with the quartiles."""
-    low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
+    """The median, with the quartiles; if some values are infinite, each is one of the values."""
+    method: Literal["linear", "inverted_cdf"]
+    method = "linear" if np.isfinite(values).all() else "inverted_cdf"
+    low, middle, high = np.quantile(values, (0.25, 0.5, 0.75), method=method)
     return f"{middle:.0f} ({low:.0f} to {high:.0f})"

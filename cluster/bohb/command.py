@@ -110,7 +110,7 @@ def deadlines(started: float, time_budget: float | None) -> tuple[float, float]:
 def run_study(command: StudyCommand) -> int:
     """Run or resume the study; return exit code 0, or 1 if no trial succeeded.
 
-    Raises InvalidInput before anything is written, and StorageFailure if the disk is full.
+    Raises InvalidInput before it runs anything, and StorageFailure if the disk is full.
     """
     study, workers = command.study, max(command.workers_per_trial, 1)
     with (

@@ -12,6 +12,7 @@ from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.search.validation import Plan, validate
 from cluster.bohb.study.definition import RECIPE_FILE, Study, configuration_name
 from cluster.bohb.study.journal import Journal, ResultLine
+from cluster.nes.run import Pool
 from cluster.nes.selection import (
     RACERS,
     Contender,
@@ -48,7 +49,7 @@ class Handover:
         study, log = self.study, self.terminal.log
         self._validate(pool, is_over)
         incumbent = self._report_incumbent()
-        every = list(self._all_runs(pool))
+        every = list(all_runs(study, self.journal, pool, log))
         contenders = _contenders(every)
         if not contenders:
             log(self._nothing)
@@ -168,25 +169,27 @@ class Handover:
     def _summary(self) -> StudySummary:
         return StudySummary.of(self.journal)
 
-    # -- the best SE -------------------------------------------------------------
 
-    def _all_runs(self, pool: EvaluationPool) -> Iterator[ConfigurationRuns]:
-        """The runs of every configuration, and those of its validation. A damaged or lost
-        checkpoint is recomputed."""
-        reached, log = self.journal.reached, self.terminal.log
-        failed = {line.id for line in self.journal.results if line.loss is None}
-        for line in self.journal.configs:
-            try:
-                runs = ConfigurationRuns.open(self.study, line.id, line.configuration, log)
-                runs.spend(reached.get(line.id, 0), pool)
-                validated = ConfigurationRuns.read(self.study, line.id, line.configuration, True)
-            except (StorageFailure, OtherVersion):
-                raise
-            except InvalidInput as error:
-                if line.id not in failed:
-                    log(f"{configuration_name(line.id)} is left out: {error}")
-                continue
-            yield from (runs, validated)
+def all_runs(
+    study: Study, journal: Journal, pool: Pool, log: Callable[[str], None]
+) -> Iterator[ConfigurationRuns]:
+    """The runs of every configuration, and those of its validation. A damaged or lost checkpoint is
+    recomputed; a configuration for which that fails is left out, with a message. Raises
+    StorageFailure, and OtherVersion."""
+    reached = journal.reached
+    failed = {line.id for line in journal.results if line.loss is None}
+    for line in journal.configs:
+        try:
+            runs = ConfigurationRuns.open(study, line.id, line.configuration, log)
+            runs.spend(reached.get(line.id, 0), pool)
+            validated = ConfigurationRuns.read(study, line.id, line.configuration, True)
+        except (StorageFailure, OtherVersion):
+            raise
+        except InvalidInput as error:
+            if line.id not in failed:
+                log(f"{configuration_name(line.id)} is left out: {error}")
+            continue
+        yield from (runs, validated)
 
 
 class _Progress:

@@ -98,19 +98,19 @@ class EvaluationPool:
         sent = [ray.put(task), ray.put(se)]
         waiting = RequestQueue(requests, self.size)
         held: list[list[Batch]] = [[] for _ in self._actors]  # oldest first
-        running: dict[Any, int] = {}  # reference -> actor
+        running: dict[Any, tuple[int, Batch]] = {}  # by reference; of the actor with that number
         deaths: dict[int, int] = {}
         results: list[EvaluationResult] = []
         while waiting or running:
             for slot in sorted(self._arrived, key=lambda k: len(held[k])):  # idle ones first
                 while (batch := waiting.take(held[slot])) is not None:
-                    running[self._actors[slot].evaluate.remote(*sent, batch)] = slot
+                    running[self._actors[slot].evaluate.remote(*sent, batch)] = slot, batch
                     held[slot].append(batch)
             (done,), _ = ray.wait([*running, *self._arriving], num_returns=1)
             if done in self._arriving:
                 self._receive(done)
                 continue
-            slot = running.pop(done)
+            slot, batch = running.pop(done)
             try:
                 answers = ray.get(done)
             except RayTaskError as error:
@@ -130,11 +130,11 @@ class EvaluationPool:
                         f"than there is ({first_line(error)})"
                     ) from error
                 self._replace(slot)
-                running = {other: k for other, k in running.items() if k != slot}
+                running = {other: one for other, one in running.items() if one[0] != slot}
                 waiting.put_back(held[slot])
                 held[slot] = []
                 continue
-            held[slot].pop(0)
+            held[slot].remove(batch)
             for result in answers:
                 self.evaluation_seconds += result.seconds
                 self.real_env_steps += result.real_env_steps

@@ -92,6 +92,12 @@ class BracketSearch:
         self._recorded: dict[int, deque[ConfigLine]] = {}
         for line in journal.configs:
             self._recorded.setdefault(line.id[0], deque()).append(line)
+        begun = max(self._recorded, default=-1) + 1
+        if begun > brackets:
+            raise InvalidInput(
+                f"{str(journal.folder)!r} has begun {begun} brackets, {brackets} are asked for: "
+                f"ask for {begun} at least"
+            )
         self._origins = {line.id: line.origin for line in journal.configs}
         self._brackets = [self._bracket(number) for number in range(brackets)]
         self._replaying = True

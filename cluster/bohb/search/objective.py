@@ -41,7 +41,7 @@ class Tally:
 
     @classmethod
     def of(cls, states: Sequence[NESState]) -> Self:
-        """Count the runs of a configuration; all but the last are over."""
+        """Count the runs of a configuration, of which the last may not be over."""
         return cls(
             cost=sum(state.cost for state in states),
             runs=len(states),

@@ -86,13 +86,16 @@ class ConfigurationRuns:
 
     def advance(self, pool: Pool) -> NESState:
         """Advance the first run that is not over, or begin another (`NESRun.advance`); return its
-        state."""
+        state. Of runs that stand on disk after one that was lost, one is read instead."""
         number = next(
             (i for i, state in enumerate(self.states) if not state.finished), len(self.states)
         )
         run = self.run(number)
         if number == len(self.states):
+            there = run.begun
             self.states.append(run.open())
+            if there:  # perhaps over
+                return self.states[number]
         self.states[number] = run.advance(self.states[number], pool)
         return self.states[number]
 

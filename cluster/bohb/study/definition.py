@@ -174,7 +174,7 @@ class Study:
             allowed = (*PRIORS, "and studies on the same task")
             raise one_of("prior", self.prior, allowed)
         other = Study.read(folder)
-        if other.space.build(other.agents) != self.space.build(self.agents):
+        if other.stored_space() != self.space.build(self.agents):
             raise InvalidInput(
                 f"the study {self.prior!r} cannot be the prior: it searched another space"
             )

@@ -3,9 +3,11 @@ import sys
 import time
 from argparse import Namespace
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import ConfigSpace as CS
+import numpy as np
 import psutil
 import pytest
 
@@ -21,15 +23,18 @@ from benchmarks.search.compare import (
     fresh_run,
     run_in_process,
 )
+from bilevel.errors import StorageFailure
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
 from bilevel.nes.checkpoint import save_state
 from bilevel.tasks import Task, get_task
+from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.search.validation import VALIDATION_FILE
 from cluster.bohb.study.brackets import core_seconds_to_run
 from cluster.bohb.study.journal import Journal
 from cluster.bohb.study.profiles import METHODS
+from cluster.nes.run import Pool
 from search_spaces.bohb import search_space
 from tests.studies import MadeUpPool, new_study
 
@@ -75,6 +80,26 @@ def test_a_failing_configuration_does_not_end_a_search(tmp_path: Path) -> None:
     assert found.incumbent is not None
 
 
+def test_a_full_disk_is_no_failure_of_a_configuration(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It ends the search, which the same command resumes."""
+    study, spend = new_study(tmp_path / "study"), ConfigurationRuns.spend
+
+    def full(runs: ConfigurationRuns, budget: float, pool: Pool) -> None:
+        if runs.id == (0, 0, 1):
+            raise StorageFailure("cannot write: the disk is full")
+        spend(runs, budget, pool)
+
+    monkeypatch.setattr(ConfigurationRuns, "spend", full)
+    with pytest.raises(StorageFailure):
+        run_in_process(study, 1, MadeUpPool(), lambda line: None)
+    monkeypatch.undo()
+    assert [line.id for line in Journal(study.folder).results] == [(0, 0, 0)]
+    found = run_in_process(study, 1, MadeUpPool(), lambda line: None)
+    assert all(line.loss is not None for line in found.journal.results)
+
+
 def test_a_fresh_run_is_a_function_of_configuration_and_number(
     tmp_path: Path, small_hp: Hyperparameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -110,9 +135,11 @@ def test_what_a_search_has_evaluated_is_not_evaluated_again(
     told: list[EvaluationResult] = []
     assert InProcess(tmp_path).run(task, read.se, nes.ask(read), told.append) == first == told
     assert not made
-    other = NES(task, small_hp, 1)
-    InProcess(tmp_path).run(task, other.init().se, other.ask(other.init()))
-    assert made == list(other.ask(other.init()))
+    moved = replace(state.se, mean=state.se.mean + np.float32(0.1))
+    InProcess(tmp_path).run(task, moved, nes.ask(state))
+    assert made == list(nes.ask(state))
+    InProcess(tmp_path).run(task, state.se, NES(task, small_hp, 1).ask(state))
+    assert made == [*nes.ask(state), *NES(task, small_hp, 1).ask(state)]
 
 
 def test_searches_with_equal_seeds_follow_each_other(
@@ -150,6 +177,9 @@ def test_a_comparison_goes_on_where_its_file_ends(
     assert second.arguments == ("CartPole-v0", {"nes.step_size": 1.0}, 1, options.home)
     begun.add(second, {"seed": 10_001})
     assert missing() == {"default": [0, 1], **searches, "bohb 3": [0]}
+    options.seeds = [4]
+    with pytest.raises(SystemExit, match="has the seeds 3, too"):
+        missing()
 
 
 def test_an_unknown_task_is_told_before_anything_is_written(
@@ -168,9 +198,12 @@ def test_an_unknown_task_is_told_before_anything_is_written(
 @pytest.mark.timeout(180)
 def test_searches_end_with_a_killed_command(tmp_path: Path) -> None:
     """They would go on beside those of the command that resumes them."""
-    new = "999"  # of searches that the committed results do not have
-    module = ("-m", "benchmarks.search.compare", "CartPole-v0", "--seeds", new, "--fresh", "0")
-    command = psutil.Popen([sys.executable, *module, "--home", tmp_path], cwd=ROOT)
+    elsewhere = (  # where nothing has been measured
+        "from benchmarks import machine; from benchmarks.search import compare; "
+        f"machine.RESULTS = machine.Path({str(tmp_path)!r}); compare.main()"
+    )
+    options = ("CartPole-v0", "--seeds", "999", "--fresh", "0", "--home", tmp_path)
+    command = psutil.Popen([sys.executable, "-c", elsewhere, *options], cwd=ROOT)
     while not [*tmp_path.glob("CartPole-v0/*/settings.json")]:
         assert command.poll() is None
         time.sleep(0.05)

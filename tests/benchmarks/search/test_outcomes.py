@@ -2,7 +2,7 @@ import math
 from pathlib import Path
 from typing import Any
 
-from benchmarks.search.outcomes import at_smallest, outcomes
+from benchmarks.search.outcomes import at_smallest, outcomes, quartiles
 from cluster.bohb.study.journal import ConfigLine, Journal, Origin, ResultLine
 
 STAMPS = {"submitted": 0.0, "started": 0.0, "finished": 0.0}
@@ -32,3 +32,9 @@ def test_what_outran_the_budget_is_scaled_to_it(tmp_path: Path) -> None:
     journal.add_result(ResultLine((0, 0, 0), 30, 80.0, {"core_seconds": 40.0}, STAMPS))
     assert at_smallest(outcomes(journal))[Origin.RANDOM] == [(80.0, 0)]
     assert at_smallest(outcomes(journal, at_budget=True))[Origin.RANDOM] == [(60.0, 0)]
+
+
+def test_quartiles_of_failures() -> None:
+    assert quartiles([1.0, 2.0, 4.0, 8.0]) == "3 (2 to 5)"
+    assert quartiles([10.0, math.inf, math.inf, math.inf]) == "inf (10 to inf)"
+    assert quartiles([10.0, 20.0, 30.0, 40.0, math.inf]) == "30 (20 to 40)"

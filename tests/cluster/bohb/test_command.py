@@ -6,13 +6,15 @@ from pathlib import Path
 
 import pytest
 
-from cluster.bohb.command import StudyCommand, deadlines, more_than_asked
+from cluster.bohb.command import StudyCommand, brackets_to_reach, deadlines, more_than_asked
 from cluster.bohb.study.brackets import Schedule
+from cluster.bohb.study.journal import Journal
 from cluster.bohb.study.profiles import ENDLESS
 from cluster.ray.connection import Capacity
 from cluster.session.context import RunContext
 from cluster.storage.home import Home
-from tests.studies import new_study
+from cluster.storage.run_folder import RunStatus, Status
+from tests.studies import make_study, new_study
 
 
 @pytest.fixture
@@ -58,6 +60,29 @@ def test_a_quarter_of_the_time_is_for_validation() -> None:
     assert deadlines(1000.0, 3660.0) == (1000.0 + 2700.0, 1000.0 + 3600.0)
     assert deadlines(0.0, 80.0) == (30.0, 40.0)
     assert deadlines(0.0, None) == (math.inf, math.inf)
+
+
+def test_a_complete_study_gets_more_brackets_and_an_unfinished_one_completes_its_own(
+    tmp_path: Path,
+) -> None:
+    study = make_study(tmp_path, brackets=3)
+    journal, schedule = Journal(tmp_path), study.schedule
+
+    def brackets(more: int, status: Status | None = "FINISHED", target: int = 3) -> int:
+        run_status = None if status is None else RunStatus(status, 0.0, target)
+        return brackets_to_reach(journal, schedule, more, run_status)
+
+    assert brackets(2) == 5
+    assert brackets(2, "KILLED") == 3
+    assert brackets(2, "KILLED", target=4) == 4
+    assert brackets(5, "KILLED") == 5
+    assert brackets(2, None) == 5
+    journal.results.pop()  # its time was over
+    assert brackets(2) == 3
+    assert brackets(4) == 4
+    journal.configs.clear()
+    journal.results.clear()
+    assert brackets(2) == 2
 
 
 def test_a_study_that_does_more_than_it_is_asked_says_so() -> None:

@@ -3,11 +3,12 @@
 from dataclasses import replace
 from pathlib import Path
 
-from cluster.bohb.handover import _contenders
+from cluster.bohb.handover import _contenders, all_runs
 from cluster.bohb.search.runs import ConfigurationRuns
-from cluster.bohb.study.journal import Journal
+from cluster.bohb.search.validation import Plan, validate
+from cluster.bohb.study.journal import ConfigId, Journal
 from cluster.nes.selection import RACERS
-from tests.studies import make_study
+from tests.studies import MadeUpPool, make_study
 
 
 def test_confirmed_ses_come_first_then_those_that_scored_highest(tmp_path: Path) -> None:
@@ -32,3 +33,20 @@ def test_confirmed_ses_come_first_then_those_that_scored_highest(tmp_path: Path)
     assert first.hp == worst.run(0).hp
     assert len(scored) > RACERS == 1 + len(others)
     assert [one.se for one in others] == [se for _, se in scored[: RACERS - 1]]
+
+
+def test_the_runs_of_a_validation_take_part(tmp_path: Path) -> None:
+    """They have seeds of their own, and may have the best SE."""
+    study = make_study(tmp_path)
+    journal, pool, told = Journal(study.folder), MadeUpPool(), list[str]()
+
+    def validated() -> set[ConfigId]:
+        every = all_runs(study, journal, pool, told.append)
+        return {runs.id for runs in every if runs.validation and runs.states}
+
+    plan = Plan.of(journal, None)
+    assert plan is not None
+    assert not validated()
+    validate(study, journal, plan, pool, told.append, lambda spent, total: None, lambda: False)
+    assert validated() == set(plan.finalists)
+    assert not told

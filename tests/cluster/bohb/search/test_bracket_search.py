@@ -10,6 +10,7 @@ import ConfigSpace as CS
 import numpy as np
 import pytest
 
+from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import load_recipe
 from cluster.bohb.results.importance import unit_values
 from cluster.bohb.search.bracket_search import BracketSearch, Job
@@ -99,6 +100,12 @@ def test_interrupted_anywhere_it_goes_on_the_same(
     assert [(j.id, j.budget, j.configuration) for j in done] == [
         (j.id, j.budget, j.configuration) for j in whole
     ]
+
+
+def test_fewer_brackets_than_there_are_is_refused(tmp_path: Path) -> None:
+    run_to_end(new_search(tmp_path, brackets=3))
+    with pytest.raises(InvalidInput, match="has begun 3 brackets, 2 are asked for: ask for 3 at"):
+        new_search(tmp_path, brackets=2)
 
 
 def test_more_brackets_use_all_that_came_before(tmp_path: Path) -> None:

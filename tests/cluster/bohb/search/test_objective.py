@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from bilevel.nes import NESState
@@ -60,6 +61,17 @@ def test_what_is_counted(state: NESState) -> None:
     assert Tally.of([]).objective == 0.0
 
 
+def test_progress_is_that_of_the_last_scores(state: NESState) -> None:
+    """Of the last four, in the attempt that is under way."""
+    solved = state.task.solved_reward
+    scores = [0.0] * 4 + [solved] * 4
+    records = tuple(replace(state.records[0], score_mean=score) for score in scores)
+    assert Tally.of([replace(state, records=records)]).progress == 1.0
+    assert Tally.of([replace(state, records=records[:6])]).progress == 0.5
+    assert Tally.of([replace(state, records=records[:6], attempt_began=5)]).progress == 1.0
+    assert Tally.of([replace(state, records=records[:6], attempt_began=6)]).progress == 0.0
+
+
 def test_seed_after_seed_until_the_budget_is_spent(tmp_path: Path) -> None:
     """A configuration goes on where a smaller budget ended, and comes to the same."""
     study = new_study(tmp_path / "one")
@@ -88,6 +100,24 @@ def test_a_damaged_run_is_run_again_before_others(tmp_path: Path) -> None:
     assert not runs.spent(job.budget)
     runs.spend(job.budget, MadeUpPool())
     assert runs.tally == before
+
+
+def test_a_lost_run_is_run_again_and_the_others_stay(tmp_path: Path) -> None:
+    """Those after it are over: advanced once more, a confirmed SE would be another one."""
+    study = new_study(tmp_path)
+    study = replace(study, base=replace(study.base, nes=replace(study.base.nes, generations=3)))
+    id, configuration = (0, 0, 0), {"nes.population_size": 4}
+    runs = ConfigurationRuns.open(study, id, configuration)
+    runs.spend(3, MadeUpPool())
+    assert len(runs.states) > 2
+    (runs.run(0).folder / "state.safetensors").unlink()
+    again = ConfigurationRuns.open(study, id, configuration)
+    assert not again.states
+    again.spend(3, MadeUpPool())
+    assert again.tally == runs.tally
+    for state, before in zip(again.states, runs.states, strict=True):
+        assert state.generation == before.generation
+        np.testing.assert_array_equal(state.se.mean, before.se.mean)
 
 
 def test_the_best_se_is_a_confirmed_one(state: NESState, tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from bilevel.errors import InvalidInput, StorageFailure
+from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
 from bilevel.nes import NESState
 from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.search.runs import ConfigurationRuns
@@ -100,6 +100,13 @@ class TestPlan:
     ) -> None:
         """Two with half of it at least; a search of less is not validated."""
         assert len(finalists(journal_of(tmp_path, dict.fromkeys(range(searched), 5.0)))) == number
+
+    def test_the_last_winner_keeps_nobody_out(self, tmp_path: Path) -> None:
+        """Its earlier runs count, so that it takes little of the time."""
+        journal = journal_of(tmp_path, {0: 50.0, 1: 40.0, 2: 9.0, 3: 8.0})
+        assert finalists(journal) == [2, 3]
+        before = Validation(3, (ResultLine((0, 0, 0), 4, 45.0, {}, STAMPS),))
+        assert finalists(journal, before) == [0, 2, 3]
 
     def test_nothing_to_compare(self, tmp_path: Path) -> None:
         failed: dict[int, float | None] = dict.fromkeys(range(1, 30))
@@ -225,6 +232,16 @@ class TestValidation:
             (one.id, one.loss) for one in whole.finalists
         ]
 
+    def test_repeated_from_disk_it_keeps_its_times(self, tmp_path: Path) -> None:
+        """As after a stop in the retest that follows it."""
+        study = make_study(tmp_path)
+        found, _ = run_validation(study)
+        assert found is not None
+        assert run_validation(study)[0] == found == Validation.load(study.folder)
+        earlier = replace(found, results=1)
+        earlier.save(study.folder)
+        assert run_validation(study)[0] != earlier
+
     def test_a_finalist_that_fails_is_left_out(
         self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     ) -> None:
@@ -244,15 +261,19 @@ class TestValidation:
         assert found is not None
         assert {line.id for line in found.finalists} == {*plan.finalists} - {failing}
 
-        def full(runs: ConfigurationRuns, pool: EvaluationPool) -> NESState:
-            raise StorageFailure("the disk is full")
-
-        monkeypatch.setattr(ConfigurationRuns, "advance", full)
         (study.folder / VALIDATION_FILE).unlink()
         for runs in study.folder.glob("configurations/*/validation-*/*"):
             runs.unlink()
-        with pytest.raises(StorageFailure):
-            run_validation(study)
+        for failure in (StorageFailure("the disk is full"), OtherVersion("checkpoint", 1, 2)):
+
+            def fails(
+                runs: ConfigurationRuns, pool: EvaluationPool, failure: InvalidInput = failure
+            ) -> NESState:
+                raise failure
+
+            monkeypatch.setattr(ConfigurationRuns, "advance", fails)
+            with pytest.raises(type(failure)):
+                run_validation(study)
 
     def test_damage_is_told(self, tmp_path: Path) -> None:
         (tmp_path / VALIDATION_FILE).write_text('{"results": 3}')

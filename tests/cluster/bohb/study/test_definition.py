@@ -218,6 +218,19 @@ def test_earlier_results_are_copied(later: Study) -> None:
     assert any(job is not None and job.origin is Origin.MODEL for job in found)
 
 
+def test_a_prior_with_the_ranges_of_another_version_is_refused(later: Study) -> None:
+    """Its configurations may lie outside of this version's."""
+    other = Study.read(later.folder.parent / later.prior)
+    other.write_space()
+    later.check_prior()
+    stored = json.loads((other.folder / SPACE_FILE).read_text())
+    (spread,) = (one for one in stored["hyperparameters"] if one["name"] == "nes.std_dev")
+    spread["upper"] *= 4
+    (other.folder / SPACE_FILE).write_text(json.dumps(stored))
+    with pytest.raises(InvalidInput, match="'earlier-one' cannot be the prior: it searched an"):
+        later.check_prior()
+
+
 def test_priors_that_do_not_fit_are_refused(later: Study) -> None:
     unknown = replace(later, prior="unknown")
     with pytest.raises(InvalidInput, match=r"unknown prior 'unknown': .*studies on the same"):
