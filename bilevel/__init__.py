@@ -24,7 +24,7 @@ them numba and torch, are imported on first use.
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-from bilevel import gym, zoo
+from bilevel import gym
 from bilevel.errors import InvalidInput
 from bilevel.version import __version__
 
@@ -69,4 +69,3 @@ def __getattr__(name: str) -> Any:
 
 
 gym.register()
-zoo.register()

@@ -1,19 +1,22 @@
 """SEs as gymnasium environments: one (`env`), many copies that step together (`vector_env`)."""
 
-from pathlib import Path
-
 import gymnasium
+
+from bilevel.zoo import ENTRIES, env_id, zoo_file
 
 #: Id of the environment that takes any SE: `gymnasium.make(ENV_ID, path=...)`.
 ENV_ID = "bilevel/SyntheticEnv-v0"
 
 
-def register(env_id: str = ENV_ID, path: Path | None = None) -> None:
-    """Register an id in gymnasium, once; with `path`, that of one SE file."""
-    if env_id not in gymnasium.registry:
-        gymnasium.register(
-            env_id,
-            entry_point="bilevel.gym.env:SyntheticEnv",
-            vector_entry_point="bilevel.gym.vector_env:SyntheticVectorEnv",
-            kwargs={} if path is None else {"path": str(path)},
-        )
+def register() -> None:
+    """Register ENV_ID and the ids of the zoo in gymnasium, once."""
+    ids: dict[str, dict[str, str]] = {ENV_ID: {}}
+    ids |= {env_id(name): {"path": str(zoo_file(name))} for name in ENTRIES}
+    for name, kwargs in ids.items():
+        if name not in gymnasium.registry:
+            gymnasium.register(
+                name,
+                entry_point="bilevel.gym.env:SyntheticEnv",
+                vector_entry_point="bilevel.gym.vector_env:SyntheticVectorEnv",
+                kwargs=kwargs,
+            )

@@ -18,25 +18,28 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
+from bilevel.errors import InvalidInput
 from bilevel.gym.rendering import MODES, Renderer, draws_its_state
-from bilevel.synthetic_env.source import se_file
 
 
 class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     """The SE of a file, with observations Box (S,) float32 and the real task's actions.
 
-    `path` may also be MLflow's address of an SE (`bilevel.synthetic_env.source`). Raises
-    InvalidInput if the file is missing or damaged, if gymnasium does not know its task, or if the
-    task cannot draw the SE's states in this `render_mode` (`bilevel.gym.rendering`).
+    `path` may also be a name of the zoo or MLflow's address of an SE
+    (`bilevel.synthetic_env.source`). Raises InvalidInput if the file is missing or damaged, if
+    gymnasium does not know its task, or if the task cannot draw the SE's states in this
+    `render_mode` (`bilevel.gym.rendering`).
     """
 
     metadata: dict[str, Any] = {"render_modes": list(MODES), "render_fps": 30}  # noqa: RUF012
 
-    def __init__(self, path: str | Path, render_mode: str | None = None) -> None:
+    def __init__(self, path: str | Path | None = None, render_mode: str | None = None) -> None:
         from bilevel.kernels.synthetic_env import work_space
-        from bilevel.synthetic_env import load_se
+        from bilevel.synthetic_env.source import load
 
-        self.se = se = load_se(se_file(path))
+        if path is None:
+            raise InvalidInput("which SE? give path=..., a file, a name of the zoo, or MLflow's")
+        self.se = se = load(path)
         self._task = se.task()
         self.step_limit, self.n_actions = se.architecture.step_limit, se.architecture.n_actions
         self.kernel = se.se.kernel

@@ -30,7 +30,9 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         "autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP,
     }
 
-    def __init__(self, path: str | Path, num_envs: int = 1, render_mode: str | None = None) -> None:
+    def __init__(
+        self, path: str | Path | None = None, num_envs: int = 1, render_mode: str | None = None
+    ) -> None:
         if render_mode is not None:
             raise InvalidInput(
                 f"render_mode {render_mode!r} needs one environment after the other: "

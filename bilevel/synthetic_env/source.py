@@ -1,4 +1,4 @@
-"""Finding an SE file on this machine or in MLflow."""
+"""Finding an SE file: on this machine, in the zoo or in MLflow."""
 
 import os
 import re
@@ -8,6 +8,7 @@ from pathlib import Path
 
 from bilevel.errors import InvalidInput, first_line
 from bilevel.synthetic_env.storage import StoredSE, load_se
+from bilevel.zoo import ENTRIES, zoo_file
 
 #: A version of a registered model, by its number or alias.
 _MODEL = re.compile(r"models:/([^/@]+)(?:/(\d+)|@(.+))")
@@ -43,15 +44,26 @@ def pinned(address: str, tracking_uri: str | None = None) -> str:
 
 
 def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
-    """The SE file at a path, or at MLflow's address of a registered model (`models:/NAME@ALIAS` or
-    `models:/NAME/VERSION`) or of an artifact of a run (`runs:/ID/best_se.safetensors`), which is
-    downloaded from the MLflow at `tracking_uri`, or else from the one that MLflow is set to.
+    """The SE file at a path, of that name in the zoo, or at MLflow's address of a registered model
+    (`models:/NAME@ALIAS` or `models:/NAME/VERSION`) or of an artifact of a run
+    (`runs:/ID/best_se.safetensors`), which is downloaded from the MLflow at `tracking_uri`, or else
+    from the one that MLflow is set to.
 
-    Raises InvalidInput if MLflow has none there, or is set to nothing.
+    Raises InvalidInput if there is none, or MLflow is set to nothing.
     """
     if not isinstance(address, str | os.PathLike):
-        raise InvalidInput(f"an SE file is given by its path or MLflow's address; got {address!r}")
+        raise InvalidInput(
+            "an SE is given by its file's path, its name in the zoo or MLflow's address; got "
+            f"{address!r}"
+        )
+    if address in ENTRIES:
+        return zoo_file(str(address))
     if not is_of_mlflow(address):
+        if not os.path.exists(address):  # noqa: PTH110 (Path's raises for a name too long)
+            raise InvalidInput(
+                f"no SE file at {str(address)!r}: give a path, MLflow's address (runs:/..., "
+                f"models:/...) or a name of the zoo, {' or '.join(ENTRIES)}"
+            )
         return Path(address)
     from mlflow import is_tracking_uri_set
     from mlflow.artifacts import download_artifacts
@@ -71,7 +83,8 @@ def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
 
 
 def load(address: str | Path) -> StoredSE:
-    """Read an SE file, at a path or at MLflow's address (`se_file`).
+    """Read an SE: a file at a path, the one of that name in the zoo, or what MLflow has at an
+    address (`se_file`).
 
     Raises InvalidInput if it is missing, damaged, or not an SE file.
     """

@@ -38,6 +38,8 @@ class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.flo
         with self._checked(code, "takes a step"):
             state, reward, terminated, truncated, info = self.env.step(action)
             checked, number = self._observation(state, code), float(reward)
+            if isinstance(reward, str):
+                raise mistake_at(self._what, code, f"the reward is {reward!r}: no number")
             if not np.isfinite(number):
                 raise mistake_at(self._what, code, f"the reward is {number}: it must be finite")
         return checked, number, bool(terminated), bool(truncated), info

@@ -91,7 +91,8 @@ class Task:
         Mistake."""
         if self.compiled:
             return
-        with closing(self.make()) as env:
+        env = _make(self.id, self.step_limit, checked=True)
+        with closing(CheckedEnv(env, self.id)) as env:
             first = int(env.action_space.start)  # type: ignore[attr-defined]
             for action in range(self.n_actions):
                 env.reset(seed=0)
@@ -216,17 +217,26 @@ def get_task(
     observations, actions = env.observation_space, env.action_space
     if not isinstance(observations, gymnasium.spaces.Box) or len(observations.shape) != 1:
         raise InvalidInput(
-            f"{task_id} has observations {observations}: allowed is a Box of one dimension"
+            f"{task_id} has observations {observations}: allowed is a Box of one dimension, as "
+            "gymnasium.wrappers.FlattenObservation makes of others"
         )
     if not observations.shape[0]:
         raise InvalidInput(f"{task_id} has observations without components: {observations}")
     if not isinstance(actions, gymnasium.spaces.Discrete):
-        raise InvalidInput(f"{task_id} has actions {actions}: allowed is Discrete")
+        raise InvalidInput(
+            f"{task_id} has actions {actions}: allowed is Discrete; of others a "
+            "gymnasium.ActionWrapper can offer a few"
+        )
     solved = solved_reward if solved_reward is not None else spec.reward_threshold
     limit = step_limit if step_limit is not None else spec.max_episode_steps
-    if solved is None:
+    if solved is None or limit is None:
+        wanted = {"solved reward": solved, "step limit": limit}
+        absent = [what for what, value in wanted.items() if value is None]
+        options = (f"--{what.replace(' ', '-')}" for what in absent)
+        arguments = (f"{what.replace(' ', '_')}=..." for what in absent)
         raise InvalidInput(
-            f"{task_id} has no reward threshold: give its solved reward (--solved-reward)"
+            f"{task_id} names no {' and no '.join(absent)}: give {' and '.join(options)}, in "
+            f"Python bilevel.get_task({task_id!r}, {', '.join(arguments)})"
         )
     if not is_number(solved) or not math.isfinite(solved):
         raise InvalidInput(f"{task_id}: solved reward must be a finite number; got {solved!r}")
@@ -258,19 +268,30 @@ def _inspect(
 ) -> tuple[RealEnv, gymnasium.envs.registration.EnvSpec]:
     try:
         env = _make(task_id, None)
-    except (gymnasium.error.Error, ImportError) as error:
+    except gymnasium.error.DependencyNotInstalled as error:
+        raise InvalidInput(f"task {task_id!r} needs a package: {first_line(error)}") from None
+    except ImportError as error:
+        reason = first_line(error).partition(". ")[0]
+        raise InvalidInput(
+            f"task {task_id!r} cannot be imported ({reason}): the folder of a module of your own "
+            "must be on PYTHONPATH"
+        ) from None
+    except gymnasium.error.Error as error:
         raise InvalidInput(
             f"unknown task {task_id!r}: allowed are {', '.join(BUILT_IN_TASKS)} "
             f"and gymnasium ids with a flat Box and Discrete actions ({first_line(error)})"
         ) from None
-    except (Exception, SystemExit) as error:  # of the environment's own code
-        reason = f"{type(error).__name__}: {first_line(error)}"
-        raise InvalidInput(f"the task {task_id!r} cannot be made: {reason}") from error
+    except (Exception, SystemExit):  # of the environment's own code
+        with as_mistake(f"task {task_id!r}", None, "is made"):
+            raise
     assert env.spec is not None
     return env, env.spec
 
 
-def _make(task_id: str, step_limit: int | None, render_mode: str | None = None) -> RealEnv:
+def _make(
+    task_id: str, step_limit: int | None, render_mode: str | None = None, checked: bool = False
+) -> RealEnv:
+    """`checked`: with gymnasium's warnings, which it repeats for each environment that is made."""
     # A task without pictures need not know the argument.
     mode: dict[str, Any] = {} if render_mode is None else {"render_mode": render_mode}
     with warnings.catch_warnings():
@@ -278,5 +299,5 @@ def _make(task_id: str, step_limit: int | None, render_mode: str | None = None) 
         warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)
         warnings.filterwarnings("ignore", ".*out of date", UserWarning)
         warnings.filterwarnings("ignore", ".*latest versioned environment", UserWarning)
-        env: RealEnv = gymnasium.make(task_id, max_episode_steps=step_limit, **mode)
+        env: RealEnv = gymnasium.make(task_id, step_limit, disable_env_checker=not checked, **mode)
         return env

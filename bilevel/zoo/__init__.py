@@ -2,6 +2,7 @@
 
     import bilevel, gymnasium
     env = gymnasium.make("bilevel/Synthetic-CartPole-v0")
+    se = bilevel.load("CartPole-v0")
 
 The files lie beside this module: `NAME.safetensors`, the SE, and `NAME.json`, its card.
 `bilevel zoo build NAME` makes both anew.
@@ -12,7 +13,6 @@ from functools import cache
 from pathlib import Path
 
 from bilevel.errors import one_of
-from bilevel.gym import register as register_id
 
 _FOLDER = Path(__file__).parent
 
@@ -67,9 +67,14 @@ ENTRIES = {
 }
 
 
+def label(name: str) -> str:
+    """What the SE with that name is called beside its real task, which has the same name."""
+    return f"Synthetic-{name}"
+
+
 def env_id(name: str) -> str:
     """The id in gymnasium of the SE with that name."""
-    return f"bilevel/Synthetic-{name}"
+    return f"bilevel/{label(name)}"
 
 
 def get_entry(name: str) -> Entry:
@@ -90,9 +95,3 @@ def card(name: str) -> Card:
     from bilevel.decode import decode_file
 
     return decode_file(Card, zoo_file(name).with_suffix(".json"), "the card")
-
-
-def register() -> None:
-    """Register the zoo's ids in gymnasium."""
-    for name in ENTRIES:
-        register_id(env_id(name), zoo_file(name))

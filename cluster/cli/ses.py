@@ -1,7 +1,6 @@
 """SEs on the command line: where their files are, and what they are called."""
 
 import functools
-import os
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -59,17 +58,12 @@ class SEAddress(click.ParamType[GivenSE]):
         """The file. Raises InvalidInput if there is none, and if MLflow, which `--home` and
         `--tracking-uri` of the same command tell, cannot be reached or has none at an address."""
         from bilevel.synthetic_env.source import is_of_mlflow, pinned, se_file
-        from bilevel.zoo import ENTRIES, zoo_file
+        from bilevel.zoo import ENTRIES, label, zoo_file
 
         if value in ENTRIES:
-            return GivenSE.of(zoo_file(value))
+            return GivenSE(zoo_file(value), label(value))
         if not is_of_mlflow(value):
-            if not os.path.exists(value):  # noqa: PTH110 (Path's raises for a name too long)
-                raise InvalidInput(
-                    f"no SE file at {value!r}: give a path, MLflow's address (runs:/..., "
-                    f"models:/...) or a name of the zoo, {' or '.join(ENTRIES)}"
-                )
-            return GivenSE.of(Path(value))
+            return GivenSE.of(se_file(value))
         from cluster.tracking.connection import check_tracking_uri, connected
 
         given = {} if context is None else context.params

@@ -195,7 +195,7 @@ def test_values_of_another_kind_are_told() -> None:
     with pytest.raises(bilevel.InvalidInput, match=r"task to learn must be a Task, as .*get_task"):
         bilevel.learn(environment)
     number: Any = 3
-    with pytest.raises(bilevel.InvalidInput, match=r"given by its path or MLflow's address; got 3"):
+    with pytest.raises(bilevel.InvalidInput, match=r"in the zoo or MLflow.s address; got 3"):
         bilevel.load(number)
     with pytest.raises(bilevel.InvalidInput, match=r"solved reward must be a finite number; got"):
         bilevel.get_task("CartPole-v0", solved_reward=name)

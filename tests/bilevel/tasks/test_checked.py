@@ -68,6 +68,7 @@ def returned(state: Any = (0.0, 0.0), reward: Any = -1.0) -> Callable[[], Any]:
         ({"step": returned((np.nan, 0.0))}, r"test_checked.py:\d+: an observation is \[nan  0.\]"),
         ({"step": returned((1.0, 2.0, 3.0))}, r"has the shape \(3,\): its space has \(2,\)"),
         ({"step": returned(reward=np.inf)}, "the reward is inf: it must be finite"),
+        ({"step": returned(reward="1")}, "the reward is .1.: no number"),
         ({"step": returned(reward=None)}, "when it takes a step: TypeError"),
         ({"first": np.full(2, np.nan)}, "an observation is .nan nan.: it must be finite"),
         ({"first": np.zeros((2, 1))}, r"has the shape \(2, 1\)"),

@@ -1,3 +1,4 @@
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -10,6 +11,7 @@ from bilevel.evaluation import train_and_test
 from bilevel.evaluation.run import greedy_episodes
 from bilevel.hyperparameters import load_recipe
 from bilevel.tasks import BUILT_IN_TASKS, Task, get_task
+from bilevel.user_code import Mistake
 
 
 def test_papers_fixed_values() -> None:
@@ -180,17 +182,53 @@ def test_a_task_whose_constructor_fails_is_told_in_a_line(
 
     spec = gymnasium.envs.registration.EnvSpec("test/Broken-v0", entry_point=fail)
     monkeypatch.setitem(gymnasium.registry, spec.id, spec)
-    with pytest.raises(InvalidInput, match=r"^the task 'test/Broken-v0' cannot be made: .*$"):
+    place = rf"{re.escape(__file__)}:\d+"
+    with pytest.raises(Mistake, match=rf"^task 'test/Broken-v0' at {place}, when it is made: .*$"):
         get_task(spec.id)
 
 
-def test_a_task_without_a_reward_threshold(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_a_task_does_not_name_is_asked_for_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     spec = gymnasium.envs.registration.EnvSpec(
-        "test/Constant-v0",
-        entry_point=lambda **_: Constant(np.float32, 1.0),
+        "test/Constant-v0", entry_point=lambda **_: Constant(np.float32, 1.0)
+    )
+    monkeypatch.setitem(gymnasium.registry, spec.id, spec)
+    told = (
+        "test/Constant-v0 names no solved reward and no step limit: give --solved-reward and "
+        "--step-limit, in Python bilevel.get_task('test/Constant-v0', solved_reward=..., "
+        "step_limit=...)"
+    )
+    with pytest.raises(InvalidInput, match=f"^{re.escape(told)}$"):
+        get_task(spec.id)
+    with pytest.raises(InvalidInput, match="names no step limit: give --step-limit, in"):
+        get_task(spec.id, solved_reward=1.0)
+    task = get_task(spec.id, solved_reward=1.0, step_limit=9)
+    assert (task.solved_reward, task.step_limit) == (1.0, 9)
+
+
+def test_a_module_that_is_not_found() -> None:
+    with pytest.raises(InvalidInput, match=r"No module named 'nowhere'\): the folder of a module"):
+        get_task("nowhere:Mine-v0")
+
+
+def test_gymnasiums_warnings_come_once(
+    monkeypatch: pytest.MonkeyPatch, recwarn: pytest.WarningsRecorder
+) -> None:
+    """Not for every environment that is made in training and tests."""
+
+    class Double(Constant):
+        def reset(self, **options: Any) -> tuple[Any, dict[str, Any]]:
+            state, info = super().reset(**options)
+            return state.astype(np.float64), info
+
+    spec = gymnasium.envs.registration.EnvSpec(
+        "test/Double-v0",
+        entry_point=lambda **_: Double(np.float32, 1.0),
+        reward_threshold=1.0,
         max_episode_steps=10,
     )
     monkeypatch.setitem(gymnasium.registry, spec.id, spec)
-    with pytest.raises(InvalidInput, match=r"give its solved reward \(--solved-reward\)"):
-        get_task(spec.id)
-    assert get_task(spec.id, solved_reward=1.0).solved_reward == 1.0
+    task = get_task(spec.id)
+    task.observation_scale(0)
+    assert not recwarn
+    task.try_out()
+    assert recwarn

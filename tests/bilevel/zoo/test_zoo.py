@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import torch
 
+import bilevel
 from bilevel import InvalidInput
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
@@ -50,6 +51,16 @@ def test_fresh_agents_do_about_as_well_as_the_card_says(name: str, least: float)
         agent = draw_agent(kinds, "small", word)
         scores.append(train_and_test(se.task(), se.se, agent, word).score)
     assert np.median(scores) > least
+
+
+def test_names_are_read_and_others_told() -> None:
+    for name in ENTRIES:
+        np.testing.assert_array_equal(bilevel.load(name).psi, load_se(zoo_file(name)).psi)
+    with pytest.raises(InvalidInput, match=r"no SE file at 'CartPole-v9': .* or a name of the zoo"):
+        bilevel.load("CartPole-v9")
+    for make in (gymnasium.make, gymnasium.make_vec):
+        with pytest.raises(InvalidInput, match=r"which SE\? give path="):
+            make("bilevel/SyntheticEnv-v0")
 
 
 def test_an_id_for_each() -> None:

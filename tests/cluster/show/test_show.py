@@ -117,7 +117,7 @@ def test_the_command(se_file: Path, tmp_path: Path) -> None:
     assert b"<svg" in (tmp_path / "se.svg").read_bytes()
     usual = run_bilevel("show", "CartPole-v0", cwd=tmp_path)
     assert usual.returncode == 0, usual.stderr
-    assert (tmp_path / "CartPole-v0.png").read_bytes().startswith(b"\x89PNG")
+    assert (tmp_path / "Synthetic-CartPole-v0.png").read_bytes().startswith(b"\x89PNG")
 
 
 @pytest.mark.parametrize(
