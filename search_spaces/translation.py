@@ -10,7 +10,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from bilevel.errors import InvalidInput, one_of
-from bilevel.hyperparameters import Hyperparameters
+from bilevel.hyperparameters import Hyperparameters, agent_names
 
 #: What precedes the field in the name of an inverted dimension.
 INVERSE = "1-"
@@ -22,13 +22,23 @@ def native(value: Any) -> Any:
 
 
 def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) -> Hyperparameters:
-    """`base` with the values of a configuration.
+    """`base` with the values of a configuration, as `changed` takes them. Raises InvalidInput."""
+    sections = changed(base.sections, configuration)
+    return replace(
+        base,
+        nes=sections["nes"],
+        se=sections["se"],
+        agents=tuple(sections[hp.agent] for hp in base.agents),
+    )
 
-    Values may be numpy scalars, as ConfigSpace and Ray Tune return them.
-    Raises InvalidInput for a name or a value that is not allowed.
+
+def changed(sections: Mapping[str, Any], configuration: Mapping[str, Any]) -> dict[str, Any]:
+    """Hyperparameters by the names of their sections, with the values of a configuration.
+
+    Values may be numpy scalars, as ConfigSpace and Ray Tune return them. Raises InvalidInput for a
+    name or a value that is not allowed.
     """
-    changes: dict[str, dict[str, Any]] = {}
-    sections = base.sections
+    changes: dict[str, dict[str, Any]] = {section: {} for section in sections}
     for name, value in configuration.items():
         section, _, field = name.partition(".")
         plain = native(value)
@@ -42,17 +52,15 @@ def to_hyperparameters(base: Hyperparameters, configuration: Mapping[str, Any]) 
             else []
         )
         if f"{section}.{field}" not in known:
+            if section in agent_names() and section not in sections:
+                agents = ", ".join(sections.keys() - {"nes", "se"})
+                raise InvalidInput(f"{name} is set, but the agents are {agents}: see --agent")
             allowed = known or [f"{other}.*" for other in sections]
             raise one_of("hyperparameter", name, allowed)
-        if field in changes.setdefault(section, {}):
+        if field in changes[section]:
             raise InvalidInput(f"hyperparameter {section}.{field} is set twice")
         changes[section][field] = plain
-    return replace(
-        base,
-        nes=replace(base.nes, **changes.get("nes", {})),
-        se=replace(base.se, **changes.get("se", {})),
-        agents=tuple(replace(hp, **changes.get(hp.agent, {})) for hp in base.agents),
-    )
+    return {section: replace(hp, **changes[section]) for section, hp in sections.items()}
 
 
 def of_hyperparameters(hp: Hyperparameters, names: Iterable[str]) -> dict[str, Any]:

@@ -148,7 +148,7 @@ def get_agent(name: str) -> RegisteredAgent:
     if name not in _AGENTS:
         load_plugins()
     if name not in _AGENTS:
-        raise one_of("agent", name, registered_agents())
+        raise one_of("agent", name, (*registered_agents(), "and those that a file registers"))
     return _AGENTS[name]
 
 

@@ -9,7 +9,14 @@ import click
 
 from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters import AgentHyperparameters
-from cluster.cli.options import RunOptions, common_options, vary_option, workers_option
+from cluster.cli.options import (
+    RunOptions,
+    common_options,
+    once,
+    set_option,
+    vary_option,
+    workers_option,
+)
 from cluster.cli.parameters import WholeNumber
 from cluster.cli.ses import GivenSE, SEAddress, load_se_of, task_option
 from cluster.storage.home import LONGEST_NAME
@@ -30,6 +37,7 @@ from cluster.storage.home import LONGEST_NAME
     help="Fresh agents of each kind trained on each source.",
 )
 @vary_option
+@set_option
 @click.option(
     "--recipe",
     help="Recipe of the agents' hyperparameters: paper, authors, default, distilled or a file "
@@ -53,6 +61,7 @@ def evaluate(
     se_task: str | None,
     count: int,
     vary: str | None,
+    settings: tuple[tuple[str, Any], ...],
     recipe: str | None,
     max_episodes: int | None,
     workers: int | None,
@@ -66,6 +75,7 @@ def evaluate(
     """
     from bilevel.hyperparameters import VARIATIONS, default_agents, load_recipe
     from bilevel.synthetic_env import StoredSE
+    from search_spaces.translation import changed
 
     ses = _labelled(given)
     facts = (options["solved_reward"], options["step_limit"])
@@ -92,12 +102,13 @@ def evaluate(
         raise InvalidInput(f"all sources must have the same task; got {', '.join(facts_of)}")
     if on_real is None:  # else it has been tried out
         task.try_out()
-    common = RunOptions(task=task.id, **options)
+    common = RunOptions(task=task.id, recipe=recipe, **options)
     agents = common.the_agents()
     if recipe is None:
         kinds = default_agents(agents or ("ddqn",))
     else:
         kinds = load_recipe(recipe, task.id, agents).agents
+    kinds = tuple(changed({hp.agent: hp for hp in kinds}, once(settings)).values())
     if max_episodes is not None:
         kinds = tuple(_shortened(hp, max_episodes) for hp in kinds)
     vary = vary or "no"

@@ -1,6 +1,6 @@
 """Options that several commands share, and the objects built from them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -23,6 +23,15 @@ agent_file_option = click.option(
     type=click.Path(exists=True, dir_okay=False, path_type=Path),
     multiple=True,
     help="Python file that registers an agent (docs/agents.md); may be repeated.",
+)
+
+set_option = click.option(
+    "--set",
+    "settings",
+    type=Setting(),
+    multiple=True,
+    help="Replace a hyperparameter of the recipe, for instance nes.std_dev=0.1 or "
+    "ddqn.learning_rate=0.002; may be repeated, for others. (`evaluate` has agents alone.)",
 )
 
 vary_option = click.option(
@@ -87,14 +96,7 @@ def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
             "recipe file, *.toml, or the name of a study, for its incumbent's (default: default; "
             "for the profile paper: authors).",
         ),
-        click.option(
-            "--set",
-            "settings",
-            type=Setting(),
-            multiple=True,
-            help="Replace a hyperparameter of the recipe, for instance nes.std_dev=0.1 or "
-            "ddqn.learning_rate=0.002; may be repeated, for others.",
-        ),
+        set_option,
         vary_option,
         click.option(
             "--population",
@@ -112,6 +114,17 @@ def run_options(function: Callable[..., Any]) -> Callable[..., Any]:
     for option in reversed(options):
         function = option(function)
     return click.argument("task")(function)
+
+
+def once(settings: Iterable[tuple[str, Any]]) -> dict[str, Any]:
+    """Hyperparameters by name. Raises InvalidInput for one that is given twice."""
+    values: dict[str, Any] = {}
+    for name, value in settings:
+        if name in values:
+            told = f"{name} is given twice, as {values[name]} and as {value}: give one"
+            raise InvalidInput(told)
+        values[name] = value
+    return values
 
 
 @dataclass(frozen=True)
@@ -141,18 +154,22 @@ class RunOptions:
         return task
 
     def the_agents(self) -> tuple[str, ...] | None:
-        """Names of the agents, each of them known; None for the recipe's. Raises InvalidInput."""
+        """Names of the agents, each of them known; None for the recipe's. Raises InvalidInput, also
+        for the file of an agent that takes no part."""
         from bilevel.agents import get_agent
         from cluster.ray.agent_files import load_agent_file
 
+        names = () if self.agents is None else tuple(one.strip() for one in self.agents.split(","))
         for file in self.agent_files:
-            load_agent_file(file)
-        if self.agents is None:
-            return None
-        names = tuple(name.strip() for name in self.agents.split(","))
+            registered = load_agent_file(file)
+            if registered and self.recipe is None and not {*registered} & {*names}:
+                raise InvalidInput(
+                    f"agent file {str(file)!r} registers {' and '.join(registered)}, which takes "
+                    f"no part: give --agent {','.join(registered)}"
+                )
         for name in names:
             get_agent(name)
-        return names
+        return names or None
 
     def the_hyperparameters(
         self,
@@ -172,13 +189,7 @@ class RunOptions:
         vary: Any = self.vary or hp.vary_agent  # checked where it is set
         hp = replace(hp, vary_agent=vary)
         own = [(f"nes.{field}", value) for field, value in nes.items() if value is not None]
-        values: dict[str, Any] = {}
-        for name, value in [*own, *self.replaced]:
-            if name in values:
-                told = f"{name} is given twice, as {values[name]} and as {value}: give one"
-                raise InvalidInput(told)
-            values[name] = value
-        return to_hyperparameters(hp, values)
+        return to_hyperparameters(hp, once([*own, *self.replaced]))
 
     @property
     def replaced(self) -> list[tuple[str, Any]]:

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+from bilevel.agents import registered_agents
 from bilevel.errors import InvalidInput
 
 
@@ -48,14 +49,16 @@ class _AgentFile(SourceLoader):
 _FILES: list[_AgentFile] = []
 
 
-def load_agent_file(file: Path) -> None:
-    """Import a file that registers an agent; the actors will, too (by `runtime_env`).
+def load_agent_file(file: Path) -> tuple[str, ...]:
+    """Import a file that registers an agent, or several; return their names, none if this process
+    has imported it before. The actors will import it, too (by `runtime_env`).
 
     Other modules in its folder can be imported where the folder is. Raises InvalidInput if the file
-    cannot be imported, or has the name of another module.
+    cannot be imported, registers no agent, or has the name of another module.
     """
     if not file.stem.isidentifier() or file.suffix != ".py":
         raise InvalidInput(f"agent file {str(file)!r} must be a Python file, NAME.py")
+    before, again = registered_agents(), file.stem in sys.modules
     try:
         agent_file = _AgentFile(file)
         other = _namesake(agent_file)
@@ -69,6 +72,12 @@ def load_agent_file(file: Path) -> None:
         raise InvalidInput(
             f"agent file {str(file)!r} has the name of another module, {other}: rename it"
         )
+    registered = tuple(name for name in registered_agents() if name not in before)
+    if not registered and not again:
+        raise InvalidInput(
+            f"agent file {str(file)!r} registers no agent: end it with register_agent(...)"
+        )
+    return registered
 
 
 def loaded_files() -> list[str]:

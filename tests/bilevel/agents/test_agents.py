@@ -137,6 +137,10 @@ def test_an_agent_without_a_name_or_file_is_told(tmp_path: Path) -> None:
         twice.write_text("")
         with pytest.raises(InvalidInput, match=f"name of another module, .*{name}.*: rename it"):
             load_agent_file(twice)
+    useless = tmp_path / "useless_agent.py"
+    useless.write_text("from bilevel.agents import register_agent")
+    with pytest.raises(InvalidInput, match=r"useless_agent.py' registers no agent: end it with re"):
+        load_agent_file(useless)
     with pytest.raises(InvalidInput, match=r"must be a Python file"):
         load_agent_file(tmp_path / "not-a-module.py")
 
@@ -146,7 +150,7 @@ def test_code_of_the_users_own_has_a_digest(tmp_path: Path) -> None:
     file = tmp_path / "digested_agent.py"
     code = documented_agent().replace('agent="reinforce"', 'agent="digested"')
     file.write_text(code)
-    load_agent_file(file)
+    assert load_agent_file(file) == ("digested",)
     digest = get_agent("digested").code_digest
     assert digest is not None
     assert digest == checksum(code.encode())[:16]

@@ -113,7 +113,7 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         ),
         (
             ["nes", "CartPole-v0", "--set", "td3.discount=1"],
-            "'td3.discount': allowed are nes.*, se.*, ddqn.*",
+            "td3.discount is set, but the agents are ddqn: see --agent",
         ),
         (
             ["nes", "CartPole-v0", "--generations", "3", "--set", "nes.generations=4"],

@@ -9,6 +9,7 @@ from bilevel.hyperparameters import default_agents, load_recipe, recipe_text
 from cluster.cli.evaluate import _labelled, _shortened
 from cluster.cli.ses import GivenSE
 from tests.commands import run_bilevel
+from tests.documents import documented_agent
 
 
 def test_the_agents_are_the_recipes(se_file: Path, tmp_path: Path) -> None:
@@ -18,6 +19,27 @@ def test_the_agents_are_the_recipes(se_file: Path, tmp_path: Path) -> None:
     result = run_bilevel("evaluate", str(se_file), "--recipe", "mine.toml", cwd=tmp_path)
     assert result.returncode == 2
     assert "recipe 'mine.toml' has no section [td3]" in result.stderr
+
+
+def test_hyperparameters_of_the_agents_are_replaced(se_file: Path, tmp_path: Path) -> None:
+    """Of those that take part alone."""
+    for setting, told in (
+        ("ddqn.batch_size=-1", "DDQN batch_size must be int, 1 to"),
+        ("ddqn.price=1", "unknown hyperparameter 'ddqn.price': allowed are ddqn.init_episodes"),
+        ("td3.batch_size=8", "td3.batch_size is set, but the agents are ddqn: see --agent"),
+        ("nes.std_dev=0.1", "unknown hyperparameter 'nes.std_dev': allowed are ddqn.*"),
+    ):
+        result = run_bilevel("evaluate", str(se_file), "--set", setting, cwd=tmp_path)
+        assert result.returncode == 2
+        assert told in result.stderr
+    assert not (tmp_path / "runs").exists()
+
+
+def test_the_file_of_an_agent_that_takes_no_part_is_told(se_file: Path, tmp_path: Path) -> None:
+    (tmp_path / "mine.py").write_text(documented_agent())
+    result = run_bilevel("evaluate", se_file, "--agent-file", "mine.py", cwd=tmp_path)
+    assert result.returncode == 2
+    assert "'mine.py' registers reinforce, which takes no part: give --agent re" in result.stderr
 
 
 def test_the_task_of_an_se_is_told(se_file: Path, tmp_path: Path) -> None:

@@ -13,6 +13,7 @@ from cluster.session.hints import agent_options, task_options, tracking_option
 from cluster.session.session import shown_at
 from cluster.storage.home import Home
 from tests.agent_files import forgotten_afterwards
+from tests.documents import documented_agent
 
 UNKNOWN = "test/WithoutThreshold-v0"
 
@@ -49,7 +50,7 @@ def test_files_of_agents(tmp_path: Path) -> None:
         (tmp_path / "of mine").mkdir()
         files = [tmp_path / "first_hinted.py", tmp_path / "of mine" / "second_hinted.py"]
         for file in files:
-            file.write_text("")
+            file.write_text(documented_agent().replace('"reinforce"', f'"{file.stem}"'))
             load_agent_file(file)
         assert agent_options() == f" --agent-file {files[0]} --agent-file '{files[1]}'"
 
