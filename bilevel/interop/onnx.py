@@ -6,6 +6,7 @@ outputs  next_state (n, S), reward (n,), done (n,); an episode ends at done > 0.
 
 import json
 from collections.abc import Iterator
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -22,7 +23,8 @@ _FORMAT = 8  # of the file
 
 
 def onnx_model(se: StoredSE) -> onnx.ModelProto:
-    """The SE as an ONNX model, whose metadata tell task, step limit and origin."""
+    """The SE as an ONNX model, whose metadata tell task, architecture and origin as the header of
+    an SE file does."""
     architecture = se.architecture
     parts = architecture.split(se.psi)
     constants: dict[str, NDArray[Any]] = {
@@ -53,7 +55,13 @@ def onnx_model(se: StoredSE) -> onnx.ModelProto:
     model = helper.make_model(
         graph, opset_imports=[helper.make_opsetid("", _OPERATORS)], ir_version=_FORMAT
     )
-    facts = {"task": se.task_id, "step_limit": architecture.step_limit, "info": dict(se.info)}
+    facts = {
+        "task": se.task_id,
+        "step_limit": se.step_limit,
+        "solved_reward": se.solved_reward,
+        "architecture": asdict(architecture),
+        "info": dict(se.info),
+    }
     helper.set_model_props(model, {"se": json.dumps(facts)})
     onnx.checker.check_model(model, full_check=True)
     return model

@@ -9,7 +9,11 @@ from bilevel.torch_activations import activation_module
 
 
 class SEModule(nn.Module):
-    """Three MLPs on concat(one_hot(action), state), with the parameters of an SE."""
+    """Three MLPs on concat(one_hot(action), state), with the parameters of an SE.
+
+    Outputs are differentiable in the states. The parameters are not trained: call
+    `requires_grad_(True)` on the module for gradients in them.
+    """
 
     def __init__(self, se: StoredSE) -> None:
         super().__init__()

@@ -60,10 +60,15 @@ def _program(se: "StoredSE") -> bytes:
 @click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
 @click.option("--task", metavar="ID", help="Task of gymnasium (default: the one the file names).")
 def import_se(file: Path, out: Path, task: str | None) -> None:
-    """Read an SE that the paper's own code wrote (.pt), and write it as an SE file.
+    """Read an SE that the paper's own code wrote (.pt), and write it as an SE file (OUT ends in
+    .safetensors).
 
     Only plain values and tensors are read, so that the file cannot run code.
     """
+    if out.suffix != ".safetensors":
+        raise InvalidInput(f"cannot import to {str(out)!r}: allowed is *.safetensors, an SE file")
+    if out.exists() and file.exists() and out.samefile(file):
+        raise InvalidInput(f"cannot import {str(file)!r} to itself: it would be lost")
     from bilevel.interop.paper_code import read_paper_se
     from bilevel.synthetic_env import se_bytes
 

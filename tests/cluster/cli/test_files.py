@@ -40,7 +40,9 @@ def test_in(tmp_path: Path) -> None:
         (("export", "SE", "none/a.onnx"), "cannot write 'none/a.onnx': No such file"),
         (("export", "SE", "se.safetensors/a.pt2"), "cannot write 'se.safetensors/a.pt2'"),
         (("import", "none.pt", "se.safetensors"), "no file at 'none.pt'"),
-        (("import", "SE", "se.safetensors"), "is no SE of the paper's code"),
+        (("import", "SE", "mine.safetensors"), "is no SE of the paper's code"),
+        (("import", "SE", "mine.pt"), "cannot import to 'mine.pt': allowed is *.safetensors"),
+        (("import", "SE", "./se.safetensors"), "to itself: it would be lost"),
     ],
 )
 def test_bad_input_is_one_line(

@@ -48,8 +48,8 @@ def test_fields_and_episodes_are_the_ses(task_id: str) -> None:
         "the action that the SE rewards most (pale: by little)",
         "where the SE goes next; hatched: it ends",
         "episodes on the SE",
-        f"rewards of {task_id}: {reward}, whatever the action",
-        f"where {task_id} goes next; {told}",
+        f"rewards of the real task: {reward}, whatever the action",
+        f"where the real task goes next; {told}",
     ]
 
 
