@@ -34,6 +34,11 @@ class GenerationRecord:
     core_utilisation: float = 0.0  #: share of the cores' time that was spent in evaluations
     finished: float = 0.0  #: unix time, seconds
 
+    @property
+    def episode_length(self) -> float:
+        """Steps of a training episode on the unperturbed SE, on average."""
+        return self.train_steps_mean / self.train_episodes_mean
+
     def in_words(self) -> tuple[str, str]:
         """The generation's number and score, and its train steps, of fixed widths."""
         score = f"score {self.score_mean:7.1f} ± {self.score_std:5.1f}"

@@ -11,7 +11,7 @@ P        length of psi
 """
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +112,7 @@ class SE:
     """
 
     architecture: Architecture
-    psi: Psi
+    psi: Psi = field(repr=False)
 
     def __post_init__(self) -> None:
         psi = np.array(self.psi, np.float32)  # a copy: an SE does not change with its source

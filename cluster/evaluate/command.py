@@ -169,7 +169,7 @@ class _Runner:
         write_aside(self.folder / REPORT_FILE, json.dumps(report, indent=2).encode())
         write_aside(
             self.folder / PICTURE_FILE,
-            png(pictures.returns(groups, self.command.task, self.folder.name)),
+            png(pictures.returns(groups, self.command.task, f"{self.folder.name}: fresh agents")),
         )
         # One metric a group: MLflow offers every metric of any run as a column of all runs.
         metrics = {

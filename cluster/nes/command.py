@@ -29,6 +29,9 @@ from cluster.session.session import Session
 from cluster.session.terminal import count, duration
 from cluster.tracking.registry import model_address
 
+#: Steps of an average episode below which the terminal says that agents learn little in it.
+_SHORT = 3.0
+
 
 @dataclass(frozen=True)
 class NESCommand:
@@ -109,7 +112,10 @@ class _Runner:
                 self.terminal.bar(title, 0, nes.evaluations, "evaluations", note)
                 state = self._advance(state)
                 changed()
-                self.terminal.log(generation_line(state.records[-1], state.best_score))
+                record = state.records[-1]
+                self.terminal.log(generation_line(record, state.best_score))
+                if told := of_short_episodes(record):
+                    self.terminal.log(told)
         return state
 
     def _advance(
@@ -148,8 +154,8 @@ class _Runner:
             verdict = "confirmed" if state.confirmed else "not confirmed, going on"
             self.terminal.log(
                 f"{found.size} fresh agents score {found.mean():.1f} ± {found.std():.1f} on the "
-                f"current SE; the mean of any {FINAL_AGENTS} of them solves the task with a "
-                f"chance of {share:.0%} ({confirmation.required:.0%} needed): {verdict}"
+                f"current SE; the mean of {FINAL_AGENTS} drawn from them solves the task with "
+                f"a chance of {share:.0%} ({confirmation.required:.0%} needed): {verdict}"
             )
         return state
 
@@ -163,7 +169,7 @@ class _Runner:
 
     def _finish(self, state: NESState) -> None:
         run, log = self.run, self.terminal.log
-        reason = "all generations done"
+        reason = "all generations done" + ", no SE confirmed" * (run.hp.nes.confirming_agents > 0)
         if state.confirmed:
             reason = "solved and confirmed"
         elif state.solved_for_long(run.hp.nes):
@@ -196,6 +202,18 @@ class _Runner:
             f"  import {', '.join(filter(None, modules))}; "
             f'gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")'
         )
+
+
+def of_short_episodes(record: GenerationRecord) -> str | None:
+    """What is told after a first generation on an SE whose episodes end as soon as they begin; None
+    of any other."""
+    if record.generation or record.episode_length >= _SHORT:
+        return None
+    return (
+        f"episodes on the SE last {record.episode_length:.1f} steps on average: too few to learn "
+        "from. If the task's initial states are spread widely, try --set se.structure=plain "
+        "(docs/other-tasks.md)"
+    )
 
 
 def generation_line(record: GenerationRecord, best: float) -> str:

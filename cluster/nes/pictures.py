@@ -40,7 +40,7 @@ def learning_curve(records: Sequence[GenerationRecord], task: Task, title: str) 
         [mean[best]],
         marker="*",
         s=120,
-        color=ORANGE,
+        color="black",
         zorder=3,
         label=f"best: {mean[best]:.1f} in generation {generations[best]}",
     )

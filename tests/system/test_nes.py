@@ -188,7 +188,7 @@ def test_it_stops_early_once_solved_and_confirmed(tmp_home: Path, address: str) 
     result = run_bilevel(*SMALL, *EASY, *ALONE, "--home", tmp_home, "--address", address)
     assert result.returncode == 0, result.stderr
     assert re.search(
-        "4 fresh agents score .* on the current SE; the mean of any 10 ", result.stdout
+        "4 fresh agents score .* on the current SE; the mean of 10 drawn", result.stdout
     )
     assert "solves the task with a chance of 100% (95% needed): confirmed" in result.stdout
     assert "solved and confirmed: 2 generations" in result.stdout

@@ -22,6 +22,7 @@ from bilevel.kernels.synthetic_env import step
 from bilevel.synthetic_env import SE, load_se, save_se, se_bytes
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task, get_task
+from bilevel.zoo import ENTRIES, env_id, zoo_file
 from tests.documents import documented_code
 from tests.ses import make_se
 
@@ -273,6 +274,26 @@ def test_the_documented_reader(
     clear = np.abs(expected[2].numpy() - 0.5) > 1e-3
     ends = np.array([f[2] for f in found])
     np.testing.assert_array_equal(ends[clear], expected[2].numpy()[clear] > 0.5)
+
+
+@pytest.mark.filterwarnings("ignore:.*out of date")  # the paper's CartPole-v0
+@pytest.mark.parametrize("name", ENTRIES)
+def test_the_documented_reader_reads_the_zoo(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its rewards are the package's to 0.001, as the page says."""
+    (tmp_path / "best_se.safetensors").write_bytes(zoo_file(name).read_bytes())
+    monkeypatch.chdir(tmp_path)
+    code: dict[str, Any] = {}
+    exec(documented_code("se-files.md"), code)
+    env, rng = gymnasium.make(env_id(name)), np.random.default_rng(0)
+    state, _ = env.reset(seed=0)
+    for action in rng.integers(code["n_actions"], size=200):
+        following, reward, terminated, truncated, _ = env.step(action)
+        read = code["step"](state, action)
+        np.testing.assert_allclose(read[0], following, atol=1e-4)
+        assert abs(read[1] - float(reward)) < 1e-3
+        state = env.reset()[0] if terminated or truncated else following
 
 
 def test_psi_is_float32_without_gaps_and_of_the_right_length(
