@@ -44,11 +44,17 @@ def spread(values: Sequence[float]) -> dict[str, float]:
     return {name: float(f"{value:.4g}") for name, value in told.items()}
 
 
-def write_result(name: str, command: str, values: dict[str, Any]) -> Path:
-    """Write `results/NAME.json`, whole or not at all, with lists of plain values on one line."""
+def write_result(name: str, command: str, values: dict[str, Any], resumed: bool = False) -> Path:
+    """Write `results/NAME.json`, whole or not at all, with lists of plain values on one line; if
+    `resumed`, part of it is there already, and the commits that measured it stay named."""
     path = RESULTS / f"{name}.json"
-    stated = {"command": command, "commit": commit(), "machine": machine()}
-    content = json.dumps({**stated, **values}, indent=2)
+    stated: dict[str, Any] = {"command": command, "commit": commit()}
+    if resumed:
+        with suppress(NotMeasured):
+            before = read_result(name)
+            earlier = {*before.get("earlier_commits", ()), before["commit"]} - {commit()}
+            stated |= {"earlier_commits": sorted(earlier)} if earlier else {}
+    content = json.dumps({**stated, "machine": machine(), **values}, indent=2)
     content = _PLAIN_LIST.sub(lambda match: " ".join(match[0].split()), content)
     write_aside(path, f"{content}\n".encode())
     return path

@@ -172,7 +172,7 @@ def main() -> None:
 
     def keep(run: dict[str, Any]) -> None:
         runs[run["seed"]] = run
-        write_result(name, command, {"runs": [runs[seed] for seed in sorted(runs)]})
+        write_result(name, command, {"runs": [runs[seed] for seed in sorted(runs)]}, True)
         print(run, flush=True)
 
     def folder(seed: int) -> Path:

@@ -11,8 +11,8 @@ over; ten fresh agents of the paper's full ranges score the SE. The recipe `defa
 alike. Results are written one by one to `results/search_TASK.json`; the same command resumes.
 
 Searches with equal seeds share random configurations and the seeds of their NES runs. An evaluation
-is a pure function of its request, so those that an earlier search has made are read from FOLDER,
-but count in full.
+is a pure function of its request, so those that an earlier search has made with the same code are
+read from FOLDER, but count in full.
 """
 
 import argparse
@@ -31,11 +31,12 @@ from typing import Any
 
 import joblib
 
+import bilevel
 from benchmarks.arguments import format_seeds, known_task, parse_seeds
 from benchmarks.machine import require_seeds, resumed_result, write_result
 from benchmarks.nes.run import run_nes
 from benchmarks.search.outcomes import outcomes
-from bilevel.durable import write_aside
+from bilevel.durable import checksum, write_aside
 from bilevel.errors import OtherVersion, StorageFailure
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.hyperparameters import Hyperparameters, load_recipe
@@ -64,6 +65,9 @@ SPACE = Path(__file__).with_name("core-without-episodes.json")
 #: half of the smallest budget, and without the largest, whose part the validation has, 36 take less
 #: than half of that time.
 BUDGETS = 15, 45
+
+#: Code of the package on which the result of an evaluation depends.
+_EVALUATED_BY = ("cost.py", "agents/*.py", "evaluation/*.py", "kernels/*.py", "tasks/*.py")
 
 #: Seed of the first fresh run.
 _FRESH = 10_000
@@ -109,7 +113,10 @@ class InProcess:
 
 def kept_evaluations(home: Path, task_id: str) -> InProcess:
     """The pool of all searches and fresh runs of a task."""
-    return InProcess(home / task_id / "evaluations")
+    package = Path(bilevel.__file__).parent
+    sources = sorted(path for part in _EVALUATED_BY for path in package.glob(part))
+    code = checksum(*(path.read_bytes() for path in sources))[:16]
+    return InProcess(home / task_id / f"evaluations-{code}")
 
 
 def run_in_process(
@@ -258,7 +265,7 @@ class Comparison:
         else:
             row["fresh"] = sorted([*row.get("fresh", ()), found], key=lambda run: int(run["seed"]))
         begun = {name: row for name, row in self.rows.items() if {"search", "fresh"} & row.keys()}
-        write_result(self.name, self.command, {"rows": begun})
+        write_result(self.name, self.command, {"rows": begun}, resumed=True)
         print(one.row, found, flush=True)
 
 

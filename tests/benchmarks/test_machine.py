@@ -31,6 +31,19 @@ def test_results_are_read_as_they_were_written(
             read_result(*missing)
 
 
+def test_a_result_of_several_sittings_names_the_commits_of_all(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(machine, "RESULTS", tmp_path)
+    for now in ("one", "two", "two", "three"):
+        monkeypatch.setattr(machine, "commit", lambda now=now: now)
+        write_result("name", "measure", {"runs": []}, resumed=True)
+    told = read_result("name")
+    assert (told["commit"], told["earlier_commits"]) == ("three", ["one", "two"])
+    write_result("name", "measure", {"runs": []})  # all of it anew
+    assert "earlier_commits" not in read_result("name")
+
+
 def test_spread_is_median_and_range() -> None:
     assert spread([4.0, 1.0, 2.0]) == {"median": 2.0, "low": 1.0, "high": 4.0}
     assert spread([12345.6, 0.072768]) == {"median": 6173.0, "low": 0.07277, "high": 12350.0}
