@@ -32,8 +32,7 @@ from bilevel.hyperparameters import default_agents
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import load_se
 from cluster.nes.run import STATE_FILE, NESRun
-from cluster.nes.selection import BEST_FILE
-from cluster.storage.run_folder import finals
+from cluster.storage.run_folder import BEST_FILE, finals
 
 #: Kinds of agents that are trained on an SE, and how each is drawn from the paper's ranges.
 AGENTS = {

@@ -201,6 +201,8 @@ def _against_random(searches: Sequence[ByOrigin], origin: str) -> tuple[str, str
             found = mannwhitneyu(ours, random)
             better.append(1 - float(found.statistic) / (len(ours) * len(random)))
             p = float(found.pvalue)
+    if not better:  # no search has both
+        return "", ""
     if len(searches) > 1:
         exchanged = np.array([*product((-1, 1), repeat=len(better))]) @ (np.array(better) - 0.5)
         p = float(np.mean(np.abs(exchanged) >= np.abs(exchanged[-1]) - 1e-12))

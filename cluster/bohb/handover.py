@@ -27,10 +27,8 @@ from cluster.ray.pool import EvaluationPool
 from cluster.session.hints import agent_options, task_options
 from cluster.session.session import Session
 from cluster.session.terminal import Terminal, count
+from cluster.storage.run_folder import INCUMBENT_FILE
 from cluster.tracking.registry import model_address
-
-#: File with the incumbent's best SE, of a search that was interrupted.
-INCUMBENT_FILE = "incumbent_se.safetensors"
 
 
 class Handover:

@@ -20,7 +20,6 @@ from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.study.journal import ConfigId, ConfigLine, Journal, ResultLine
 from cluster.bohb.study.profiles import ENDLESS
-from cluster.nes.selection import BEST_FILE
 from cluster.nes.view import (
     edition,
     registered,
@@ -28,7 +27,7 @@ from cluster.nes.view import (
 )
 from cluster.pictures import png
 from cluster.session.terminal import last_line
-from cluster.storage.run_folder import Lifetime, RunIdentity, Status, finals
+from cluster.storage.run_folder import BEST_FILE, Lifetime, RunIdentity, Status, finals
 from cluster.tracking import Document, Point, Progress, RunView
 
 

@@ -77,28 +77,26 @@ class SEAddress(click.ParamType[GivenSE]):
             return GivenSE(se_file(address, uri), _label_at(address))
 
 
-#: Files that every run, study or model has.
-_USUAL = {"best_se", "last_se", "incumbent_se"}
-
-
 def label_of(path: Path) -> str:
     """What an SE is called by its file: the name of the file or, if every run has one of that name,
     of the run's folder."""
-    from cluster.storage.run_folder import SETTINGS_FILE
+    from cluster.storage.run_folder import SETTINGS_FILE, USUAL_FILES
 
     folder = path.resolve().parent
-    usual = path.stem in _USUAL and (folder / SETTINGS_FILE).exists()
+    usual = path.name in USUAL_FILES and (folder / SETTINGS_FILE).exists()
     return folder.name if usual else path.stem
 
 
 def _label_at(address: str) -> str:
     """What an SE is called by MLflow's address: `NAME-VERSION` for models:/NAME/VERSION, and else
     the file's name or, if every run has one of that name, the run's ID."""
+    from cluster.storage.run_folder import USUAL_FILES
+
     kind, _, place = address.partition(":/")
     if kind == "models":
         return place.replace("/", "-")
     *folders, file = (part for part in Path(place).parts if part != "artifacts")
-    return folders[-1] if folders and Path(file).stem in _USUAL else Path(file).stem
+    return folders[-1] if folders and file in USUAL_FILES else Path(file).stem
 
 
 def load_se_of(path: Path, task: str | None) -> "StoredSE":

@@ -18,9 +18,8 @@ from cluster.experiments.sizes import Size
 from cluster.experiments.style import styled
 from cluster.experiments.table import Row
 from cluster.nes.run import NESRun
-from cluster.nes.selection import BEST_FILE
 from cluster.storage.home import Home
-from cluster.storage.run_folder import finals
+from cluster.storage.run_folder import BEST_FILE, finals
 
 
 @dataclass(frozen=True)

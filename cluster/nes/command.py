@@ -13,7 +13,6 @@ from bilevel.synthetic_env import save_se
 from cluster.nes import pictures
 from cluster.nes.run import NESRun, start_of
 from cluster.nes.selection import (
-    LAST_FILE,
     RETEST,
     Contender,
     agents_needed,
@@ -27,6 +26,7 @@ from cluster.ray.pool import EvaluationPool
 from cluster.session.context import Driver, RunContext
 from cluster.session.session import Session
 from cluster.session.terminal import count, duration
+from cluster.storage.run_folder import LAST_FILE
 from cluster.tracking.registry import model_address
 
 #: Steps of an average episode below which the terminal says that agents learn little in it.

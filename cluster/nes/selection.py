@@ -16,13 +16,10 @@ from bilevel.seeds import Purpose
 from bilevel.synthetic_env import StoredSE, save_se
 from bilevel.tasks import Task
 from cluster.ray.pool import EvaluationPool
-from cluster.storage.run_folder import Final, add_final, finals
+from cluster.storage.run_folder import BEST_FILE, Final, add_final, finals
 
 #: Root of fresh seeds: the run's seed, and optionally the time in the run.
 Seed = tuple[int, ...]
-
-#: File names in a run's folder and artifacts.
-BEST_FILE, LAST_FILE = "best_se.safetensors", "last_se.safetensors"
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,8 @@ from bilevel.nes.checkpoint import load_state
 from bilevel.synthetic_env import load_se, se_bytes
 from cluster.nes import pictures
 from cluster.nes.run import KIND, STATE_FILE, NESRun, NESSettings, start_of
-from cluster.nes.selection import BEST_FILE, LAST_FILE
 from cluster.pictures import png
-from cluster.storage.run_folder import Final, Lifetime, RunIdentity, finals
+from cluster.storage.run_folder import BEST_FILE, LAST_FILE, Final, Lifetime, RunIdentity, finals
 from cluster.tracking import Document, Point, Progress, RegisteredSE, RunView
 
 

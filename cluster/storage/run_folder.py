@@ -1,9 +1,10 @@
 """The folder of a run: its settings, its status, and the lock of the process that works on it.
 
-settings.json   settings that must stay the same, and the run's identity
-status.json     its target, and how its last process ended
-finals.jsonl    a line each time it ended: fresh agents' scores of its best SE
-.lock           held by the process that works on it
+settings.json      settings that must stay the same, and the run's identity
+status.json        its target, and how its last process ended
+finals.jsonl       a line each time it ended: fresh agents' scores of its best SE
+*_se.safetensors   its SEs
+.lock              held by the process that works on it
 """
 
 import contextlib
@@ -29,7 +30,13 @@ from bilevel.version import RUN_FORMAT
 from cluster.storage.author import Author
 from cluster.storage.jsonl_log import JsonlLog
 
-SETTINGS_FILE = "settings.json"
+SETTINGS_FILE, STATUS_FILE, FINALS_FILE = "settings.json", "status.json", "finals.jsonl"
+
+#: The SE that a run hands over, the last one of an NES run, and the best one so far of an
+#: interrupted study's incumbent; also their names among the run's artifacts.
+BEST_FILE, LAST_FILE = "best_se.safetensors", "last_se.safetensors"
+INCUMBENT_FILE = "incumbent_se.safetensors"
+USUAL_FILES = {BEST_FILE, LAST_FILE, INCUMBENT_FILE}
 
 #: Status of a run; the names are MLflow's.
 Status = Literal["RUNNING", "FINISHED", "KILLED", "FAILED"]
@@ -49,12 +56,12 @@ class RunStatus:
     @classmethod
     def load(cls, folder: Path) -> "RunStatus | None":
         """Read the status; None if the run has none yet. Raises InvalidInput if damaged."""
-        path = folder / "status.json"
+        path = folder / STATUS_FILE
         return decode_file(cls, path) if path.exists() else None
 
     def save(self, folder: Path) -> None:
         """Write durably. Raises StorageFailure."""
-        write_aside(folder / "status.json", json.dumps(asdict(self)).encode())
+        write_aside(folder / STATUS_FILE, json.dumps(asdict(self)).encode())
 
     @property
     def ended_as(self) -> Status:
@@ -134,14 +141,14 @@ class Final:
 
 def finals(folder: Path) -> list[Final]:
     """Read the scores of all ends so far. Raises InvalidInput if damaged."""
-    return JsonlLog(folder / "finals.jsonl").decoded(Final)
+    return JsonlLog(folder / FINALS_FILE).decoded(Final)
 
 
 def add_final(folder: Path, final: Final) -> None:
     """Append an end, unless an earlier process did so just before it was killed."""
     before = finals(folder)
     if not before or not final.repeats(before[-1]):
-        JsonlLog(folder / "finals.jsonl").append(asdict(final))
+        JsonlLog(folder / FINALS_FILE).append(asdict(final))
 
 
 def settings_of(kind: str, task: Task, seed: int, agents: Iterable[str]) -> dict[str, Any]:

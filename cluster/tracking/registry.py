@@ -15,6 +15,7 @@ from typing import Any
 
 from bilevel.synthetic_env import StoredSE, load_se
 from bilevel.tasks import BUILT_IN_TASKS
+from cluster.storage.run_folder import BEST_FILE
 from cluster.tracking.view import RegisteredSE
 
 #: Tags of a model version: checksum of its SE file, and the time when the SE was saved.
@@ -64,7 +65,7 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
     name, folder_name = _model_name(se.task_id), f"model-{se.version[:12]}"
     with tempfile.TemporaryDirectory() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        model, file = Path(folder) / "model", Path(folder) / "best_se.safetensors"
+        model, file = Path(folder) / "model", Path(folder) / BEST_FILE
         file.write_bytes(se.content)
         stored = load_se(file)
         mlflow.pyfunc.save_model(

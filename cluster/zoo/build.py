@@ -14,9 +14,9 @@ from cluster.evaluate.command import EvaluateCommand, run_evaluate
 from cluster.evaluate.report import Group
 from cluster.nes.command import NESCommand, run_nes
 from cluster.nes.run import NESRun
-from cluster.nes.selection import BEST_FILE
 from cluster.session.context import RunContext
 from cluster.storage.home import require_writable
+from cluster.storage.run_folder import BEST_FILE
 
 #: Kinds of agents that are trained on an SE of the zoo, and the number of each.
 KINDS, AGENTS = ("ddqn", "dueling-ddqn", "td3"), 50

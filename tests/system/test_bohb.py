@@ -15,12 +15,11 @@ import pytest
 
 from benchmarks.search.compare import InProcess, run_in_process
 from bilevel.synthetic_env import load_se
-from cluster.bohb.handover import INCUMBENT_FILE
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.search.validation import Validation
 from cluster.bohb.study.definition import RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.study.journal import Journal, Origin
-from cluster.nes.selection import BEST_FILE
+from cluster.storage.run_folder import BEST_FILE, INCUMBENT_FILE
 from search_spaces.bohb import search_space
 from tests.commands import BILEVEL, run_bilevel
 from tests.faults.stage import ONE_BY_ONE

@@ -29,12 +29,12 @@ from cluster.bohb.study.journal import Journal
 from cluster.bohb.view import StudyViews
 from cluster.catalog.kinds import views_of
 from cluster.catalog.sync import sync
-from cluster.nes.selection import BEST_FILE, FinalScore, export_best
+from cluster.nes.selection import FinalScore, export_best
 from cluster.session.context import RunContext
 from cluster.session.session import shown_at
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
-from cluster.storage.run_folder import RunIdentity, held
+from cluster.storage.run_folder import BEST_FILE, RunIdentity, held
 from cluster.tracking import Mirror, Tracker
 from cluster.tracking.connection import _IMPORT
 from cluster.tracking.tracker import KEY

@@ -9,8 +9,7 @@ from bilevel import InvalidInput
 from cluster.bohb.study.definition import configuration_name
 from cluster.bohb.study.journal import Journal
 from cluster.catalog.kinds import views_of
-from cluster.nes.selection import BEST_FILE
-from cluster.storage.run_folder import Final, RunIdentity, RunStatus
+from cluster.storage.run_folder import BEST_FILE, Final, RunIdentity, RunStatus
 from cluster.tracking.view import Point
 from tests.studies import make_study
 
