@@ -106,3 +106,5 @@ def test_a_search_counts_once_where_several_are_compared() -> None:
     ((_, *_, better, p),) = _proposals("CartPole-v0", "one", searches[:1])[1:]
     assert better == "100%"
     assert float(p) == pytest.approx(mannwhitneyu([1, 2], [3, 4]).pvalue, rel=0.1)
+    ((*_, better, p),) = _proposals("CartPole-v0", "none at random", [searched([], [1.0])])
+    assert better == p == ""
