@@ -61,8 +61,9 @@ def picture(portrait: Portrait, title: str) -> Figure:
     ]
     told.append(Patch(color=GREY, label="whatever the action"))
     told.append(Line2D([], [], **_START, ls="none", label="an episode's first state"))
-    if not portrait.real_transitions.whole:
-        told.append(Line2D([], [], **_END, ls="none", label="an episode's end"))
+    real_steps = portrait.real_transitions
+    if real_steps.ends.any() and not real_steps.whole:
+        told.append(Line2D([], [], **_END, ls="none", label="where random steps ended an episode"))
     figure.legend(
         handles=told, loc="outside lower center", ncols=min(len(told), _COLUMNS), frameon=False
     )
