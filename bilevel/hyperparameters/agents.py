@@ -144,7 +144,7 @@ class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
     def __post_init__(self) -> None:
         if self.hidden_size < 2:
             raise InvalidInput(
-                "DuelingDDQN hidden_size must be at least 2, one unit a stream; "
+                "dueling-ddqn.hidden_size must be at least 2, one unit a stream; "
                 f"got {self.hidden_size}"
             )
 

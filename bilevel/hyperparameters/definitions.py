@@ -130,12 +130,12 @@ class Hyperparameters:
             self._check_episodes(agent)
         if self.nes.start == "distilled" and self.se.structure != "plain":
             raise InvalidInput(
-                "NES start 'distilled' needs the SE structure 'plain' (as in --recipe distilled); "
+                "nes.start 'distilled' needs se.structure 'plain' (as in --recipe distilled); "
                 f"got {self.se.structure!r}"
             )
         if self.nes.start == "distilled" and self.nes.restart_after:
             raise InvalidInput(
-                "NES restart_after must be 0 with the start 'distilled', which a restart would "
+                "nes.restart_after must be 0 with the start 'distilled', which a restart would "
                 f"replace by a random one; got {self.nes.restart_after}"
             )
 

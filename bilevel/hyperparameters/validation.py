@@ -1,6 +1,6 @@
 """Frozen dataclasses whose fields pydantic checks, however they are built."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache, wraps
 from inspect import get_annotations
 from typing import Any, Literal, TypeVar, cast, dataclass_transform, get_args, get_origin
@@ -43,7 +43,7 @@ def hyperparameters(cls: type[_T]) -> type[_T]:
         try:
             build(self, **values)
         except ValidationError as error:
-            raise _refused(checked.__name__, checked.__pydantic_fields__, error) from None
+            raise _refused(checked, error) from None
 
     checked.__init__ = init
     return cast("type[_T]", checked)
@@ -72,18 +72,21 @@ def _end(field: FieldInfo, name: str) -> Any:
     return next((getattr(rule, name) for rule in field.metadata if hasattr(rule, name)), None)
 
 
-def _refused(cls: str, fields: Mapping[str, FieldInfo], error: ValidationError) -> InvalidInput:
-    """The error for the first wrong value, with what is allowed instead."""
-    first = first_fault(error)
+def _refused(cls: Any, error: ValidationError) -> InvalidInput:
+    """The error for the first wrong value, with what is allowed instead. A field is told as a
+    recipe names it, in the section of its agent, or of NES or the SE."""
+    first, fields = first_fault(error), cls.__pydantic_fields__
     name = str(next(iter(first["loc"]), ""))
+    section = getattr(cls, "agent", "") or cls.__name__.removesuffix("Hyperparameters").lower()
+    full = ".".join(filter(None, (section, name)))
     if first["type"] == "unexpected_keyword_argument":
-        return one_of(f"{cls} field", name, fields)
+        return one_of("hyperparameter", full, fields)
     if first["type"] == "missing":
-        return InvalidInput(f"{cls}: {reason(error)}")
+        return InvalidInput(f"{cls.__name__}: {reason(error)}")
     if first["type"] == "value_error":  # of the class's own check, which tells all
         return InvalidInput(reason(error))
     field, given = fields[name], first["input"]
-    what, kind = field.title or f"{cls.removesuffix('Hyperparameters')} {name}", field.annotation
+    what, kind = field.title or full, field.annotation
     if get_origin(kind) is Literal:
         return one_of(what, given, get_args(kind))
     ends = [_end(field, name) for name in ("ge", "le")]
@@ -92,5 +95,5 @@ def _refused(cls: str, fields: Mapping[str, FieldInfo], error: ValidationError) 
     elif kind in (int, float) and None not in ends:
         told = f"{kind.__name__}, {ends[0]} to {ends[1]}"
     else:
-        return InvalidInput(f"{cls}: {reason(error)}")
+        return InvalidInput(f"{cls.__name__}: {reason(error)}")
     return InvalidInput(f"{what} must be {told}; got {given!r}")

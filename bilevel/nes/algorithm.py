@@ -69,13 +69,13 @@ class NES:
         object.__setattr__(self, "seed", checked_seed(self.seed))
         if self.rule.needs_pairs and not self.hp.nes.mirrored_sampling:
             raise InvalidInput(
-                f"NES update {self.hp.nes.update!r} needs mirrored_sampling true; got false"
+                f"nes.update {self.hp.nes.update!r} needs nes.mirrored_sampling true; got false"
             )
         nes = self.hp.nes
         if self.rule.transforms and nes.score_transform in COMPARING and nes.population_size < 2:
             raise InvalidInput(
-                f"score_transform {nes.score_transform!r} compares members: population_size must "
-                f"be at least 2; got {nes.population_size}"
+                f"nes.score_transform {nes.score_transform!r} compares members: "
+                f"nes.population_size must be at least 2; got {nes.population_size}"
             )
         coordinates(self.task, self.hp.se, self.task.unit_scale)
 

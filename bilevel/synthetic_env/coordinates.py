@@ -93,13 +93,13 @@ def coordinates(task: Task, hp: SEHyperparameters, scale: ObservationScale) -> C
         return PlainCoordinates(architecture)
     if (hp.hidden_layers, hp.activation) != (1, "tanh"):
         raise InvalidInput(
-            "SE structure 'exogenous' needs hidden_layers 1 and activation tanh; got "
+            "se.structure 'exogenous' needs se.hidden_layers 1 and se.activation tanh; got "
             f"{hp.hidden_layers} and {hp.activation}"
         )
     least = least_units(task)
     if hp.hidden_size < least:
         raise InvalidInput(
-            f"SE structure 'exogenous' needs a hidden_size of at least {least}, two units an "
+            f"se.structure 'exogenous' needs a hidden_size of at least {least}, two units an "
             f"action and an observation of {task.id}; got {hp.hidden_size}"
         )
     return ExogenousCoordinates(architecture, scale, hp.spread)

@@ -180,7 +180,7 @@ def test_annotations_may_be_strings(tmp_path: Path) -> None:
     load_agent_file(file)
     (hp,) = default_agents(("postponed-reinforce",))
     assert replace(hp, hidden_size=3) != hp  # type: ignore[call-arg]
-    with pytest.raises(InvalidInput, match="Reinforce hidden_size must be int, 1 to 4096"):
+    with pytest.raises(InvalidInput, match=r"postponed-reinforce\.hidden_size must be int, 1 to"):
         replace(hp, hidden_size="3")  # type: ignore[call-arg]
 
 

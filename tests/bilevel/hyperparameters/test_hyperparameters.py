@@ -30,14 +30,14 @@ def test_a_dueling_network_needs_a_unit_a_stream() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"learning_rate": 7.0}, r"DDQN learning_rate must be float, 1e-08 to 1.0; got 7.0"),
+        ({"learning_rate": 7.0}, r"^ddqn\.learning_rate must be float, 1e-08 to 1.0; got 7.0"),
         ({"learning_rate": float("nan")}, "learning_rate"),
         ({"hidden_layers": 4}, "hidden_layers must be int, 1 to 3; got 4"),
         ({"hidden_layers": True}, "hidden_layers"),
         ({"batch_size": 12.0}, "batch_size must be int"),
-        ({"discount": True}, "DDQN discount must be float, 0.0 to 1.0; got True"),
-        ({"discount": "\n"}, r"^DDQN discount must be float, 0.0 to 1.0; got '\\n'$"),
-        ({"activation": "gelu"}, "unknown DDQN activation 'gelu': allowed are tanh, relu"),
+        ({"discount": True}, r"^ddqn\.discount must be float, 0.0 to 1.0; got True"),
+        ({"discount": "\n"}, r"^ddqn\.discount must be float, 0.0 to 1.0; got '\\n'$"),
+        ({"activation": "gelu"}, r"unknown ddqn\.activation 'gelu': allowed are tanh, relu"),
     ],
 )
 def test_out_of_range(
@@ -49,7 +49,7 @@ def test_out_of_range(
 
 def test_what_is_neither_true_nor_false() -> None:
     nes = load_recipe("paper", "").nes
-    with pytest.raises(InvalidInput, match="NES shared_agent must be bool, true or false; got 1"):
+    with pytest.raises(InvalidInput, match=r"^nes\.shared_agent must be bool, true or false"):
         replace(nes, shared_agent=1)  # type: ignore[arg-type]
 
 
@@ -62,12 +62,12 @@ def test_a_whole_number_will_do_for_a_float(small_agent: DDQNHyperparameters) ->
 
 def test_a_distilled_start_needs_plain_ses() -> None:
     hp = load_recipe("distilled", "CartPole-v0")
-    with pytest.raises(InvalidInput, match="start 'distilled' needs the SE structure 'plain'"):
+    with pytest.raises(InvalidInput, match=r"^nes.start 'distilled' needs se.structure 'plain'"):
         replace(hp, se=load_recipe("default", "CartPole-v0").se)
 
 
 def test_unknown_and_missing_fields() -> None:
-    with pytest.raises(InvalidInput, match="unknown SEHyperparameters field 'width'"):
+    with pytest.raises(InvalidInput, match=r"unknown hyperparameter 'se\.width'"):
         SEHyperparameters(width=3)  # type: ignore[call-arg]
     with pytest.raises(InvalidInput, match=r"^SEHyperparameters: 'activation' is missing$"):
         SEHyperparameters(structure="plain", hidden_layers=1, hidden_size=4, step_limit=0)  # type: ignore[call-arg]

@@ -99,13 +99,13 @@ class TestAsk:
     ) -> None:
         one = replace(small.nes, update="snes", score_transform="rank", population_size=1)
         NES(cartpole, replace(small, nes=one))
-        with pytest.raises(InvalidInput, match="'rank' compares members: population_size must be"):
+        with pytest.raises(InvalidInput, match=r"'rank' compares members: nes.population_size must"):
             NES(cartpole, replace(small, nes=replace(one, update="paper")))
 
     def test_a_rule_that_needs_pairs_says_so(self, cartpole: Task, small: Hyperparameters) -> None:
         for update in ("snes", "antithetic"):
             hp = with_nes(small, update=update, mirrored_sampling=False)
-            with pytest.raises(InvalidInput, match="needs mirrored_sampling true"):
+            with pytest.raises(InvalidInput, match=r"needs nes.mirrored_sampling true"):
                 NES(cartpole, hp)
 
 

@@ -142,11 +142,11 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         ),
         (
             ["nes", "CartPole-v0", "--set", "nes.mirrored_sampling=false"],
-            "NES update 'snes' needs mirrored_sampling true",
+            "nes.update 'snes' needs nes.mirrored_sampling true",
         ),
         (
             ["nes", "CartPole-v0", "--set", "nes.start=distilled"],
-            "NES start 'distilled' needs the SE structure 'plain'",
+            "nes.start 'distilled' needs se.structure 'plain'",
         ),
         (["nes", "CartPole-v0", "--set", "se.hidden_size=7"], "needs a hidden_size of at least 8"),
         (
@@ -288,7 +288,7 @@ def test_a_recipe_of_the_users_own(tmp_path: Path) -> None:
         cwd=tmp_path,
     )
     assert wrong.returncode == 2
-    assert "NES update 'antithetic' needs mirrored_sampling true" in wrong.stderr
+    assert "nes.update 'antithetic' needs nes.mirrored_sampling true" in wrong.stderr
 
 
 @pytest.mark.parametrize(

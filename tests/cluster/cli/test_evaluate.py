@@ -24,7 +24,7 @@ def test_the_agents_are_the_recipes(se_file: Path, tmp_path: Path) -> None:
 def test_hyperparameters_of_the_agents_are_replaced(se_file: Path, tmp_path: Path) -> None:
     """Of those that take part alone."""
     for setting, told in (
-        ("ddqn.batch_size=-1", "DDQN batch_size must be int, 1 to"),
+        ("ddqn.batch_size=-1", "ddqn.batch_size must be int, 1 to"),
         ("ddqn.price=1", "unknown hyperparameter 'ddqn.price': allowed are ddqn.init_episodes"),
         ("td3.batch_size=8", "td3.batch_size is set, but the agents are ddqn: see --agent"),
         ("nes.std_dev=0.1", "unknown hyperparameter 'nes.std_dev': allowed are ddqn.*"),

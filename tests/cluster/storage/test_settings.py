@@ -40,7 +40,7 @@ def test_of_an_nes_run(cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
         ({"task": {}}, "holds no NES run: task: 'id' is missing"),
         ({"nes": {}}, "holds no NES run: NESHyperparameters: 'update' is missing"),
         ({"agents": {"mine": {}}}, "holds no NES run: unknown agent 'mine'"),
-        ({"se": {"self": 1}}, "holds no NES run: unknown SEHyperparameters field 'self'"),
+        ({"se": {"self": 1}}, "holds no NES run: unknown hyperparameter 'se.self'"),
         ({"colour": "red"}, "holds no NES run: unknown 'colour'"),
     ):
         refused(NESRun.read, tmp_path, settings, told)
