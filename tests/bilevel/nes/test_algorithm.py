@@ -99,7 +99,7 @@ class TestAsk:
     ) -> None:
         one = replace(small.nes, update="snes", score_transform="rank", population_size=1)
         NES(cartpole, replace(small, nes=one))
-        with pytest.raises(InvalidInput, match=r"'rank' compares members: nes.population_size must"):
+        with pytest.raises(InvalidInput, match=r"'rank' compares members: nes.population_size"):
             NES(cartpole, replace(small, nes=replace(one, update="paper")))
 
     def test_a_rule_that_needs_pairs_says_so(self, cartpole: Task, small: Hyperparameters) -> None:

@@ -95,7 +95,7 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         (["bohb", "CartPole-v0", "--vary-hp", "x"], "unknown variation of agents 'x': allowed are"),
         (
             ["nes", "CartPole-v0", "--set", "nes.update=x"],
-            "unknown NES update 'x': allowed are snes",
+            "unknown nes.update 'x': allowed are snes",
         ),
         (["nes", "CartPole-v0", "--set", "nes.std_dev=-1"], "std_dev must be float, 1e-06 to"),
         (["bohb", "CartPole-v0", "--set", "nes.std_dev=x"], "float, 1e-06 to 10.0; got 'x'"),
