@@ -52,7 +52,9 @@ def write_result(name: str, command: str, values: dict[str, Any], resumed: bool 
     if resumed:
         with suppress(NotMeasured):
             before = read_result(name)
-            earlier = {*before.get("earlier_commits", ()), before["commit"]} - {commit()}
+            # Results of the first versions name none.
+            measured = {*before.get("earlier_commits", ()), before.get("commit", "")}
+            earlier = measured - {"", commit()}
             stated |= {"earlier_commits": sorted(earlier)} if earlier else {}
     content = json.dumps({**stated, "machine": machine(), **values}, indent=2)
     content = _PLAIN_LIST.sub(lambda match: " ".join(match[0].split()), content)

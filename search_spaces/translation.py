@@ -53,8 +53,10 @@ def changed(sections: Mapping[str, Any], configuration: Mapping[str, Any]) -> di
         )
         if f"{section}.{field}" not in known:
             if section in agent_names() and section not in sections:
-                agents = ", ".join(sections.keys() - {"nes", "se"})
-                raise InvalidInput(f"{name} is set, but the agents are {agents}: see --agent")
+                agents = ", ".join(one for one in sections if one not in ("nes", "se"))
+                raise InvalidInput(
+                    f"{name} is of an agent that takes no part; these do: {agents} (--agent)"
+                )
             allowed = known or [f"{other}.*" for other in sections]
             raise one_of("hyperparameter", name, allowed)
         if field in changes[section]:

@@ -54,7 +54,7 @@ def main() -> None:
         for done in as_completed(pool.submit(measured, options.task, *one) for one in missing):
             run = done.result()
             runs[run["steps"], run["seed"]] = run
-            write_result(name, command, {"runs": [runs[key] for key in sorted(runs)]}, True)
+            write_result(name, command, {"runs": [runs[key] for key in sorted(runs)]}, resumed=True)
             print(run, flush=True)
 
 

@@ -171,7 +171,7 @@ def main() -> None:
 
     def keep(run: dict[str, Any]) -> None:
         runs[run["seed"]] = run
-        write_result(name, command, {"runs": [runs[seed] for seed in sorted(runs)]}, True)
+        write_result(name, command, {"runs": [runs[seed] for seed in sorted(runs)]}, resumed=True)
         print(run, flush=True)
 
     def folder(seed: int) -> Path:

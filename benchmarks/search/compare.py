@@ -66,8 +66,8 @@ SPACE = Path(__file__).with_name("core-without-episodes.json")
 #: than half of that time.
 BUDGETS = 15, 45
 
-#: Code of the package on which the result of an evaluation depends.
-_EVALUATED_BY = ("cost.py", "agents/*.py", "evaluation/*.py", "kernels/*.py", "tasks/*.py")
+#: Rooms of the package on which the result of an evaluation does not depend.
+_APART = {"compile.py", "distilled", "gym", "interop", "nes", "zoo"}
 
 #: Seed of the first fresh run.
 _FRESH = 10_000
@@ -114,8 +114,12 @@ class InProcess:
 def kept_evaluations(home: Path, task_id: str) -> InProcess:
     """The pool of all searches and fresh runs of a task."""
     package = Path(bilevel.__file__).parent
-    sources = sorted(path for part in _EVALUATED_BY for path in package.glob(part))
-    code = checksum(*(path.read_bytes() for path in sources))[:16]
+    sources = [
+        path.read_bytes()
+        for path in sorted(package.rglob("*.py"))
+        if path.relative_to(package).parts[0] not in _APART
+    ]
+    code = checksum(*sources)[:16]
     return InProcess(home / task_id / f"evaluations-{code}")
 
 

@@ -6,7 +6,7 @@ real task are counted.
     D <- steps of random actions on the real task
     Q <- double Q-learning on D alone; its first snapshot that solves the task, or else the best
     D <- D and twice as many steps of Q's greedy policy, with some random actions
-    A <- mean advantages Q(s, a) - mean_a' Q(s, a') of other Q, learned on D
+    A <- mean advantages Q(s, a) - mean_a' Q(s, a') of several new Q, each learned on D
     D <- D with initial states of the task in place of episode ends, if it rewards survival
     next-state network <- regression on the next states of D
     reward network     <- regression on 0.5 + tanh(2 A / std A)

@@ -38,7 +38,7 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         from bilevel.synthetic_env.source import load
 
         if path is None:
-            raise InvalidInput("which SE? give path=..., a file, a name of the zoo, or MLflow's")
+            raise InvalidInput("path is missing: a file, a name of the zoo or MLflow's address")
         self.se = se = load(path)
         self._task = se.task()
         self.step_limit, self.n_actions = se.architecture.step_limit, se.architecture.n_actions

@@ -80,9 +80,9 @@ def _refused(cls: Any, error: ValidationError) -> InvalidInput:
     section = getattr(cls, "agent", "") or cls.__name__.removesuffix("Hyperparameters").lower()
     full = ".".join(filter(None, (section, name)))
     if first["type"] == "unexpected_keyword_argument":
-        return one_of("hyperparameter", full, fields)
+        return one_of("hyperparameter", full, [full.removesuffix(name) + one for one in fields])
     if first["type"] == "missing":
-        return InvalidInput(f"{cls.__name__}: {reason(error)}")
+        return InvalidInput(f"{section or cls.__name__}: {reason(error)}")
     if first["type"] == "value_error":  # of the class's own check, which tells all
         return InvalidInput(reason(error))
     field, given = fields[name], first["input"]
@@ -95,5 +95,5 @@ def _refused(cls: Any, error: ValidationError) -> InvalidInput:
     elif kind in (int, float) and None not in ends:
         told = f"{kind.__name__}, {ends[0]} to {ends[1]}"
     else:
-        return InvalidInput(f"{cls.__name__}: {reason(error)}")
+        return InvalidInput(f"{section or cls.__name__}: {reason(error)}")
     return InvalidInput(f"{what} must be {told}; got {given!r}")

@@ -99,7 +99,7 @@ def coordinates(task: Task, hp: SEHyperparameters, scale: ObservationScale) -> C
     least = least_units(task)
     if hp.hidden_size < least:
         raise InvalidInput(
-            f"se.structure 'exogenous' needs a hidden_size of at least {least}, two units an "
+            f"se.structure 'exogenous' needs an se.hidden_size of at least {least}, two units an "
             f"action and an observation of {task.id}; got {hp.hidden_size}"
         )
     return ExogenousCoordinates(architecture, scale, hp.spread)

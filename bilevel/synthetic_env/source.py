@@ -44,10 +44,10 @@ def pinned(address: str, tracking_uri: str | None = None) -> str:
 
 
 def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
-    """The SE file at a path, of that name in the zoo, or at MLflow's address of a registered model
-    (`models:/NAME@ALIAS` or `models:/NAME/VERSION`) or of an artifact of a run
-    (`runs:/ID/best_se.safetensors`), which is downloaded from the MLflow at `tracking_uri`, or else
-    from the one that MLflow is set to.
+    """The SE file of that name in the zoo (`./NAME` is a file here), at a path, or at MLflow's
+    address of a registered model (`models:/NAME@ALIAS` or `models:/NAME/VERSION`) or of an artifact
+    of a run (`runs:/ID/best_se.safetensors`), which is downloaded from the MLflow at
+    `tracking_uri`, or else from the one that MLflow is set to.
 
     Raises InvalidInput if there is none, or MLflow is set to nothing.
     """
@@ -56,8 +56,8 @@ def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
             "an SE is given by its file's path, its name in the zoo or MLflow's address; got "
             f"{address!r}"
         )
-    if address in ENTRIES:
-        return zoo_file(str(address))
+    if isinstance(address, str) and address in ENTRIES:
+        return zoo_file(address)
     if not is_of_mlflow(address):
         if not os.path.exists(address):  # noqa: PTH110 (Path's raises for a name too long)
             raise InvalidInput(

@@ -214,7 +214,8 @@ def get_task(
         ours = {name for name in BUILT_IN_TASKS if name.rpartition("-v")[0] == task_id}
         allowed = ", ".join(sorted({*ours, spec.id}))
         raise InvalidInput(f"task {task_id!r} has no version: allowed are {allowed}")
-    observations, actions = env.observation_space, env.action_space
+    with as_mistake(f"task {task_id!r}", type(env.unwrapped), "is asked for its spaces"):
+        observations, actions = env.observation_space, env.action_space
     if not isinstance(observations, gymnasium.spaces.Box) or len(observations.shape) != 1:
         raise InvalidInput(
             f"{task_id} has observations {observations}: allowed is a Box of one dimension, as "
@@ -224,8 +225,8 @@ def get_task(
         raise InvalidInput(f"{task_id} has observations without components: {observations}")
     if not isinstance(actions, gymnasium.spaces.Discrete):
         raise InvalidInput(
-            f"{task_id} has actions {actions}: allowed is Discrete; of others a "
-            "gymnasium.ActionWrapper can offer a few"
+            f"{task_id} has actions {actions}: allowed is Discrete, into which a "
+            "gymnasium.ActionWrapper can turn some actions of another space"
         )
     solved = solved_reward if solved_reward is not None else spec.reward_threshold
     limit = step_limit if step_limit is not None else spec.max_episode_steps
@@ -233,7 +234,12 @@ def get_task(
         wanted = {"solved reward": solved, "step limit": limit}
         absent = [what for what, value in wanted.items() if value is None]
         options = (f"--{what.replace(' ', '-')}" for what in absent)
-        arguments = (f"{what.replace(' ', '_')}=..." for what in absent)
+        given = {"solved_reward": solved_reward, "step_limit": step_limit}
+        arguments = (
+            f"{name}={'...' if name.replace('_', ' ') in absent else repr(value)}"
+            for name, value in given.items()
+            if value is not None or name.replace("_", " ") in absent
+        )
         raise InvalidInput(
             f"{task_id} names no {' and no '.join(absent)}: give {' and '.join(options)}, in "
             f"Python bilevel.get_task({task_id!r}, {', '.join(arguments)})"
@@ -270,18 +276,19 @@ def _inspect(
         env = _make(task_id, None)
     except gymnasium.error.DependencyNotInstalled as error:
         raise InvalidInput(f"task {task_id!r} needs a package: {first_line(error)}") from None
-    except ImportError as error:
-        reason = first_line(error).partition(". ")[0]
-        raise InvalidInput(
-            f"task {task_id!r} cannot be imported ({reason}): the folder of a module of your own "
-            "must be on PYTHONPATH"
-        ) from None
     except gymnasium.error.Error as error:
         raise InvalidInput(
             f"unknown task {task_id!r}: allowed are {', '.join(BUILT_IN_TASKS)} "
             f"and gymnasium ids with a flat Box and Discrete actions ({first_line(error)})"
         ) from None
-    except (Exception, SystemExit):  # of the environment's own code
+    except (Exception, SystemExit) as error:  # of the environment's own code
+        module = task_id.rpartition(":")[0]
+        unknown = (f"No module named {name!r}" for name in (module, module.partition(".")[0]))
+        if isinstance(error, ImportError) and str(error).startswith(tuple(unknown)):
+            raise InvalidInput(
+                f"task {task_id!r} needs the module {module!r}, which cannot be found: the folder "
+                "that it is in must be on PYTHONPATH"
+            ) from None
         with as_mistake(f"task {task_id!r}", None, "is made"):
             raise
     assert env.spec is not None
@@ -299,5 +306,6 @@ def _make(
         warnings.filterwarnings("ignore", ".*is out of date", DeprecationWarning)
         warnings.filterwarnings("ignore", ".*out of date", UserWarning)
         warnings.filterwarnings("ignore", ".*latest versioned environment", UserWarning)
-        env: RealEnv = gymnasium.make(task_id, step_limit, disable_env_checker=not checked, **mode)
+        unchecked = None if checked else True
+        env: RealEnv = gymnasium.make(task_id, step_limit, disable_env_checker=unchecked, **mode)
         return env

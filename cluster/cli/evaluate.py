@@ -1,7 +1,6 @@
 """The command `evaluate`."""
 
 import re
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -108,9 +107,11 @@ def evaluate(
         kinds = default_agents(agents or ("ddqn",))
     else:
         kinds = load_recipe(recipe, task.id, agents).agents
-    kinds = tuple(changed({hp.agent: hp for hp in kinds}, once(settings)).values())
     if max_episodes is not None:
-        kinds = tuple(_shortened(hp, max_episodes) for hp in kinds)
+        settings = (*((f"{hp.agent}.max_episodes", max_episodes) for hp in kinds), *settings)
+    kinds = tuple(changed({hp.agent: hp for hp in kinds}, once(settings)).values())
+    for hp in kinds:
+        _require_learning(hp)
     vary = vary or "no"
     if vary not in VARIATIONS:
         raise one_of("variation of agents", vary, VARIATIONS)
@@ -136,14 +137,14 @@ def evaluate(
     )
 
 
-def _shortened(hp: AgentHyperparameters, max_episodes: int) -> AgentHyperparameters:
-    """The agent, for so many episodes at most. Raises InvalidInput if it would learn in none."""
-    if max_episodes <= hp.init_episodes:
+def _require_learning(hp: AgentHyperparameters) -> None:
+    """Raise InvalidInput if the agent would learn in none of its episodes."""
+    if hp.max_episodes <= hp.init_episodes:
         raise InvalidInput(
-            f"--max-episodes must be above {hp.agent}.init_episodes, which is {hp.init_episodes}: "
-            f"agents learn in later episodes only; got {max_episodes}"
+            f"{hp.agent}.max_episodes (--max-episodes) must be above {hp.agent}.init_episodes, "
+            f"which is {hp.init_episodes}: agents learn in later episodes only; got "
+            f"{hp.max_episodes}"
         )
-    return replace(hp, max_episodes=max_episodes)
 
 
 def _labelled(given: tuple[GivenSE, ...]) -> dict[str, Path]:

@@ -31,7 +31,7 @@ set_option = click.option(
     type=Setting(),
     multiple=True,
     help="Replace a hyperparameter of the recipe, for instance nes.std_dev=0.1 or "
-    "ddqn.learning_rate=0.002; may be repeated, for others. (`evaluate` has agents alone.)",
+    "ddqn.learning_rate=0.002; may be repeated, for others; in `evaluate` those of agents only.",
 )
 
 vary_option = click.option(
@@ -129,7 +129,7 @@ def once(settings: Iterable[tuple[str, Any]]) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class RunOptions:
-    """Values of the common options; those with a default only exist for `nes` and `bohb`."""
+    """Values of the common options; those with a default do not exist in all commands."""
 
     task: str
     seed: int
@@ -154,8 +154,8 @@ class RunOptions:
         return task
 
     def the_agents(self) -> tuple[str, ...] | None:
-        """Names of the agents, each of them known; None for the recipe's. Raises InvalidInput, also
-        for the file of an agent that takes no part."""
+        """Names of the agents, each of them known; None for the recipe's. Raises InvalidInput, and
+        without a recipe also for the file of an agent that takes no part."""
         from bilevel.agents import get_agent
         from cluster.ray.agent_files import load_agent_file
 

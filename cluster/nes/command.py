@@ -114,7 +114,7 @@ class _Runner:
                 changed()
                 record = state.records[-1]
                 self.terminal.log(generation_line(record, state.best_score))
-                if told := of_short_episodes(record):
+                if told := of_short_episodes(record, self.run.hp.se.structure):
                     self.terminal.log(told)
         return state
 
@@ -169,7 +169,9 @@ class _Runner:
 
     def _finish(self, state: NESState) -> None:
         run, log = self.run, self.terminal.log
-        reason = "all generations done" + ", no SE confirmed" * (run.hp.nes.confirming_agents > 0)
+        reason = "all generations done"
+        if run.hp.nes.confirming_agents:
+            reason += ", no SE confirmed"
         if state.confirmed:
             reason = "solved and confirmed"
         elif state.solved_for_long(run.hp.nes):
@@ -204,15 +206,18 @@ class _Runner:
         )
 
 
-def of_short_episodes(record: GenerationRecord) -> str | None:
+def of_short_episodes(record: GenerationRecord, structure: str) -> str | None:
     """What is told after a first generation on an SE whose episodes end as soon as they begin; None
     of any other."""
     if record.generation or record.episode_length >= _SHORT:
         return None
+    length = f"{record.episode_length:.1f} steps on average"
+    told = f"episodes on the SE last {length}: too few to learn from"
+    if structure == "plain":
+        return told
     return (
-        f"episodes on the SE last {record.episode_length:.1f} steps on average: too few to learn "
-        "from. If the task's initial states are spread widely, try --set se.structure=plain "
-        "(docs/other-tasks.md)"
+        f"{told}. If the task's initial states are spread widely, try --set se.structure=plain "
+        "--name ANOTHER (docs/other-tasks.md)"
     )
 
 

@@ -40,6 +40,9 @@ def test_a_result_of_several_sittings_names_the_commits_of_all(
         write_result("name", "measure", {"runs": []}, resumed=True)
     told = read_result("name")
     assert (told["commit"], told["earlier_commits"]) == ("three", ["one", "two"])
+    (tmp_path / "name.json").write_text('{"command": "measure", "runs": []}')
+    write_result("name", "measure", {"runs": []}, resumed=True)
+    assert "earlier_commits" not in read_result("name")
     write_result("name", "measure", {"runs": []})  # all of it anew
     assert "earlier_commits" not in read_result("name")
 

@@ -39,7 +39,7 @@ def test_what_configspace_writes_is_read(name: str, tmp_path: Path) -> None:
     ("dimension", "told"),
     [
         (CS.Float("nes.sigma", (0.1, 0.4)), "unknown hyperparameter 'nes.sigma': allowed are nes."),
-        (CS.Float("td3.learning_rate", (0.1, 0.4)), "td3.learning_rate is set, but the agents are"),
+        (CS.Float("td3.learning_rate", (0.1, 0.4)), "td3.learning_rate is of an agent that"),
         (CS.Float("nes.std_dev", (0.1, 99.0)), "std_dev must be float, 1e-06 to 10.0; got"),
         (CS.Float("nes.averaging", (0.0, 1.0)), "averaging must be float, 0.0 to 0.999; got 1.0"),
         (

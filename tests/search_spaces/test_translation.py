@@ -32,7 +32,7 @@ def test_numpy_scalars_are_taken(paper: Hyperparameters) -> None:
 def test_unknown_names_and_values(paper: Hyperparameters) -> None:
     with pytest.raises(InvalidInput, match=r"unknown hyperparameter 'ddqn\.width'"):
         to_hyperparameters(paper, {"ddqn.width": 1})
-    with pytest.raises(InvalidInput, match=r"^td3\.batch_size is set, but the agents are ddqn"):
+    with pytest.raises(InvalidInput, match=r"^td3\.batch_size is of an agent that takes no"):
         to_hyperparameters(paper, {"td3.batch_size": 8})
     with pytest.raises(InvalidInput, match="batch_size"):
         to_hyperparameters(paper, {"ddqn.batch_size": -1})

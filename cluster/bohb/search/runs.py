@@ -86,7 +86,7 @@ class ConfigurationRuns:
 
     def advance(self, pool: Pool) -> NESState:
         """Advance the first run that is not over, or begin another (`NESRun.advance`); return its
-        state. Of runs that stand on disk after one that was lost, one is read instead."""
+        state. One that is on disk already, because an earlier one was lost, is only read."""
         number = next(
             (i for i, state in enumerate(self.states) if not state.finished), len(self.states)
         )

@@ -92,8 +92,9 @@ class Plan:
     @classmethod
     def of(cls, journal: Journal, before: Validation | None) -> Self | None:
         """SHARE of the study's core time, for as many finalists as get the largest budget of the
-        search each; those of the validation `before`, if the search has no results since. None for
-        a search that is too short for it: two would get less than half."""
+        search each; the last winner comes on top, whose earlier runs count. Those of the validation
+        `before`, if the search has no results since. None for a search that is too short for it:
+        two would get less than half."""
         results = journal.successes
         best = sorted(results, key=lambda line: (-line.budget, line.loss))
         searched = sum(journal.reached.values())
@@ -106,13 +107,13 @@ class Plan:
                 chosen.add(line.id)
         enough = core_seconds / number >= largest / 2
         if before is not None:
-            chosen.add(before.winner.id)  # whose earlier runs count
+            chosen.add(before.winner.id)
             if before.results == len(journal.results):
                 chosen = {line.id for line in before.finalists}
         if len(chosen) < 2 or not enough:
             return None
         places = tuple(line.id for line in journal.configs if line.id in chosen)
-        return cls(places, math.ceil(core_seconds / len(chosen)))
+        return cls(places, math.ceil(core_seconds / min(number, len(chosen))))
 
 
 def validation_seconds(searched: float) -> float:

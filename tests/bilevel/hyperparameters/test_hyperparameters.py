@@ -69,7 +69,7 @@ def test_a_distilled_start_needs_plain_ses() -> None:
 def test_unknown_and_missing_fields() -> None:
     with pytest.raises(InvalidInput, match=r"unknown hyperparameter 'se\.width'"):
         SEHyperparameters(width=3)  # type: ignore[call-arg]
-    with pytest.raises(InvalidInput, match=r"^SEHyperparameters: 'activation' is missing$"):
+    with pytest.raises(InvalidInput, match=r"^se: 'activation' is missing$"):
         SEHyperparameters(structure="plain", hidden_layers=1, hidden_size=4, step_limit=0)  # type: ignore[call-arg]
     with pytest.raises(InvalidInput, match=r"^hyperparameters: 'nes' is missing$"):
         restored({})

@@ -199,15 +199,32 @@ def test_what_a_task_does_not_name_is_asked_for_at_once(monkeypatch: pytest.Monk
     )
     with pytest.raises(InvalidInput, match=f"^{re.escape(told)}$"):
         get_task(spec.id)
-    with pytest.raises(InvalidInput, match="names no step limit: give --step-limit, in"):
+    with pytest.raises(InvalidInput, match=r"-limit, .* solved_reward=1.0, step_limit=\.\.\.\)$"):
         get_task(spec.id, solved_reward=1.0)
     task = get_task(spec.id, solved_reward=1.0, step_limit=9)
     assert (task.solved_reward, task.step_limit) == (1.0, 9)
 
 
 def test_a_module_that_is_not_found() -> None:
-    with pytest.raises(InvalidInput, match=r"No module named 'nowhere'\): the folder of a module"):
+    with pytest.raises(InvalidInput, match=r"needs the module 'nowhere', .* must be on PYTHONPATH"):
         get_task("nowhere:Mine-v0")
+
+
+def test_a_task_that_lacks_a_module_or_a_space_says_where(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Lacking(gymnasium.Env[Any, Any]):
+        pass
+
+    def imports(**_: Any) -> Any:
+        import not_there  # type: ignore[import-not-found]
+
+        return not_there
+
+    for entry, told in ((Lacking, "its spaces: Attr"), (imports, r"made: Mod.*'not_there'")):
+        made: Any = entry
+        spec = gymnasium.envs.registration.EnvSpec("test/Lacking-v0", entry_point=made)
+        monkeypatch.setitem(gymnasium.registry, spec.id, spec)
+        with pytest.raises(Mistake, match=rf"^task '{spec.id}' at {re.escape(__file__)}:.*{told}"):
+            get_task(spec.id)
 
 
 def test_gymnasiums_warnings_come_once(

@@ -1,12 +1,13 @@
 """The command `evaluate`, up to where agents would train."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import default_agents, load_recipe, recipe_text
-from cluster.cli.evaluate import _labelled, _shortened
+from cluster.cli.evaluate import _labelled, _require_learning
 from cluster.cli.ses import GivenSE
 from tests.commands import run_bilevel
 from tests.documents import documented_agent
@@ -26,10 +27,13 @@ def test_hyperparameters_of_the_agents_are_replaced(se_file: Path, tmp_path: Pat
     for setting, told in (
         ("ddqn.batch_size=-1", "ddqn.batch_size must be int, 1 to"),
         ("ddqn.price=1", "unknown hyperparameter 'ddqn.price': allowed are ddqn.init_episodes"),
-        ("td3.batch_size=8", "td3.batch_size is set, but the agents are ddqn: see --agent"),
+        ("td3.batch_size=8", "td3.batch_size is of an agent that takes no part; these do: ddqn"),
+        ("ddqn.init_episodes=2000", "ddqn.max_episodes (--max-episodes) must be above ddqn.init"),
+        ("ddqn.max_episodes=50", "ddqn.max_episodes is given twice, as 100 and as 50: give one"),
         ("nes.std_dev=0.1", "unknown hyperparameter 'nes.std_dev': allowed are ddqn.*"),
     ):
-        result = run_bilevel("evaluate", str(se_file), "--set", setting, cwd=tmp_path)
+        shorter = ("--max-episodes", "100") if "max" in setting else ()
+        result = run_bilevel("evaluate", str(se_file), "--set", setting, *shorter, cwd=tmp_path)
         assert result.returncode == 2
         assert told in result.stderr
     assert not (tmp_path / "runs").exists()
@@ -75,7 +79,7 @@ def test_two_runs_ses_have_labels_of_their_own(
 
 def test_agents_that_would_never_learn_are_refused() -> None:
     (hp,) = default_agents(("ddqn",))
-    assert _shortened(hp, hp.init_episodes + 1).max_episodes == hp.init_episodes + 1
-    told = f"--max-episodes must be above ddqn.init_episodes, which is {hp.init_episodes}: .*; got"
+    _require_learning(replace(hp, max_episodes=hp.init_episodes + 1))
+    told = rf"^ddqn.max_episodes \(--max-episodes\) must be above .*, which is {hp.init_episodes}:"
     with pytest.raises(InvalidInput, match=told):
-        _shortened(hp, hp.init_episodes)
+        _require_learning(replace(hp, max_episodes=hp.init_episodes))
