@@ -148,7 +148,7 @@ def test_help(command: list[str], tmp_path: Path) -> None:
             ["nes", "CartPole-v0", "--set", "nes.start=distilled"],
             "nes.start 'distilled' needs se.structure 'plain'",
         ),
-        (["nes", "CartPole-v0", "--set", "se.hidden_size=7"], "needs an se.hidden_size of at least 8"),
+        (["nes", "CartPole-v0", "--set", "se.hidden_size=7"], "an se.hidden_size of at least 8"),
         (
             ["evaluate", "--real", "CartPole-v0", "--vary-hp", "x"],
             "unknown variation of agents 'x': allowed are",
