@@ -38,7 +38,7 @@ def test_of_an_nes_run(cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
     for settings, told in (
         ({"seed": -1}, "holds no NES run: seed: must be greater than or equal to 0; got -1"),
         ({"task": {}}, "holds no NES run: task: 'id' is missing"),
-        ({"nes": {}}, "holds no NES run: NESHyperparameters: 'update' is missing"),
+        ({"nes": {}}, "holds no NES run: nes: 'update' is missing"),
         ({"agents": {"mine": {}}}, "holds no NES run: unknown agent 'mine'"),
         ({"se": {"self": 1}}, "holds no NES run: unknown hyperparameter 'se.self'"),
         ({"colour": "red"}, "holds no NES run: unknown 'colour'"),
