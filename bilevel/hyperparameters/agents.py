@@ -64,6 +64,18 @@ class AgentHyperparameters:
             cls.agent = agent
             _BY_NAME[agent] = cls
 
+    def require_learning(self, patient_episodes: int = 0) -> None:
+        """Raise InvalidInput if training ends before the first gradient step, be it that of patient
+        agents, which lasts for so many episodes (0: there are none)."""
+        most, named, who = self.max_episodes, f"{self.agent}.max_episodes", "agents"
+        if 0 < patient_episodes < most:
+            most, named, who = patient_episodes, "nes.patient_episodes", "patient agents"
+        if self.init_episodes >= most:
+            raise InvalidInput(
+                f"{self.agent}.init_episodes must be below {named}, {most}, or {who} never learn; "
+                f"got {self.init_episodes}"
+            )
+
     @property
     def step_cost(self) -> float:
         """About what a gradient step costs, to tell long evaluations from short ones before they

@@ -127,7 +127,7 @@ class Hyperparameters:
         if not names or len(set(names)) < len(names):
             raise InvalidInput(f"agents must be one or more, each once; got {names}")
         for agent in self.agents:
-            self._check_episodes(agent)
+            agent.require_learning(self.nes.patient_episodes)
         if self.nes.start == "distilled" and self.se.structure != "plain":
             raise InvalidInput(
                 "nes.start 'distilled' needs se.structure 'plain' (as in --recipe distilled); "
@@ -137,17 +137,6 @@ class Hyperparameters:
             raise InvalidInput(
                 "nes.restart_after must be 0 with the start 'distilled', which a restart would "
                 f"replace by a random one; got {self.nes.restart_after}"
-            )
-
-    def _check_episodes(self, agent: AgentHyperparameters) -> None:
-        """Refuse training that ends before the agent's first gradient step."""
-        most, named, who = agent.max_episodes, f"{agent.agent}.max_episodes", "agents"
-        if 0 < self.nes.patient_episodes < most:
-            most, named, who = self.nes.patient_episodes, "nes.patient_episodes", "patient agents"
-        if agent.init_episodes >= most:
-            raise InvalidInput(
-                f"{agent.agent}.init_episodes must be below {named}, {most}, or {who} never "
-                f"learn; got {agent.init_episodes}"
             )
 
     @property

@@ -7,7 +7,6 @@ from typing import Any
 import click
 
 from bilevel.errors import InvalidInput, one_of
-from bilevel.hyperparameters import AgentHyperparameters
 from cluster.cli.options import (
     RunOptions,
     common_options,
@@ -111,7 +110,7 @@ def evaluate(
         settings = (*((f"{hp.agent}.max_episodes", max_episodes) for hp in kinds), *settings)
     kinds = tuple(changed({hp.agent: hp for hp in kinds}, once(settings)).values())
     for hp in kinds:
-        _require_learning(hp)
+        hp.require_learning()
     vary = vary or "no"
     if vary not in VARIATIONS:
         raise one_of("variation of agents", vary, VARIATIONS)
@@ -135,16 +134,6 @@ def evaluate(
             workers,
         )
     )
-
-
-def _require_learning(hp: AgentHyperparameters) -> None:
-    """Raise InvalidInput if the agent would learn in none of its episodes."""
-    if hp.max_episodes <= hp.init_episodes:
-        raise InvalidInput(
-            f"{hp.agent}.max_episodes (--max-episodes) must be above {hp.agent}.init_episodes, "
-            f"which is {hp.init_episodes}: agents learn in later episodes only; got "
-            f"{hp.max_episodes}"
-        )
 
 
 def _labelled(given: tuple[GivenSE, ...]) -> dict[str, Path]:

@@ -193,7 +193,7 @@ def test_a_mistake_in_the_users_own_agent_is_one_line(tmp_path: Path, address: s
         ),
         (("SE", "SE", "SE"), "two sources are called"),
         (("SE", "--agents", "0"), "0 is not in the range"),
-        (("SE", "--max-episodes", "10"), "must be above ddqn.init_episodes, which is 10"),
+        (("SE", "--max-episodes", "10"), "ddqn.init_episodes must be below ddqn.max_episodes, 10"),
     ],
 )
 def test_bad_input_is_one_line(
