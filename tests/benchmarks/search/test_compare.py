@@ -11,6 +11,7 @@ import numpy as np
 import psutil
 import pytest
 
+import bilevel
 from benchmarks import machine
 from benchmarks.nes import run
 from benchmarks.readme import ROOT
@@ -21,6 +22,7 @@ from benchmarks.search.compare import (
     InProcess,
     brackets_of,
     fresh_run,
+    kept_evaluations,
     run_in_process,
 )
 from bilevel.errors import StorageFailure
@@ -140,6 +142,21 @@ def test_what_a_search_has_evaluated_is_not_evaluated_again(
     assert made == list(nes.ask(state))
     InProcess(tmp_path).run(task, state.se, NES(task, small_hp, 1).ask(state))
     assert made == [*nes.ask(state), *NES(task, small_hp, 1).ask(state)]
+
+
+def test_evaluations_of_other_code_are_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    package = tmp_path / "bilevel"
+    for path in ("__init__.py", "kernels/ddqn.py", "nes/rules.py"):
+        (package / path).parent.mkdir(parents=True, exist_ok=True)
+        (package / path).write_text("")
+    monkeypatch.setattr(bilevel, "__file__", str(package / "__init__.py"))
+    before = kept_evaluations(tmp_path, "CartPole-v0")._kept
+    (package / "nes/rules.py").write_text("it chooses requests, and evaluates none")
+    assert kept_evaluations(tmp_path, "CartPole-v0")._kept == before
+    (package / "kernels/ddqn.py").write_text("another kernel")
+    assert kept_evaluations(tmp_path, "CartPole-v0")._kept != before
 
 
 def test_searches_with_equal_seeds_follow_each_other(

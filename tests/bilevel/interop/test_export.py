@@ -1,6 +1,7 @@
 """Exported SEs give the same numbers as the SE."""
 
-from dataclasses import replace
+import json
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
@@ -61,7 +62,9 @@ def test_onnx(se: StoredSE, tmp_path: Path) -> None:
         assert one.shape == other.shape
         np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
     (told,) = [entry.value for entry in model.metadata_props if entry.key == "se"]
-    assert se.task_id in told
+    facts = json.loads(told)  # as in the header of an SE file
+    assert (facts["task"], facts["step_limit"]) == (se.task_id, se.step_limit)
+    assert facts["architecture"] == asdict(se.architecture)
 
 
 def test_torch_export(se: StoredSE, tmp_path: Path) -> None:

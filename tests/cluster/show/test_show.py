@@ -12,7 +12,8 @@ from bilevel.errors import InvalidInput
 from bilevel.synthetic_env import SE, load_se, save_se
 from bilevel.tasks import Task, get_task
 from bilevel.zoo import zoo_file
-from cluster.show.picture import picture
+from cluster.pictures import GREY
+from cluster.show.picture import _colours, picture
 from cluster.show.portrait import GRID, Portrait, _met
 from tests.commands import run_bilevel
 from tests.ses import make_se
@@ -89,6 +90,11 @@ def test_actions_that_lead_elsewhere_have_arrows_of_their_own(
     assert found == arrows
     ends = [any(isinstance(one, ContourSet) for one in panels[k].collections) for k in (1, 4)]
     assert ends == [path != "plain", True]  # inside the plane the plain one never ends
+
+
+@pytest.mark.parametrize("actions", [1, 2, 5, 6, 18])
+def test_every_action_has_a_colour_of_its_own(actions: int) -> None:
+    assert len({*_colours(actions), GREY}) == actions + 1  # grey is of all actions
 
 
 def test_an_se_that_ends_everywhere_is_hatched_everywhere(cartpole: Task) -> None:

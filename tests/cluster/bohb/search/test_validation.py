@@ -93,6 +93,10 @@ class TestPlan:
         journal = journal_of(tmp_path, {**losses, 0: 90.0, 1: 20.0, 2: 30.0, 3: 40.0})
         before = Validation(2, (ResultLine((0, 0, 0), 5, 9.0, {}, STAMPS),))
         assert finalists(journal, before) == [0, 1, 2, 3]
+        one, two = Plan.of(journal, None), Plan.of(journal, before)
+        assert one is not None
+        assert two is not None
+        assert two.core_seconds == one.core_seconds  # of each
 
     @pytest.mark.parametrize(("searched", "number"), [(2, 0), (3, 2), (6, 2), (8, 2), (9, 3)])
     def test_as_many_as_get_the_largest_budget(
