@@ -167,9 +167,10 @@ class _Runner:
             log(row)
         report = as_json(groups)
         write_aside(self.folder / REPORT_FILE, json.dumps(report, indent=2).encode())
+        title = f"fresh agents of the evaluation\n{self.folder.name}"
         write_aside(
             self.folder / PICTURE_FILE,
-            png(pictures.returns(groups, self.command.task, f"{self.folder.name}: fresh agents")),
+            png(pictures.returns(groups, self.command.task, title)),
         )
         # One metric a group: MLflow offers every metric of any run as a column of all runs.
         metrics = {
