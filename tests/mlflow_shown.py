@@ -18,6 +18,7 @@ from cluster.storage.run_folder import RunIdentity
 from cluster.tracking import RunView
 from cluster.tracking.tracker import KEY
 from tests.commands import listening
+from tests.ends import kill_family
 
 
 def disagreements(folder: Path, tracking_uri: str) -> list[str]:
@@ -110,10 +111,7 @@ class Server:
     def kill(self) -> None:
         """Kill the server at once (SIGKILL)."""
         if self._process is not None:
-            family = [self._process, *self._process.children(recursive=True)]
-            for process in family:
-                process.kill()
-            psutil.wait_procs(family, 30)
+            kill_family(self._process)
             self._process = None
 
     def __enter__(self) -> "Server":

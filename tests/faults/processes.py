@@ -13,6 +13,7 @@ import psutil
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus
 from tests.commands import run_bilevel
+from tests.ends import kill
 from tests.faults.outcome import Outcome
 from tests.faults.row import Row
 from tests.faults.stage import ACTOR, BRACKETS, ONE_BY_ONE, STUDY, TASK, Stage, StudyOnStage, smoke
@@ -82,7 +83,7 @@ def killed_children(
         if len(killed) >= times or time.monotonic() < pause[0]:
             return
         for process in stage.processes(*titles)[:1]:
-            process.kill()
+            kill(process)
             killed.append(process.pid)
             pause[0] = time.monotonic() + stage.chance.uniform(1.0, 2.5)
 
@@ -169,4 +170,4 @@ def _kill_everything(driver: psutil.Process) -> None:
 def _kill_raylet(driver: psutil.Process) -> None:
     for child in driver.children():
         if Path(child.exe()).name == "raylet":
-            child.kill()
+            kill(child)

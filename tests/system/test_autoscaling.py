@@ -18,6 +18,7 @@ from bilevel.tasks import Task
 from cluster.ray.connection import Capacity, ray_cluster, scaled_to
 from cluster.ray.pool import EvaluationPool
 from cluster.services.ports import free_port
+from tests.ends import kill_family
 
 pytestmark = pytest.mark.timeout(200)
 
@@ -78,9 +79,7 @@ def autoscaling(tmp_path: Path) -> Iterator[str]:
         _until(lambda: "Ray runtime started" in log.read_text())
         yield address
     finally:
-        for member in [*process.children(recursive=True), process]:
-            member.kill()
-        process.wait()
+        kill_family(process)
 
 
 def test_it_adds_the_cores_that_are_asked_for(

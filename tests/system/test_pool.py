@@ -79,8 +79,9 @@ def test_killed_actors_are_replaced_and_nothing_is_lost(
     def kill_some() -> None:
         while len(killed) < 3 and not over.wait(0.3):
             for pid in worker_pids()[:1]:
-                os.kill(pid, signal.SIGKILL)
-                killed.append(pid)
+                with contextlib.suppress(ProcessLookupError):
+                    os.kill(pid, signal.SIGKILL)
+                    killed.append(pid)
 
     with EvaluationPool(2) as pool:
         pool.run(nes.task, state.se, requests[:2])  # both are up
