@@ -114,7 +114,7 @@ class _Runner:
                 changed()
                 record = state.records[-1]
                 self.terminal.log(generation_line(record, state.best_score))
-                if told := of_short_episodes(record, self.run.hp.se.structure):
+                if told := of_short_episodes(record):
                     self.terminal.log(told)
         return state
 
@@ -206,18 +206,14 @@ class _Runner:
         )
 
 
-def of_short_episodes(record: GenerationRecord, structure: str) -> str | None:
+def of_short_episodes(record: GenerationRecord) -> str | None:
     """What is told after a first generation on an SE whose episodes end as soon as they begin; None
     of any other."""
     if record.generation or record.episode_length >= _SHORT:
         return None
-    length = f"{record.episode_length:.1f} steps on average"
-    told = f"episodes on the SE last {length}: too few to learn from"
-    if structure == "plain":
-        return told
     return (
-        f"{told}. If the task's initial states are spread widely, try --set se.structure=plain "
-        "--name ANOTHER (docs/other-tasks.md)"
+        f"episodes on the SE last {record.episode_length:.1f} steps on average: agents see little "
+        "but the task's initial states (docs/other-tasks.md)"
     )
 
 
