@@ -46,7 +46,11 @@ def checked_seed(seed: object) -> int:
 
 
 def derive(root: int, purpose: Purpose, *path: int) -> int:
-    """A 64-bit seed that depends on the arguments alone."""
+    """A 64-bit seed that depends on the arguments alone.
+
+    All paths of a purpose must be of one length, of numbers below 2^32: SeedSequence takes a path
+    and the same path with zeros behind it for one.
+    """
     words = np.random.SeedSequence([root, int(purpose), *path]).generate_state(1, np.uint64)
     return int(words[0])
 

@@ -38,11 +38,15 @@ class KernelEnvironment:
 
 
 class GymnasiumEnvironment:
-    """A real task that gymnasium runs; it may hold processes or sockets until it is closed."""
+    """A real task that gymnasium runs; it may hold processes or sockets until it is closed.
+
+    Every episode has a seed of its own, so that it begins alike for all agents, also if the task
+    draws random numbers in its steps.
+    """
 
     def __init__(self, task: Task, seed: int) -> None:
         self._env: Any = task.make()
-        self._seed: int | None = seed
+        self._seed = seed
         self.step_limit = task.step_limit
 
     def close(self) -> None:
@@ -51,8 +55,8 @@ class GymnasiumEnvironment:
 
     def reset(self, episode: int) -> NDArray[np.float32]:
         """The initial state (S,) of an episode."""
-        state, _ = self._env.reset(seed=self._seed)
-        self._seed = None
+        (word,) = np.random.SeedSequence([self._seed, episode]).generate_state(1)
+        state, _ = self._env.reset(seed=int(word) % 2**31)
         return np.asarray(state, np.float32)
 
     def step(self, action: int) -> tuple[NDArray[np.float32], float, float, bool]:

@@ -21,7 +21,8 @@ the critic's gradient reaches the actor. The environment receives its argmax.
                 targets <- targets + target_update_rate * (parameters - targets)
 
 Our choices where the paper leaves details open: noise, its clipping and the delay are those of
-Fujimoto et al.; the temperature is learned as rho = log tau, so that it stays positive, and clipped
+Fujimoto et al.; actions with noise are not clipped to [0, 1], as in the authors' code; the
+temperature is learned as rho = log tau, so that it stays positive, and clipped
 to [0.1, 10], since gradients vanish below and actions become uniform above; tests take the action
 with the highest logit, the most probable one.
 

@@ -128,7 +128,7 @@ def environment_in_python(
     """The SE, or (None) the real task, with initial states of `episodes` episodes, for agents in
     Python, as a context that closes it."""
     if se is None and not task.compiled:
-        with closing(GymnasiumEnvironment(task, seed % 2**31)) as env:
+        with closing(GymnasiumEnvironment(task, seed)) as env:
             yield env
     else:
         yield KernelEnvironment(_environment(task, se, episodes, seed))

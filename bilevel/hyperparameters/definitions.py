@@ -68,8 +68,8 @@ class NESHyperparameters:
     shared_agent: bool
     centre_agents: _Count  #: Agents trained on the unperturbed SE, each generation.
     #: Episodes for which the members' agents train in every second generation, whatever their
-    #: returns, and so does every second agent on the unperturbed SE. 0: the stopping rule decides
-    #: always.
+    #: returns, and so does every second agent on the unperturbed SE and in the choice of a start.
+    #: 0: the stopping rule decides always.
     patient_episodes: Annotated[int, Field(ge=0, le=1_000_000)]
     #: Share of the moving average of the distribution's mean that is kept in a generation; the
     #: average is the unperturbed SE. 0: the mean itself is, as in the paper.
@@ -81,7 +81,8 @@ class NESHyperparameters:
     #: Generations without a new highest score after which a run that has not solved the task
     #: begins again from other random SEs. 0: it never does.
     restart_after: Annotated[int, Field(ge=0, le=1_000_000)]
-    #: Generations that must solve the task on average for the run to be finished. 0: it goes on.
+    #: Generations that must solve the task on average for the run to be finished. 0: it goes on,
+    #: and nobody confirms anything.
     solved_for: Annotated[int, Field(ge=0, le=1_000_000)]
     #: Fresh agents that must then confirm it (`bilevel.nes.confirmation`); otherwise the run goes
     #: on. 0: nobody confirms it, and the run is finished.
@@ -137,6 +138,11 @@ class Hyperparameters:
             raise InvalidInput(
                 "nes.restart_after must be 0 with the start 'distilled', which a restart would "
                 f"replace by a random one; got {self.nes.restart_after}"
+            )
+        if self.nes.start == "distilled" and self.nes.start_candidates > 1:
+            raise InvalidInput(
+                "nes.start_candidates must be 1 with the start 'distilled', which is the only one; "
+                f"got {self.nes.start_candidates}"
             )
 
     @property

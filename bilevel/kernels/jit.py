@@ -107,3 +107,12 @@ def is_finite(x):
     every x.
     """
     return abs(x) < np.inf
+
+
+@compiled
+def all_finite(values):
+    """Whether all floats of a vector are finite; their sum need not be."""
+    finite = True
+    for value in values:
+        finite &= is_finite(value)
+    return finite

@@ -20,7 +20,7 @@ from numba import types
 from numba.extending import overload
 
 from bilevel.kernels.environment import reset, step
-from bilevel.kernels.jit import OPTIONS, compiled, is_finite
+from bilevel.kernels.jit import OPTIONS, all_finite, compiled, is_finite
 from bilevel.kernels.replay import sample, store
 from bilevel.kernels.stopping import CONVERGED, EPISODES_SPENT, NOT_FINITE, converged, solved
 
@@ -104,7 +104,7 @@ def train(agent, env, schedule, rng):
         for _ in range(env.step_limit):
             action = act(agent, state, exploring, rng)
             reward, done, over = step(env, state, action, next_state)
-            if not is_finite(reward + done + next_state.sum()):
+            if not (is_finite(reward) and is_finite(done) and all_finite(next_state)):
                 return steps, episode, NOT_FINITE
             store(memory, steps, state, agent.action, next_state, reward, done)
             state[:] = next_state

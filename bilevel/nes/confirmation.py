@@ -4,7 +4,7 @@ The scores that suggest a solved task are the highest of many samples, so they a
 chance. Therefore fresh agents are trained on the current SE by the stopping rule, in rounds; an SE
 that fails a round is not tried in the next. The agents are drawn from the paper's full ranges and
 narrowed (`bilevel.agents.variation`), since most of the time of agents of all sizes goes into a few
-large ones.
+large ones. Where `vary_agent` is "no", they have the recipe's hyperparameters.
 
 An SE must serve whoever tries it next. That is a few agents, of which a single bad one can spoil
 the mean. So what is confirmed is not the mean score of all agents, which can be known ever better,

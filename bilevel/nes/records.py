@@ -1,5 +1,6 @@
 """Records of generations."""
 
+import math
 from dataclasses import dataclass, replace
 from typing import Self
 
@@ -36,8 +37,10 @@ class GenerationRecord:
 
     @property
     def episode_length(self) -> float:
-        """Steps of a training episode on the unperturbed SE, on average."""
-        return self.train_steps_mean / self.train_episodes_mean
+        """Steps of a training episode on the unperturbed SE, on average; NaN if all agents diverged
+        in their first one."""
+        episodes = self.train_episodes_mean
+        return self.train_steps_mean / episodes if episodes else math.nan
 
     def in_words(self) -> tuple[str, str]:
         """The generation's number and score, and its train steps, of fixed widths."""

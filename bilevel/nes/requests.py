@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import Centre, EvaluationRequest, Perturbed
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters, NESHyperparameters
+from bilevel.hyperparameters.validation import within_range
 from bilevel.nes.confirmation import Confirmation
 from bilevel.nes.start import StartRace
 from bilevel.nes.state import NESState
@@ -70,8 +71,8 @@ class Requests:
         return [EvaluationRequest(index, *trial, on) for index, (trial, on) in enumerate(chosen)]
 
     def confirmation(self, state: NESState, confirmation: Confirmation) -> list[EvaluationRequest]:
-        """A round of a confirmation: agents of the paper's full ranges, narrowed, which train by
-        the stopping rule on the unperturbed SE."""
+        """A round of a confirmation: agents of the paper's full ranges, narrowed, or the recipe's
+        own ones if it varies none, which train by the stopping rule on the unperturbed SE."""
         vary = "no" if self.hp.vary_agent == "no" else "narrowed"
         numbers = enumerate(confirmation.coming)
         return [
@@ -117,4 +118,5 @@ def as_turn(
         return agent
     # The stopping rule compares two windows of `early_out_episodes`, for which none are left.
     episodes = min(nes.patient_episodes, agent.max_episodes)
-    return replace(agent, max_episodes=episodes, early_out_episodes=episodes)
+    names = ("max_episodes", "early_out_episodes")
+    return replace(agent, **{name: within_range(type(agent), name, episodes) for name in names})

@@ -17,6 +17,7 @@ import numpy as np
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, Initialized, scores_of
 from bilevel.hyperparameters import AgentHyperparameters
+from bilevel.hyperparameters.validation import within_range
 
 #: Training episodes of an agent in the choice, at most; twice its `init_episodes`, in which it does
 #: not learn, if these are more.
@@ -85,4 +86,5 @@ class StartRace:
 def _brief(agent: AgentHyperparameters) -> AgentHyperparameters:
     """The agent as it trains in the choice."""
     episodes = max(EPISODES, 2 * agent.init_episodes)
+    episodes = within_range(type(agent), "max_episodes", episodes)
     return replace(agent, max_episodes=min(agent.max_episodes, episodes))

@@ -26,11 +26,11 @@ discount, so that an agent that looks one step ahead and one that looks a hundre
 to be learned; Liesen et al. (2024, "Discovering Minimal Reinforcement Learning Environments") found
 that SEs which are free to do so become such contextual bandits by themselves.
 
-Q turns x in S // 2 planes, in each by an angle of its own, and none of them small: where Q is any
-orthogonal matrix, half of them reflect, and a component of x that keeps its sign for a whole
-episode shows the agent one side of the reward alone. Episodes that end where the usual observations
-do keep returns, and so the errors of bootstrapped values, small. m and c are those of many steps of
-random actions (`Task.observation_scale`).
+Q turns x in S // 2 planes, in each by an angle of its own, and none of them small; where S is odd,
+what is left changes its sign. Where Q is any orthogonal matrix, half of them reflect, and a
+component of x that keeps its sign for a whole episode shows the agent one side of the reward alone.
+Episodes that end where the usual observations do keep returns, and so the errors of bootstrapped
+values, small. m and c are those of many steps of random actions (`Task.observation_scale`).
 
 symbol     shape        meaning
 --------   ----------   --------------------------------------------------------------

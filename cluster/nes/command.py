@@ -209,7 +209,7 @@ class _Runner:
 def of_short_episodes(record: GenerationRecord) -> str | None:
     """What is told after a first generation on an SE whose episodes end as soon as they begin; None
     of any other."""
-    if record.generation or record.episode_length >= _SHORT:
+    if record.generation or not record.episode_length < _SHORT:
         return None
     return (
         f"episodes on the SE last {record.episode_length:.1f} steps on average: agents see little "

@@ -71,6 +71,7 @@ def load_recipe(
     for key in values:
         if key not in (*known, *names):
             _require_agent(key, (*known, *names), what)
+            _agent(key, values, what)  # sound, although this run does not draw it
     agents_of_it = tuple(_agent(agent, values, what) for agent in names)
     with _named(what):
         return Hyperparameters(

@@ -18,7 +18,12 @@ from bilevel.evaluation import (
     evaluate,
     train_and_test,
 )
-from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, load_recipe
+from bilevel.hyperparameters import (
+    DDQNHyperparameters,
+    Hyperparameters,
+    default_agents,
+    load_recipe,
+)
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task, get_task
 from tests.conftest import ddqn
@@ -101,6 +106,22 @@ def test_an_se_that_is_no_number_scores_worst(
     psi[::50] = wrong
     result = evaluate(acrobot, SE(architecture, psi), EvaluationRequest(0, 0, ddqn(small_hp)))
     assert (result.finite, result.score) == (False, -500.0)
+
+
+@pytest.mark.parametrize("name", ["ddqn", "td3"])
+def test_states_whose_sum_is_not_finite_are(
+    name: str, cartpole: Task, small_hp: Hyperparameters
+) -> None:
+    """Agents that have not begun to learn train on them, as in the definition."""
+    architecture = replace(Architecture.of(cartpole, small_hp.se), step_limit=4)
+    psi = np.zeros(architecture.parameter_count, np.float32)
+    next_state, *_ = architecture.split(psi)
+    next_state[-4:-2] = 2e38  # of the output biases
+    (agent,) = default_agents((name,))
+    agent = replace(agent, max_episodes=3, init_episodes=3)
+    for compiled in (True, False):
+        outcome = train_and_test(cartpole, SE(architecture, psi), agent, 0, compiled)
+        assert (outcome.finite, outcome.train_steps) == (True, 12)
 
 
 def test_an_se_whose_episodes_never_end_is_bounded_by_the_step_limit(

@@ -102,5 +102,7 @@ def test_agents_train_beyond_their_first_episodes() -> None:
 
 def test_a_distilled_start_is_not_replaced_by_a_random_one() -> None:
     hp = load_recipe("distilled", "CartPole-v0")
+    with pytest.raises(InvalidInput, match="start_candidates must be 1 with the start 'distilled'"):
+        replace(hp, nes=replace(hp.nes, start_candidates=2))
     with pytest.raises(InvalidInput, match="restart_after must be 0 with the start 'distilled'"):
         replace(hp, nes=replace(hp.nes, restart_after=40))

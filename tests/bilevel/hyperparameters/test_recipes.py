@@ -1,6 +1,7 @@
 """Every shipped recipe is complete and matches its name."""
 
 import re
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -73,8 +74,8 @@ def test_authors_differ_in_rule_transform_and_ties_alone() -> None:
         paper, authors = load_recipe("paper", task), load_recipe("authors", task)
         assert (authors.nes.update, authors.nes.ties) == ("authors", "order")
         assert authors.nes.score_transform == transform
-        assert authors.se == paper.se
-        assert authors.agents == paper.agents
+        own = {name: getattr(paper.nes, name) for name in ("update", "ties", "score_transform")}
+        assert replace(authors, nes=replace(authors.nes, **own), recipe="paper") == paper
 
 
 def test_only_distilled_learns_from_more_than_scores() -> None:
@@ -113,6 +114,21 @@ def test_a_wrong_value_is_told_with_its_file(section: str, tmp_path: Path) -> No
     path.write_text(re.sub(rf"^{name} = .*$", f"{name} = 0", text, flags=re.MULTILINE))
     with pytest.raises(InvalidInput, match=rf"^recipe '.*mine.toml': .*{section}\.{name} must be"):
         load_recipe(str(path), "CartPole-v0")
+
+
+def test_sections_of_agents_that_are_not_drawn_are_checked(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    text = recipe_text(load_recipe("default", "CartPole-v0", ("ddqn", "td3")), "Mine.")
+    text = text.replace('agents = ["ddqn", "td3"]', 'agents = ["ddqn"]')
+    for old, new, told in (
+        ("policy_delay = 2", "policy_delay = 0", r"td3\.policy_delay must be"),
+        ("policy_delay = 2", "", "td3: 'policy_delay' is missing"),
+        ("policy_delay = 2", "policy_delay = 2\ndelay = 2", "delay"),
+    ):
+        assert old in text
+        path.write_text(text.replace(old, new))
+        with pytest.raises(InvalidInput, match=rf"^recipe '.*mine.toml'.*{told}"):
+            load_recipe(str(path), "CartPole-v0")
 
 
 def test_an_unknown_recipe() -> None:

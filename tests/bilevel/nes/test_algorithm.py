@@ -293,7 +293,8 @@ class TestTell:
             assert not state.finished
             requests, before = nes.ask(state), state
             assert {request.on for request in requests} == {Centre()}
-            assert {vars(request.agent)["early_out_difference"] for request in requests} == {0.01}
+            assert {request.agent.early_out_episodes for request in requests} == {10}
+            assert {request.agent.max_episodes for request in requests} != {99}
             assert min(vars(r.agent)["hidden_size"] for r in requests) < SIZES[0]  # narrowed
             rounds.append(len(requests))
             state = nes.tell(state, answers(nes, state, confirming))

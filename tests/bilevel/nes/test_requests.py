@@ -1,14 +1,17 @@
 """Agents that decide something are fresh: none takes part twice."""
 
 from dataclasses import replace
+from typing import Annotated
 
 import pytest
+from pydantic import Field
 
 from bilevel.evaluation import EvaluationRequest
-from bilevel.hyperparameters import Hyperparameters
+from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
+from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.nes import NES, NESState
 from bilevel.nes.confirmation import Confirmation
-from bilevel.nes.requests import Requests
+from bilevel.nes.requests import Requests, as_turn
 from bilevel.nes.start import StartRace
 from bilevel.tasks import Task
 
@@ -27,6 +30,23 @@ def require_fresh(requests: list[EvaluationRequest], agents: int) -> None:
     """So many agents, whose random numbers and hyperparameters all differ."""
     assert len({request.seed for request in requests}) == agents
     assert len({request.agent for request in requests}) == agents
+
+
+@hyperparameters
+class Long(AgentHyperparameters, agent="long"):
+    """Its training and its windows cannot be short."""
+
+    max_episodes: Annotated[int, Field(ge=100, le=500)] = 200
+    early_out_episodes: Annotated[int, Field(ge=5, le=30)] = 10
+
+
+def test_an_agents_own_ranges_are_kept(small_hp: Hyperparameters) -> None:
+    """In the choice of a start, which asks for fewer episodes, and in patient turns."""
+    requests = StartRace.of([0]).requests([(0, Long())])
+    assert [vars(request.agent)["max_episodes"] for request in requests] == [100]
+    for patient, episodes, window in ((60, 100, 30), (150, 150, 30)):
+        turn = as_turn(Long(), replace(small_hp.nes, patient_episodes=patient), 1)
+        assert (turn.max_episodes, turn.early_out_episodes) == (episodes, window)
 
 
 def test_no_agent_confirms_twice(asked: Requests, state: NESState) -> None:

@@ -115,6 +115,24 @@ def test_states_of_random_ses_spread_in_all_directions(task_id: str, spread: flo
     assert np.ptp(smallest) > 5  # the angles are coordinates
 
 
+@pytest.mark.parametrize("size", [1, 3, 5])
+def test_of_an_odd_number_of_observations_one_changes_its_sign(size: int) -> None:
+    task = replace(get_task("CartPole-v0"), state_size=size)
+    hp = replace(load_recipe("default", task.id).se, spread=1.0)
+    space = coordinates(task, hp, task.unit_scale)
+    theta = space.initialize(np.random.default_rng(0))
+    se = SEDistribution(space, theta, theta, theta).centre
+    module = SEModule(StoredSE(se, task.id, task.step_limit, task.solved_reward))
+    x = 1e-2 * np.eye(size, dtype=np.float32)
+    states = torch.from_numpy(np.vstack([x, -x]))
+    next_states = module(states, torch.zeros(2 * size, dtype=torch.int64))[0].numpy()
+    step = (next_states[:size] - next_states[size:]).T / 2e-2
+    np.testing.assert_allclose(np.linalg.svd(step, compute_uv=False), 1.0, rtol=0.02)
+    angles = np.sort(np.degrees(np.abs(np.angle(np.linalg.eigvals(step)))))
+    assert angles[-1] == pytest.approx(180)
+    assert ((angles[:-1] > 17) & (angles[:-1] < 163)).all()
+
+
 @pytest.mark.parametrize("task_id", TASKS)
 def test_episodes_end_outside_the_box_of_usual_observations(task_id: str) -> None:
     task = get_task(task_id)

@@ -27,3 +27,4 @@ def test_episodes_that_end_at_once_are_told() -> None:
     assert told.startswith("episodes on the SE last 1.2 steps on average: agents see little but")
     assert of_short_episodes(replace(record, generation=1)) is None
     assert of_short_episodes(replace(record, train_episodes_mean=10.0)) is None
+    assert of_short_episodes(replace(record, train_episodes_mean=0.0)) is None  # all diverged
