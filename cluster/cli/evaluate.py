@@ -1,6 +1,5 @@
 """The command `evaluate`."""
 
-import re
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from cluster.cli.options import (
 )
 from cluster.cli.parameters import WholeNumber
 from cluster.cli.ses import GivenSE, SEAddress, load_se_of, task_option
-from cluster.storage.home import LONGEST_NAME
+from cluster.storage.home import LONGEST_NAME, plain_name
 
 
 @click.command()
@@ -140,15 +139,10 @@ def _labelled(given: tuple[GivenSE, ...]) -> dict[str, Path]:
     """The files by their labels in tables, names and metrics. Raises InvalidInput on duplicates."""
     found: dict[str, Path] = {}
     for se in given:
-        label = _plain(se.label)
+        label = plain_name(se.label)
         if label in found:
-            label = _plain(f"{se.path.resolve().parent.name}-{label}")
+            label = plain_name(f"{se.path.resolve().parent.name}-{label}")
         if label in found or label == "real":
             raise InvalidInput(f"two sources are called {label!r}: rename {str(se.path)!r}")
         found[label] = se.path
     return found
-
-
-def _plain(label: str) -> str:
-    """A label as metrics may be named."""
-    return re.sub(r"[^A-Za-z0-9._-]+", "_", label)

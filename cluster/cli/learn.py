@@ -8,6 +8,7 @@ import click
 
 from cluster.cli.options import RunOptions, run_options, workers_option
 from cluster.cli.parameters import Duration, WholeNumber
+from cluster.storage.home import plain_name
 
 
 @click.command()
@@ -46,7 +47,7 @@ def nes(
     if solved_for and "nes.confirming_agents" not in dict(common.settings):
         confirming = hp.nes.confirming_agents or CONFIRMING_AGENTS
         hp = replace(hp, nes=replace(hp.nes, confirming_agents=confirming))
-    name = name or f"nes{common.suffix(hp.recipe)}-seed{common.seed}"
+    name = name or plain_name(f"nes{common.suffix(hp.recipe)}-seed{common.seed}")
 
     context = common.the_context()
     folder = context.home.run_folder(task.id, name)
@@ -145,9 +146,8 @@ def bohb(
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
     searched = searched_space(Space.of(size.space), task, hp, common.replaced, size.prior)
     context = common.the_context()
-    name = (
-        study or f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"
-    )
+    default = f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"
+    name = study or plain_name(default)
     folder = context.home.run_folder(task.id, name)
 
     from cluster.bohb.command import StudyCommand, run_study

@@ -1,5 +1,6 @@
 """All commands of `bilevel`."""
 
+import io
 import sys
 from typing import Any
 
@@ -55,9 +56,15 @@ for option in (option for command in (*COMMANDS, build) for option in command.pa
 
 def run() -> None:
     """Run the command that the arguments of this process name, and exit."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # what the encoding lacks
     try:
         code = cli.main(standalone_mode=False)
         sys.exit(code if isinstance(code, int) else 0)
+    except click.exceptions.NoArgsIsHelpError as error:
+        click.echo(error.format_message(), err=True)
+        sys.exit(2)
     except click.ClickException as error:
         _fail(error.format_message())
     except InvalidInput as error:

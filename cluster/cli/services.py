@@ -74,12 +74,12 @@ def down(home: Path) -> None:
 def ui(home: Path, host: str, port: int) -> None:
     """Serve the MLflow UI on the runs of the home folder until Ctrl-C."""
     from cluster.services.background import join
-    from cluster.services.mlflow_server import pages, serve_ui
+    from cluster.services.mlflow_server import addresses, serve_ui
     from cluster.storage.home import Home
 
     running = join("mlflow", Home(home))
     if running is not None:
-        for line in pages(Home(home), running):
+        for line in addresses(Home(home), running):
             click.echo(line)
         return
     sys.exit(serve_ui(Home(home), host, port))

@@ -15,7 +15,7 @@ from cluster.experiments.registry import EXPERIMENTS
 from cluster.experiments.run import REPORT, REPORT_FILE, ExperimentSettings, StoredFindings
 from cluster.experiments.table import Row
 from cluster.experiments.view import ExperimentViews
-from cluster.storage.run_folder import SETTINGS_FILE, Final, add_final
+from cluster.storage.run_folder import SETTINGS_FILE, Final, add_final, check_settings
 
 
 @dataclass(frozen=True)
@@ -109,12 +109,14 @@ def _picture(folder: Path, name: str, title: str) -> Picture:
 
 
 def report_of(command: ExperimentCommand) -> str:
-    """The page, from the folders alone. Raises InvalidInput if no experiment has been run."""
+    """The page, from the folders alone. Raises InvalidInput if no experiment has been run, or one
+    with other values of the task."""
     found: dict[str, Reported] = {}
     for name in EXPERIMENTS:
         folder = command.context.home.run_folder(command.task.id, command.name(name))
         reported = Reported.read(folder)
         if reported is not None:
+            check_settings(folder, {"task": asdict(command.task)})
             found[name] = reported
     task = command.task
     if not found:

@@ -24,7 +24,7 @@ from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
 from cluster.services.family import end_family
 from cluster.services.mlflow_server import mlflow_server, pages
-from cluster.services.ports import free_port, require_free
+from cluster.services.ports import free_port, reachable, require_free
 from cluster.services.programs import program
 from cluster.storage.home import Home
 from cluster.storage.run_folder import is_held
@@ -77,7 +77,15 @@ class Service:
 def services(home: Home) -> list[Service]:
     """The services that `up` started in this home. Raises InvalidInput if the record is damaged."""
     path = _record(home)
-    return decode_file(list[Service], path) if path.exists() else []
+    if not path.exists():
+        return []
+    try:
+        return decode_file(list[Service], path)
+    except InvalidInput as error:
+        raise InvalidInput(
+            f"{error}; delete it, and end what `up` had started in this home: `ray stop`, and the "
+            "process of `mlflow server`"
+        ) from None
 
 
 def join(name: str, home: Home) -> str | None:
@@ -203,7 +211,7 @@ def _alone(home: Home) -> Iterator[None]:
 
 
 def _start_ray(home: Home, host: str, port: int, dashboard_port: int) -> Service:
-    local = _reachable(host)
+    local = reachable(host)
     command = ["ray", "start", "--head", "--block", "--disable-usage-stats", "--port", str(port)]
     command += ["--node-ip-address", local, "--include-dashboard", "true"]
     command += ["--dashboard-host", host, "--dashboard-port", str(dashboard_port)]
@@ -230,7 +238,7 @@ def _start_mlflow(home: Home, host: str, port: int) -> Service:
     with database_ready(home.database_uri):
         pass  # a server that is ended while it makes one would leave it unusable
     command, environment = mlflow_server(home, host, port)
-    page = f"http://{_reachable(host)}:{port}"
+    page = f"http://{reachable(host)}:{port}"
     return _start(home, "mlflow", command, page, page + HOME_PAGE, f"{page}/health", environment)
 
 
@@ -294,11 +302,6 @@ def _answers(url: str) -> bool:
             return bool(answer.status == 200)
     except (OSError, urllib.error.URLError, ValueError):
         return False
-
-
-def _reachable(host: str) -> str:
-    """Address at which this machine reaches a server bound to `host`."""
-    return "127.0.0.1" if host in ("0.0.0.0", "localhost") else host
 
 
 def _record(home: Home) -> Path:

@@ -7,13 +7,13 @@ import psutil
 
 from bilevel.errors import InvalidInput
 from cluster.services.family import end_family
-from cluster.services.ports import require_free
+from cluster.services.ports import reachable, require_free
 from cluster.services.programs import program
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
 from cluster.tracking.database import experiments
-from cluster.tracking.experiment import runs_page
+from cluster.tracking.experiment import HOME_PAGE, runs_page
 
 
 def mlflow_server(home: Home, host: str, port: int) -> tuple[list[str], dict[str, str]]:
@@ -42,6 +42,11 @@ def pages(home: Home, server: str) -> list[str]:
     return [f"{name}: {server}{runs_page(number)}" for number, name in found.items()]
 
 
+def addresses(home: Home, server: str) -> list[str]:
+    """The address of a server's UI, then its `pages`."""
+    return [f"MLflow UI: {server}{HOME_PAGE}", *pages(home, server)]
+
+
 def serve_ui(home: Home, host: str, port: int) -> int:
     """Serve until interrupted; return the server's exit code.
 
@@ -51,7 +56,7 @@ def serve_ui(home: Home, host: str, port: int) -> int:
     if not database.exists():
         start = home.hint("nes CartPole-v0", "nes-cartpole")
         raise InvalidInput(f"no runs in {str(home.folder)!r} yet: start with {start}")
-    found = pages(home, f"http://{host}:{port}")
+    found = addresses(home, f"http://{reachable(host)}:{port}")
     require_free(host, port)
     print(*found, sep="\n", flush=True)
     print("Ctrl-C ends the MLflow UI", flush=True)

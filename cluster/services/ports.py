@@ -20,3 +20,8 @@ def free_port() -> int:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return int(probe.getsockname()[1])
+
+
+def reachable(host: str) -> str:
+    """Address at which this machine reaches a server bound to `host`."""
+    return "127.0.0.1" if host in ("0.0.0.0", "localhost") else host

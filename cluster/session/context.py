@@ -2,7 +2,7 @@
 
 import contextlib
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -92,6 +92,8 @@ class Driver:
     context: RunContext
     terminal: Terminal
     guard: InterruptGuard
+    #: By task. MLflow must be there when the first run begins; later ones go on without it.
+    trackers: dict[str, Tracker] = field(default_factory=dict)
 
     @contextlib.contextmanager
     def session(self, folder: Path, task_id: str, settings: dict[str, Any]) -> Iterator[Session]:
@@ -102,9 +104,17 @@ class Driver:
         """
         home = self.context.home
         home.prepare()
-        tracker = Tracker(self.context.tracking_uri, task_id, home.artifacts)
+        tracker = self._tracker(task_id)
         with locked_settings(folder, settings) as identity:
             if identity.mixture:
                 self.terminal.log(f"{folder.name}: {identity.mixture}")
             options = tracking_option(tracker.uri) if self.context.tracking_given else ""
             yield Session(home, folder, identity, tracker, self.terminal, self.guard, options)
+
+    def _tracker(self, task_id: str) -> Tracker:
+        if task_id in self.trackers:
+            return self.trackers[task_id].another()
+        context = self.context
+        first = Tracker(context.tracking_uri, task_id, context.home.artifacts)
+        self.trackers[task_id] = first
+        return first

@@ -20,6 +20,7 @@ class InterruptGuard:
         self._terminal = terminal
         self._orderly = False
         self.interrupted = False
+        self.explained = False  # whether the terminal has told how to go on
         self._before: dict[int, Any] = {}
 
     def __enter__(self) -> Self:

@@ -64,7 +64,9 @@ class Session:
             raise
         except KeyboardInterrupt:
             ended_as = "KILLED"
-            self.terminal.log(f"interrupted; {resume_hint}")
+            if not self.guard.explained:  # by a run within this one
+                self.guard.explained = True
+                self.terminal.log(f"interrupted; {resume_hint}")
             raise
         finally:
             with contextlib.suppress(StorageFailure):

@@ -2,6 +2,8 @@
 
 import contextlib
 import math
+import os
+import sys
 import textwrap
 import threading
 import time
@@ -49,16 +51,32 @@ class _Remarks(ProgressColumn):
         return Text(_remarks(task))
 
 
+class _Output(Console):
+    """Standard output; what is printed after its reader has gone is lost, and stops nothing."""
+
+    def __init__(self) -> None:
+        super().__init__(highlight=False, soft_wrap=True, emoji=False)
+
+    def on_broken_pipe(self) -> None:
+        """The reader of a pipe is gone, as `tee` after Ctrl-C."""
+        self.quiet = True
+        # What Python writes at its end must not fail either.
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
+
+
 class Terminal:
     """Prints lines above a progress bar. If the output is no terminal, a line tells the progress
     instead whenever nothing else has been printed for `silence` seconds.
 
     On a terminal lines are wrapped between words; elsewhere a line is never broken. A terminal that
-    is gone, as when a connection by ssh ends, stops nothing: a signal does that, in order.
+    is gone, as when a connection by ssh ends, or the reader of a pipe, stops nothing: a signal does
+    that, in order.
     """
 
     def __init__(self, console: Console | None = None, silence: float = SILENCE) -> None:
-        self.console = console or Console(highlight=False, soft_wrap=True, emoji=False)
+        self.console = console or _Output()
         self._bar = Progress(
             TextColumn("{task.description}"),
             BarColumn(bar_width=12),

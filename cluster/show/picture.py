@@ -33,8 +33,10 @@ def picture(portrait: Portrait, title: str) -> Figure:
     goes next and where it ends, and episodes in which the action that the SE rewards most is
     taken."""
     figure = Figure(figsize=(12.5, 8), layout="constrained")
-    rest = ", the others at their means" if portrait.se.architecture.state_size > 2 else ""
-    figure.suptitle(f"{title}, over two observations{rest}")
+    size = portrait.se.architecture.state_size
+    rest = ", the others at their means" if size > 2 else ""
+    which = "its observation (on both axes)" if size == 1 else f"two observations{rest}"
+    figure.suptitle(f"{title}, over {which}")
     panels = figure.subplots(2, 3, sharex=True, sharey=True)
     (rewards, course, synthetic), (real_rewards, real_course, real) = panels
     _rewards(rewards, portrait)
@@ -95,7 +97,8 @@ def _rewards(axes: Axes, portrait: Portrait) -> None:
 
 
 def _real_rewards(axes: Axes, portrait: Portrait) -> None:
-    """The real task's rewards, averaged over the actions."""
+    """The real task's rewards, averaged over the actions, or where random steps have met them, of
+    the actions that these took."""
     found = portrait.real_transitions
     if np.nanmax(found.rewards) - np.nanmin(found.rewards) < _SAME:
         axes.set_facecolor("#e8e8ec")
@@ -105,7 +108,7 @@ def _real_rewards(axes: Axes, portrait: Portrait) -> None:
         values = np.nanmean(found.rewards, axis=0)
         shown = axes.scatter(found.states[:, i], found.states[:, j], c=values, s=9)
         axes.figure.colorbar(shown, ax=axes, shrink=0.8, label="reward")
-        told = ", averaged over the actions"
+        told = ", averaged over the actions" if found.whole else " for a random action"
     axes.set_title(f"rewards of the real task{told}", fontsize="medium")
 
 

@@ -24,6 +24,11 @@ LONGEST_NAME = 80
 _NAME = re.compile(rf"[A-Za-z0-9][A-Za-z0-9._-]{{0,{LONGEST_NAME - 1}}}")
 
 
+def plain_name(text: str) -> str:
+    """The text as a run or a metric may be named: what is not allowed is replaced by '_'."""
+    return re.sub(r"[^A-Za-z0-9._-]+", "_", text)
+
+
 class Home:
     """The folder given by `--home`; it is created when it is first written to.
 
@@ -79,7 +84,7 @@ class Home:
         if not _NAME.fullmatch(name):
             raise InvalidInput(
                 f"name {name!r} is not allowed: letters, digits, '.', '_' and '-', at most "
-                f"{LONGEST_NAME}, beginning with a letter or digit"
+                f"{LONGEST_NAME}, beginning with a letter or digit (--name, of studies --study)"
             )
         return self.folder / _of_task(task_id) / name
 

@@ -12,13 +12,14 @@ Every write may be repeated: a point carries the time of its event, and the data
 holds one row for a metric, time, step and value.
 """
 
+import copy
 import json
 import tempfile
 from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 from bilevel.errors import InvalidInput, first_line
 from cluster.storage.run_folder import RunIdentity
@@ -75,6 +76,12 @@ class Tracker:
         location = (artifacts / task_id).resolve().as_uri() if self.server is None else None
         with connected(uri) as self._client:
             self._experiment = Experiment(self._client, task_id, location)
+
+    def another(self) -> Self:
+        """A tracker of the same task and MLflow, which may be away by now, for another thread."""
+        other = copy.copy(self)
+        other._shown = {}
+        return other
 
     @property
     def experiment_id(self) -> str:

@@ -54,6 +54,9 @@ def test_an_experiment_that_is_killed_and_carried_elsewhere(tmp_home: Path, addr
     written = run_bilevel(*report)
     assert written.returncode == 0, written.stderr
     folder = elsewhere / "CartPole-v0" / "experiment-smoke-report-ddqn-seed0"
+    others = run_bilevel(*report, "--solved-reward", "100")
+    assert others.returncode == 2
+    assert "was begun with task.solved_reward = 195.0, not 100.0" in others.stderr
     text = (folder / REPORT_FILE).read_text()
     assert "16\u202f888 ± 24\u202f925" in text  # the authors' train steps on the real task
     assert "Not run yet: success" in text

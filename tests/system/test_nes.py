@@ -33,6 +33,9 @@ SMALL = (
 #: One actor, where their number does not matter: each takes two core seconds to start.
 ALONE = ("--workers", "1")
 
+#: So many that a signal comes before the last one, although each takes milliseconds.
+MANY = 30
+
 
 def state_of(home: Path) -> NESState:
     """The run's checkpoint."""
@@ -135,7 +138,7 @@ def test_a_run_its_tracking_and_its_continuation(
 def whole(tmp_path_factory: pytest.TempPathFactory, address: str) -> Path:
     """The home of an undisturbed run."""
     home = tmp_path_factory.mktemp("whole")
-    result = run_bilevel(*SMALL, "--generations", "7", "--home", home, "--address", address)
+    result = run_bilevel(*SMALL, "--generations", str(MANY), "--home", home, "--address", address)
     assert result.returncode == 0, result.stderr
     return home
 
@@ -143,13 +146,13 @@ def whole(tmp_path_factory: pytest.TempPathFactory, address: str) -> Path:
 def test_stopped_and_then_killed_it_goes_on(whole: Path, tmp_home: Path, address: str) -> None:
     """The run resumes from each, in the end with one worker instead of two."""
     parts = tmp_home
-    command = (*SMALL, "--generations", "7", "--home", parts, "--address", address)
+    command = (*SMALL, "--generations", str(MANY), "--home", parts, "--address", address)
     stopped = run_until("generation   1", *command)
     os.killpg(stopped.pid, signal.SIGINT)  # to everyone, as a terminal does
     rest, _ = stopped.communicate(timeout=60)
     assert stopped.returncode == 130, rest
     assert "run the same command again to resume after the last finished generation" in rest
-    killed = run_until("generation   3", *command)
+    killed = run_until("train steps", *command)  # the first generation after those
     os.killpg(killed.pid, signal.SIGKILL)
     killed.communicate(timeout=60)
     assert killed.returncode == -signal.SIGKILL
@@ -164,7 +167,7 @@ def test_stopped_and_then_killed_it_goes_on(whole: Path, tmp_home: Path, address
     (tracked,) = mlflow_client.search_runs([experiment.experiment_id])
     assert tracked.info.status == "FINISHED"
     history = mlflow_client.get_metric_history(tracked.info.run_id, "score_mean")
-    assert [metric.step for metric in history] == list(range(7))
+    assert [metric.step for metric in history] == list(range(MANY))
 
 
 def test_a_signal_to_its_whole_group_stops_it_in_order(tmp_home: Path) -> None:

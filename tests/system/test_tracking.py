@@ -362,6 +362,41 @@ def test_how_to_write_it_later_is_told_with_the_mlflow_that_was_given(
     assert told.endswith(f" sync CartPole-v0/made{option} --home {home.folder}")
 
 
+def test_a_commands_later_runs_begin_while_mlflow_is_away(
+    home: Home, folder: Path, server: Server
+) -> None:
+    """As an experiment's NES runs, of which each has a session of its own."""
+    settings = json.loads((folder / "settings.json").read_text())
+    later, other = (home.run_folder(f"{name}-v0", "later") for name in ("CartPole", "Acrobot"))
+    with RunContext(home, server.uri).offline() as driver:
+        with driver.session(folder, "CartPole-v0", settings) as first:
+            server.kill()
+            with driver.session(later, "CartPole-v0", {}) as second:
+                assert second.tracker.experiment_id == first.tracker.experiment_id
+                assert second.tracker._shown is not first.tracker._shown
+        missing = pytest.raises(InvalidInput, match="no MLflow server")
+        with missing, driver.session(other, "Acrobot-v0", {}):
+            pass
+    server.start()
+
+
+def test_an_interruption_is_told_once(
+    home: Home, folder: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """By the innermost run, which knows how little is lost."""
+    with (
+        RunContext(home, home.database_uri).offline() as driver,
+        driver.session(home.run_folder("CartPole-v0", "outer"), "CartPole-v0", {}) as outer,
+        driver.session(folder, "CartPole-v0", {}) as inner,
+        pytest.raises(KeyboardInterrupt),
+        outer.live(StudyViews.of(folder), 1, "resume the outer run"),
+        inner.live(StudyViews.of(folder), 1, "resume the inner run"),
+    ):
+        raise KeyboardInterrupt
+    told = capsys.readouterr().out
+    assert re.findall("interrupted; .*", told) == ["interrupted; resume the inner run"]
+
+
 def test_a_locked_database_is_waited_for(home: Home, folder: Path) -> None:
     told: list[str] = []
     tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)

@@ -1,5 +1,6 @@
 """`sensitivity`: agents' returns against their hyperparameters, on one SE."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -15,7 +16,7 @@ from cluster.experiments.experiment import Experiment, Findings, Material, Plan
 from cluster.experiments.figures.transfer import agent_row
 from cluster.experiments.sizes import Size
 from cluster.experiments.style import SERIES, column, solved_line
-from cluster.experiments.table import Row
+from cluster.experiments.table import Row, standard_error
 
 Floats = NDArray[np.float64]
 
@@ -110,7 +111,7 @@ def panels(values: dict[str, Floats], scores: Floats, task: Task, kind: str) -> 
         axes.errorbar(
             [float(np.exp(np.log(at[group]).mean())) for group in groups],
             [float(scores[group].mean()) for group in groups],
-            [float(scores[group].std() / np.sqrt(len(group))) for group in groups],
+            [_error(scores[group]) for group in groups],
             color=line.colour,
             ls=line.line,
             marker=line.marker,
@@ -128,8 +129,14 @@ def panels(values: dict[str, Floats], scores: Floats, task: Task, kind: str) -> 
     for axes in drawn[len(values) :]:
         axes.set_visible(False)
     figure.supylabel(f"mean test return on {task.id}", fontsize=7.5)
-    figure.suptitle(f"{kind} (dots: agents; squares: means of groups)", fontsize=8)
+    told = "dots: agents; squares: means of groups, with standard errors"
+    figure.suptitle(f"{kind} ({told})", fontsize=8)
     return figure
+
+
+def _error(scores: Floats) -> float:
+    """Standard error of the mean; NaN, which draws no bar, of a single score."""
+    return float(standard_error(scores)) if len(scores) > 1 else math.nan
 
 
 SENSITIVITY = Experiment(

@@ -29,6 +29,35 @@ def test_the_console_script() -> None:
     assert result.stdout.startswith("Usage: bilevel ")
 
 
+def test_without_a_command_it_tells_which_there_are() -> None:
+    result = subprocess.run([BILEVEL], capture_output=True, text=True, timeout=60, check=False)
+    assert (result.returncode, result.stdout) == (2, "")
+    assert result.stderr.startswith("Usage: bilevel [OPTIONS] COMMAND")
+    assert "\n  nes " in result.stderr
+
+
+def test_a_narrow_encoding_ends_nothing() -> None:
+    code = """
+import sys
+from cluster.cli import main
+sys.argv = ["bilevel", "--version"]
+try:
+    main()
+finally:
+    print("16\u202f888")
+"""
+    result = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONIOENCODING": "ascii"},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=False,
+    )
+    assert (result.returncode, result.stderr) == (0, "")
+    assert result.stdout.endswith("16?888\n")
+
+
 def test_ctrl_c_while_the_program_is_loaded_is_no_traceback() -> None:
     code = """
 import sys

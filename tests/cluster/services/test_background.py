@@ -98,6 +98,12 @@ def test_down_tells_of_runs_that_it_may_end(tmp_path: Path) -> None:
     assert told[1:] == ["ray was gone"] * 2
 
 
+def test_a_damaged_record_tells_what_to_do(tmp_path: Path) -> None:
+    (tmp_path / "services.json").write_text("{")
+    with pytest.raises(InvalidInput, match=r"^damaged .*services.json'.*; delete it, and end what"):
+        down(Home(tmp_path), print)
+
+
 def test_two_ups_at_once_are_refused(tmp_path: Path) -> None:
     home = Home(tmp_path)
     with background._alone(home), pytest.raises(InvalidInput, match="is under way in"):

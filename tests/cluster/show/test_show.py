@@ -2,9 +2,12 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from matplotlib.contour import ContourSet
 from matplotlib.quiver import Quiver
 
@@ -113,6 +116,31 @@ def test_random_steps_stand_for_a_task_that_is_not_compiled(cartpole: Task) -> N
     fallen = np.abs(met.following[..., 2]) > 12 * np.pi / 180
     assert fallen.any()
     np.testing.assert_array_equal(met.ends, fallen)  # in so few steps the cart stays on the track
+
+
+class Line(gymnasium.Env[Any, Any]):
+    """One observation, and a reward that is the action."""
+
+    observation_space = gymnasium.spaces.Box(-9, 9, (1,), np.float32)
+    action_space = gymnasium.spaces.Discrete(2)
+
+    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+        super().reset(seed=seed)
+        return self.np_random.standard_normal(1).astype(np.float32), {}
+
+    def step(self, action: Any) -> Any:
+        state = self.np_random.standard_normal(1).astype(np.float32)
+        return state, float(action), False, False, {}
+
+
+def test_a_task_with_one_observation_whose_rewards_depend_on_actions(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    spec = EnvSpec("test/Line-v0", lambda **_: Line(), reward_threshold=9.0, max_episode_steps=9)
+    monkeypatch.setitem(gymnasium.registry, spec.id, spec)
+    drawn = picture(Portrait.of(make_se(get_task(spec.id))), "Line")
+    assert drawn.get_suptitle() == "Line, over its observation (on both axes)"
+    assert drawn.axes[3].get_title() == "rewards of the real task for a random action"
 
 
 def test_the_command(se_file: Path, tmp_path: Path) -> None:
