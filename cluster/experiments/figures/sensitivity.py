@@ -101,7 +101,7 @@ def _summary(agent: str, name: str, values: Floats, scores: Floats) -> Row:
 def panels(values: dict[str, Floats], scores: Floats, task: Task, kind: str) -> Figure:
     """A panel for each hyperparameter: a point an agent, and means with standard errors."""
     rows = -(-len(values) // 2)
-    figure = column(0.45 + 1.45 * rows)
+    figure = column(0.55 + 1.45 * rows)
     drawn: Sequence[Axes] = list(figure.subplots(rows, 2, sharey=True, squeeze=False).flat)
     look, line = SERIES[0], SERIES[1]
     for axes, (name, at) in zip(drawn, values.items(), strict=False):
@@ -129,7 +129,7 @@ def panels(values: dict[str, Floats], scores: Floats, task: Task, kind: str) -> 
     for axes in drawn[len(values) :]:
         axes.set_visible(False)
     figure.supylabel(f"mean test return on {task.id}", fontsize=7.5)
-    told = "dots: agents; squares: means of groups, with standard errors"
+    told = "dots: agents; squares: means of groups\nwith their standard errors"
     figure.suptitle(f"{kind} ({told})", fontsize=8)
     return figure
 
