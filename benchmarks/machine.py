@@ -100,6 +100,16 @@ def resumed_runs(
     return runs
 
 
+def require_as_many(name: str, option: str, measured: int, asked: int) -> None:
+    """Exit if a result has more of something than `option` asks for: the command would be told as
+    that of all."""
+    if measured > asked:
+        raise SystemExit(
+            f"benchmarks/results/{name}.json was measured with {option} {measured}: give that or "
+            "more, or move it away"
+        )
+
+
 def require_seeds(name: str, measured: set[int], seeds: Sequence[int]) -> None:
     """Exit if some of the seeds that a result has are not in `seeds`, those of the command: it
     would be told as the command of all."""

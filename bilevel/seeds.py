@@ -31,6 +31,7 @@ class Purpose(IntEnum):
     EXPERIMENT = 14  # fresh agents of `bilevel experiment`
     VALIDATION = 15  # the NES run of a study's finalist
     IMPUTATION = 16  # values that a study's model takes for inactive hyperparameters
+    CONTINUATION = 17  # a study whose model begins with the results of another one
 
 
 def checked_seed(seed: object) -> int:

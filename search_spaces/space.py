@@ -5,7 +5,7 @@ ConfigSpace is imported where a space is built: trials know theirs without.
 
 import json
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from copy import deepcopy
 from dataclasses import dataclass
 from pathlib import Path
@@ -123,6 +123,16 @@ class Space:
         dimensions = [raised if one is given else one for one in space.values()]
         fitted = CS.ConfigurationSpace(name=self.name, space=dimensions)
         return type(self)(self.name, dict(fitted.to_serialized_dict()))
+
+    def without(self, names: Collection[str]) -> Self:
+        """The space; one that comes with the package without the dimensions of these names."""
+        import ConfigSpace as CS
+
+        if self.content is not None or not set(names) & set(self.build()):
+            return self
+        dimensions = [one for name, one in self.build().items() if name not in names]
+        left = CS.ConfigurationSpace(name=self.name, space=dimensions)
+        return type(self)(self.name, dict(left.to_serialized_dict()))
 
     def check(
         self,

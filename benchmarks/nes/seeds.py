@@ -25,7 +25,7 @@ import numpy as np
 
 from benchmarks.agents import sb3
 from benchmarks.arguments import format_seeds, known_task, parse_seeds
-from benchmarks.machine import resumed_runs, write_result
+from benchmarks.machine import require_as_many, resumed_runs, write_result
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
 from bilevel.hyperparameters import default_agents
@@ -181,6 +181,7 @@ def main() -> None:
         if seed not in runs:
             how = (options.recipe, folder(seed), options.set, options.generations)
             keep(run_seed(options.task, seed, *how))
+    require_as_many(name, "--taught", sum("taught" in run for run in runs.values()), options.taught)
     for seed in options.seeds[: options.taught]:
         known = runs[seed].get("taught", {})
         lessons = taught(folder(seed) / BEST_FILE, options.agents, options.sb3, known)

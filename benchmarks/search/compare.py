@@ -33,7 +33,7 @@ import joblib
 
 import bilevel
 from benchmarks.arguments import format_seeds, known_task, parse_seeds
-from benchmarks.machine import require_seeds, resumed_result, write_result
+from benchmarks.machine import require_as_many, require_seeds, resumed_result, write_result
 from benchmarks.nes.run import run_nes
 from benchmarks.search.outcomes import outcomes
 from bilevel.durable import checksum, write_aside
@@ -143,7 +143,7 @@ def run_in_process(
         search.register(job, runs.tally.objective, runs.tally.info)
         left = StudySummary.of(journal, rungs).core_seconds_left()
         log(f"{study.name}: objective {runs.tally.objective:.1f}, {left} core s left")
-    plan = Plan.of(journal, None)
+    plan = Plan.of(journal, None, study.schedule.budgets[-1])
     if plan is not None:
         validate(study, journal, plan, pool, log, lambda spent, total: None, lambda: False)
     return StudySummary.of(journal, rungs)
@@ -213,6 +213,8 @@ class Comparison:
         before = resumed_result(self.name, self.command, ("seeds", "fresh")).get("rows", {})
         measured = {row["seed"] for row in before.values() if "seed" in row}
         require_seeds(self.name, measured, options.seeds)
+        fresh = max((len(row.get("fresh", ())) for row in before.values()), default=0)
+        require_as_many(self.name, "--fresh", fresh, options.fresh)
         self.rows: dict[str, Any] = {"default": {}, **before}
         # Searches with equal seeds one after the other, those with others beside each other.
         cores = os.cpu_count() or 1

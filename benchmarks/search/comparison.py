@@ -219,7 +219,7 @@ def _noise(task: str, measured: Mapping[str, Any]) -> list[tuple[str, ...]]:
             f"{max(between_recipes - rest, 0.0) / seeds:.2f}",
             f"{max(between_seeds - rest, 0.0) / recipes:.2f}",
             f"{rest:.2f}",
-            f"{f_distribution.sf(between_seeds / rest, seeds - 1, left):.1g}",
+            f"{f_distribution.sf(between_seeds / rest, seeds - 1, left):.2g}",
         )
     ]
 

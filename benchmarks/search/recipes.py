@@ -104,7 +104,7 @@ def _p_values(one: list[dict[str, Any]], other: list[dict[str, Any]]) -> tuple[s
     solved = [sum(run["solved"] for run in runs) for runs in (one, other)]
     missed = [len(runs) - n for runs, n in zip((one, other), solved, strict=True)]
     p = mannwhitneyu(*costs).pvalue, fisher_exact([solved, missed]).pvalue
-    return f"{p[0]:.1g}", f"{p[1]:.1g}"
+    return f"{p[0]:.2g}", f"{p[1]:.2g}"
 
 
 def _quality(runs: list[dict[str, Any]]) -> tuple[str, ...]:

@@ -206,4 +206,4 @@ def _against_random(searches: Sequence[ByOrigin], origin: str) -> tuple[str, str
     if len(searches) > 1:
         exchanged = np.array([*product((-1, 1), repeat=len(better))]) @ (np.array(better) - 0.5)
         p = float(np.mean(np.abs(exchanged) >= np.abs(exchanged[-1]) - 1e-12))
-    return f"{np.mean(better):.0%}", f"{p:.1g}"
+    return f"{np.mean(better):.0%}", f"{p:.2g}"

@@ -31,6 +31,9 @@ from cluster.tracking import Mirror
 #: Seconds of a time budget reserved for the end: stopping the trials and scoring the best SE.
 _RESERVE = 60.0
 
+#: Most settings in which a prior differs that are told.
+_TOLD = 4
+
 
 @dataclass(frozen=True)
 class StudyCommand:
@@ -64,7 +67,7 @@ class StudyCommand:
             return self
         begun = configurations_to_begin(self.study.schedule.brackets(self.brackets))
         trials = min(self.concurrent_trials or begun, begun)
-        useful = self.study.base.nes.evaluations
+        useful = self.study.most_evaluations
         return replace(self, workers_per_trial=min(capacity.fair_share(trials), useful))
 
     def trials_on(self, capacity: Capacity) -> int:
@@ -108,7 +111,7 @@ def deadlines(started: float, time_budget: float | None) -> tuple[float, float]:
 
 
 def run_study(command: StudyCommand) -> int:
-    """Run or resume the study; return exit code 0, or 1 if no trial succeeded.
+    """Run or resume the study; return exit code 0, or 1 if there is no SE to hand over.
 
     Raises InvalidInput before it runs anything, and StorageFailure if the disk is full.
     """
@@ -173,6 +176,10 @@ class _Runner:
         if study.moved:
             told = ", ".join(f"{name} {was} to {now}" for name, (was, now) in study.moved.items())
             log(f"the recipe lies outside of the space; the search begins nearest to it: {told}")
+        unlike = study.unlike_prior
+        if unlike:
+            told = ", ".join(unlike[:_TOLD]) + (", ..." if len(unlike) > _TOLD else "")
+            log(f"the prior {study.prior!r} had {told}: its objectives may be others")
         if command.time_budget is not None:
             log(f"time budget {duration(command.time_budget)}, its last quarter for validation")
         if self.journal.results:
@@ -222,4 +229,4 @@ class _Runner:
         mirror.mark([views.parent])
         with self._pool() as pool:
             found = self.handover.finish(pool, command.final_agents, lambda: time.monotonic() > end)
-        return 0 if found and self.search.succeeded else 1
+        return 0 if found else 1

@@ -9,7 +9,7 @@ from bilevel.synthetic_env import save_se
 from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.search.runs import ConfigurationRuns
-from cluster.bohb.search.validation import Plan, validate
+from cluster.bohb.search.validation import Plan, least_search, validate
 from cluster.bohb.study.definition import RECIPE_FILE, Study, configuration_name
 from cluster.bohb.study.journal import Journal, ResultLine
 from cluster.nes.run import Pool
@@ -104,8 +104,15 @@ class Handover:
     def _validate(self, pool: EvaluationPool, is_over: Callable[[], bool]) -> None:
         """Run the finalists with new seeds, and say what came of it."""
         log = self.terminal.log
-        plan = Plan.of(self.journal, self._summary.validation)
+        largest = self.study.schedule.budgets[-1]
+        plan = Plan.of(self.journal, self._summary.validation, largest)
         if plan is None:
+            if len(self.journal.reached) > 1:
+                searched = sum(self.journal.reached.values())
+                log(
+                    f"not validated with new seeds: the search took {searched:.0f} core seconds, "
+                    f"and {least_search(largest):.0f} are needed"
+                )
             return
         log(f"validating {len(plan.finalists)} configurations with new seeds")
         progress = _Progress(self.terminal)

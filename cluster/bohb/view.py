@@ -15,7 +15,7 @@ from bilevel.synthetic_env import se_bytes
 from cluster.bohb.results import pictures
 from cluster.bohb.results.importance import importance, unit_values
 from cluster.bohb.results.summary import StudySummary
-from cluster.bohb.results.tables import TALLIED, incumbents_csv, results_csv
+from cluster.bohb.results.tables import TALLIED, leaders_csv, results_csv
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.study.journal import ConfigId, ConfigLine, Journal, ResultLine
@@ -146,7 +146,7 @@ class StudyViews:
             Document("objective_against_cost.png", results, picture),
             Document.of_text("brackets.md", summary.bracket_table()),
             Document.of_text("results.csv", results_csv(summary)),
-            Document.of_text("incumbents.csv", incumbents_csv(summary)),
+            Document.of_text("leaders.csv", leaders_csv(summary)),
             *(Document.of_file(path, "journal/") for path in journal.paths),
         ]
         if (study.folder / SPACE_FILE).exists():
@@ -187,7 +187,8 @@ class StudyViews:
             "over counts as half of one at most). It is that of the best configuration at the "
             "largest budget so far, and rises when a larger one is reached; `best_at_*` are those "
             "at each budget. `validated_objective` is that of the recipe that "
-            "is handed over, from new runs with seeds that no choice was made on (validation.md). "
+            "is handed over, from new runs with seeds that the search made no choice on "
+            "(validation.md). "
             "`final_*` are of fresh agents trained on the best SE of all configurations."
         )
 

@@ -147,17 +147,20 @@ def _alone(
     command = [str(Path(sys.executable).with_name("bilevel")), "bohb", TASK, *smoke(), *ONE_BY_ONE]
     command += ["--home", str(home.folder)]
     with (folder / "log").open("a") as log:
-        killed = 0
+        killed, code = 0, None
         for _ in range(times):
             process = psutil.Popen(command, stdout=log, stderr=log, start_new_session=True)
             try:
-                process.wait(moment())
+                code = process.wait(moment())
+                break  # the same command would add brackets to a study that has ended
             except psutil.TimeoutExpired:
                 family = [process, *process.children(recursive=True)]
                 kill(process)
                 psutil.wait_procs(family, 60)
                 killed += 1
-        code = subprocess.run(command, stdout=log, stderr=log, timeout=240, check=False).returncode
+        if code is None:
+            ended = subprocess.run(command, stdout=log, stderr=log, timeout=240, check=False)
+            code = ended.returncode
     study = home.run_folder(TASK, STUDY)
     wrong = disagreements(study, home.database_uri)
     return Row.compare(fault, killed, code, whole, Outcome.of(study), wrong)

@@ -28,8 +28,8 @@ def results_csv(summary: StudySummary) -> str:
     return _csv(summary, summary.journal.results)
 
 
-def incumbents_csv(summary: StudySummary) -> str:
-    """The result of each change of the incumbent."""
+def leaders_csv(summary: StudySummary) -> str:
+    """The best result so far at each change of it, before any validation."""
     return _csv(summary, [line for _, line in summary.leaders()])
 
 

@@ -111,7 +111,7 @@ class BracketSearch:
             study.space.build(study.agents),
             study.schedule,
             brackets,
-            study.seed,
+            study.search_seed,
             journal,
             study.method == "bohb",
             study.prior_configuration,
@@ -177,14 +177,14 @@ class BracketSearch:
             if recorded:
                 line = recorded.popleft()
                 if line.id != place:
-                    raise self._damaged(f"{line.id} stands where {place} should")
+                    raise self._damaged(line, f"{line.id} stands where {place} should")
                 try:
                     CS.Configuration(self._space, values=line.configuration)
                 except (ValueError, KeyError, TypeError) as error:
-                    raise self._damaged(f"configuration of {place}: {error}") from None
+                    raise self._damaged(line, f"configuration of {place}: {error}") from None
                 return line.configuration, line.info
             if self._replaying:
-                raise self._damaged(f"{place} was never proposed, but results follow from it")
+                raise self._damaged(None, f"{place} was never proposed, but results follow from it")
             configuration, info = self._propose(budget)
             line = ConfigLine(place, configuration, info)
             self._journal.add_config(line)
@@ -228,9 +228,16 @@ class BracketSearch:
         with _seeded(seed % 2**32), _hpbandsters_warnings_ignored():
             self._generator.new_result(job)
 
-    def _damaged(self, reason: str) -> InvalidInput:
-        folder = self._journal.paths[0].parent
-        return InvalidInput(f"damaged journal in {str(folder)!r}: {reason}")
+    def _damaged(self, line: ConfigLine | ResultLine | None, reason: str) -> InvalidInput:
+        """The error for a line of the journal; None is one that its proposals lack."""
+        of_configs, of_results = self._journal.paths
+        if isinstance(line, ResultLine):
+            path, number = of_results, self._journal.results.index(line) + 1
+        elif line is not None:
+            path, number = of_configs, self._journal.configs.index(line) + 1
+        else:
+            path, number = of_configs, len(self._journal.configs) + 1
+        return InvalidInput(f"damaged {str(path)!r}, line {number}: {reason}")
 
     def _replay(self) -> deque[Job]:
         """Bring brackets and model to where the journal ends; return the jobs that
@@ -243,7 +250,8 @@ class BracketSearch:
             while (line.id, line.budget) not in open_jobs:
                 job = self._next_of(self._brackets[line.id[0]])
                 if job is None:
-                    raise self._damaged(f"nothing led to {line.id} at budget {line.budget}")
+                    told = f"nothing led to {line.id} at budget {line.budget}"
+                    raise self._damaged(line, told)
                 open_jobs[job.id, job.budget] = job
             job = open_jobs.pop((line.id, line.budget))
             self._apply(line, job.configuration)

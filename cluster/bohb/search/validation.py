@@ -90,16 +90,15 @@ class Plan:
     core_seconds: int  # of new runs of each
 
     @classmethod
-    def of(cls, journal: Journal, before: Validation | None) -> Self | None:
-        """SHARE of the study's core time, for as many finalists as get the largest budget of the
-        search each; the last winner comes on top, whose earlier runs count. Those of the validation
-        `before`, if the search has no results since. None for a search that is too short for it:
-        two would get less than half."""
+    def of(cls, journal: Journal, before: Validation | None, largest: int) -> Self | None:
+        """SHARE of the study's core time, for as many finalists as get the `largest` budget of its
+        schedule each; the last winner comes on top, whose earlier runs count. Those of the
+        validation `before`, if the search has no results since. None for a search that is too short
+        for it: two would get less than half."""
         results = journal.successes
         best = sorted(results, key=lambda line: (-line.budget, line.loss))
         searched = sum(journal.reached.values())
         core_seconds = validation_seconds(searched)
-        largest = best[0].budget if best else 1
         number = min(max(int(core_seconds / largest), 2), FINALISTS)
         chosen = {journal.recipe} & journal.reached.keys()
         for line in best:
@@ -114,6 +113,12 @@ class Plan:
             return None
         places = tuple(line.id for line in journal.configs if line.id in chosen)
         return cls(places, math.ceil(core_seconds / min(number, len(chosen))))
+
+
+def least_search(largest: int) -> float:
+    """Core seconds that a search must have taken to be validated, `largest` being the largest
+    budget of its schedule."""
+    return largest / SHARE * (1 - SHARE)
 
 
 def validation_seconds(searched: float) -> float:

@@ -1,13 +1,13 @@
 """The definition of a study, which stays the same wherever and however often it is run."""
 
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bilevel.decode import decode
-from bilevel.durable import write_aside
+from bilevel.decode import decode, differences
+from bilevel.durable import checksum, write_aside
 from bilevel.errors import InvalidInput, one_of
 from bilevel.hyperparameters import Hyperparameters, StoredHyperparameters, recipe_text
 from bilevel.seeds import Purpose, derive
@@ -93,6 +93,22 @@ class Study:
         """Names of the agents that evaluations draw from."""
         return tuple(hp.agent for hp in self.base.agents)
 
+    @property
+    def most_evaluations(self) -> int:
+        """Evaluations of a generation of the largest population that may be drawn."""
+        searched = self.space.build(self.agents).get("nes.population_size")
+        largest = getattr(searched, "upper", self.base.nes.population_size)
+        return replace(self.base.nes, population_size=int(largest)).evaluations
+
+    @cached_property
+    def search_seed(self) -> int:
+        """The seed from which proposals and runs are derived: the study's own, unless its prior is
+        another study. That one may have the same seed, and would be repeated."""
+        if self.prior in PRIORS:
+            return self.seed
+        of_prior = int(checksum(self.prior.encode())[:8], 16)
+        return derive(self.seed, Purpose.CONTINUATION, of_prior)
+
     def run(
         self,
         config_id: ConfigId,
@@ -112,7 +128,8 @@ class Study:
         )
         name = configuration_name(config_id)
         folder = self.folder / "configurations" / name / f"{kind}-{number}"
-        return NESRun(self.task, hp, derive(self.seed, purpose, *config_id, number), folder)
+        seed = derive(self.search_seed, purpose, *config_id, number)
+        return NESRun(self.task, hp, seed, folder)
 
     def recipe_text(self, config_id: ConfigId, configuration: Configuration) -> str:
         """The recipe file of a configuration: the one that its runs had."""
@@ -184,6 +201,24 @@ class Study:
                 f"the study {self.prior!r} cannot be the prior: it has no results at the budgets "
                 f"{', '.join(map(str, budgets))}"
             )
+
+    @property
+    def unlike_prior(self) -> list[str]:
+        """Settings in which the study that is the prior, if it is there, differs from this one, in
+        words: its objectives may then be others. Raises InvalidInput if that one is damaged."""
+        folder = self.folder.parent / self.prior
+        if self.prior in PRIORS or not (folder / SETTINGS_FILE).exists():
+            return []
+        theirs, ours = (
+            {"task": asdict(study.task), **study.base.to_dict()}
+            for study in (Study.read(folder), self)
+        )
+        searched = self.space.searched(self.agents)
+        return [
+            f"{name} {then}, not {now}"
+            for name, then, now in differences(theirs, ours)
+            if name != "recipe" and name not in searched
+        ]
 
     def take_over_prior(self) -> None:
         """Copy the results of the study that is the prior, once. So this study stays the same

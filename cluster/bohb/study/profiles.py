@@ -34,7 +34,6 @@ class Profile:
     final_agents: int = 10  # trained on the best SE at the end, with fresh seeds
     # None: the recipe's.
     population: int | None = None
-    start_candidates: int | None = None  # random SEs
     centre_agents: int | None = None  # trained on the unperturbed SE
     max_episodes: int | None = None  # of an agent's training on an SE
 
@@ -46,8 +45,6 @@ PROFILES = {
         largest_budget=3,
         brackets=2,
         final_agents=4,
-        population=2,
-        start_candidates=2,
         centre_agents=2,
         max_episodes=15,
     ),
@@ -103,8 +100,6 @@ def sized(hp: Hyperparameters, profile: Profile) -> Hyperparameters:
     )
     if profile.population is not None:
         nes = replace(nes, population_size=profile.population)
-    if profile.start_candidates is not None and nes.start == "random":
-        nes = replace(nes, start_candidates=profile.start_candidates)
     if profile.centre_agents is not None:
         nes = replace(nes, centre_agents=profile.centre_agents)
     agents, most = hp.agents, profile.max_episodes

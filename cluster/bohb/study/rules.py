@@ -43,6 +43,13 @@ def searched_space(
             f"{base.nes.update}"
         )
     agents = [agent.agent for agent in base.agents]
+    unread_ones = _unread(base)
+    if space == Space("core"):
+        space = space.without(unread_ones)
+    for name in unread_ones.keys() & space.searched(agents):
+        raise InvalidInput(
+            f"the search space {space.name!r} has {name}, which has no effect: {unread_ones[name]}"
+        )
     searched, where = space.searched(agents), f"is searched in the space {space.name!r}"
     for name, value in replaced:
         if name in searched and prior != "recipe":
@@ -60,3 +67,16 @@ def searched_space(
         space = space.fitting("se.hidden_size", least_units(task))
     space.check(base, SET_BY_SEARCH, lambda hp: NES(task, hp))
     return space
+
+
+def _unread(base: Hyperparameters) -> dict[str, str]:
+    """Hyperparameters that NES does not read beside the others of `base`, and why."""
+    found = {}
+    if base.se.structure == "plain":
+        found["se.spread"] = "only exogenous SEs have a spread"
+    if not RULES[base.nes.update].transforms:
+        why = f"the rule {base.nes.update} ranks the scores in its own way"
+        found |= dict.fromkeys(("nes.score_transform", "nes.ties"), why)
+    if base.nes.start == "distilled":
+        found["nes.start_candidates"] = "the start is distilled"
+    return found

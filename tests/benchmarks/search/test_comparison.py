@@ -154,5 +154,5 @@ def test_noise_is_split_into_what_seeds_and_recipes_have_in_common() -> None:
     assert (recipes, seeds) == ("8", "6")
     # Of the variance of a mean, a share is that of what it averages.
     assert told == [f"{2.0 - 0.5 / 6:.2f}", f"{1.0 - 0.5 / 8:.2f}", "0.50"]
-    assert p == f"{f_distribution.sf(8 * 1.0 / 0.5, 5, 35):.1g}"
+    assert p == f"{f_distribution.sf(8 * 1.0 / 0.5, 5, 35):.2g}"
     assert _noise("CartPole-v0", {"default": {}}) == []

@@ -30,5 +30,5 @@ def test_recipes_are_told_by_all_of_their_runs() -> None:
     assert _p_values(runs, runs) == ("1", "1")
     # A run that failed soon took no less than one that found an SE.
     sound, failed = [run(20 + i, True, True) for i in range(9)], [run(10, False, False)] * 9
-    assert _p_values(sound, failed) == _p_values(failed, sound) == ("0.0002", "4e-05")
-    assert _p_values(sound, [run(10, True, True)] * 9)[0] == "0.0002"
+    assert _p_values(sound, failed) == _p_values(failed, sound) == ("0.00016", "4.1e-05")
+    assert _p_values(sound, [run(10, True, True)] * 9)[0] == "0.00016"

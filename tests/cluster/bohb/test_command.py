@@ -27,17 +27,17 @@ def command(tmp_path: Path) -> StudyCommand:
 
 @pytest.mark.parametrize(
     ("cores", "runs", "workers", "trials"),
-    [(2, 1, 1, 2), (5, 1, 1, 5), (20, 1, 4, 5), (20, 2, 2, 5), (10_000, 1, 6, 1666)],
+    [(2, 1, 1, 2), (5, 1, 1, 5), (20, 1, 4, 5), (20, 2, 2, 5), (10_000, 1, 98, 102)],
 )
 def test_more_workers_where_there_are_more_cores_than_configurations(
     command: StudyCommand, cores: int, runs: int, workers: int, trials: int
 ) -> None:
-    """At most one for each of the six evaluations of a generation."""
+    """At most one for each evaluation of the largest generation that the space has."""
     capacity = Capacity(cores, runs)
     nes = replace(command.study.base.nes, population_size=2, centre_agents=2)
     study = replace(command.study, base=replace(command.study.base, nes=nes))
     placed = replace(command, study=study).placed(capacity)
-    assert nes.evaluations == 6
+    assert study.most_evaluations == replace(nes, population_size=48).evaluations == 98
     assert (placed.workers_per_trial, placed.trials_on(capacity)) == (workers, trials)
 
 

@@ -44,7 +44,7 @@ def test_the_runs_of_a_validation_take_part(tmp_path: Path) -> None:
         every = all_runs(study, journal, pool, told.append)
         return {runs.id for runs in every if runs.validation and runs.states}
 
-    plan = Plan.of(journal, None)
+    plan = Plan.of(journal, None, study.schedule.budgets[-1])
     assert plan is not None
     assert not validated()
     validate(study, journal, plan, pool, told.append, lambda spent, total: None, lambda: False)

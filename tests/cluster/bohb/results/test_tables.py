@@ -8,7 +8,7 @@ from pathlib import Path
 import ConfigSpace as CS
 
 from cluster.bohb.results.summary import StudySummary
-from cluster.bohb.results.tables import incumbents_csv, results_csv
+from cluster.bohb.results.tables import leaders_csv, results_csv
 from cluster.bohb.study.definition import SPACE_FILE
 from cluster.bohb.study.journal import Journal
 from tests.studies import make_study
@@ -33,7 +33,7 @@ def test_all_results_with_their_configurations(tmp_path: Path) -> None:
         for name, value in config.configuration.items():
             assert row[name] == str(value)
     assert [row["objective"] for row in found].count("") == 1
-    best = rows(incumbents_csv(summary))[-1]
+    best = rows(leaders_csv(summary))[-1]
     assert summary.incumbent is not None
     assert float(best["objective"]) == summary.incumbent.loss
 
@@ -41,7 +41,7 @@ def test_all_results_with_their_configurations(tmp_path: Path) -> None:
 def test_of_no_results(tmp_path: Path) -> None:
     study = make_study(tmp_path / "study")
     summary = StudySummary(Journal(tmp_path), study.schedule.brackets(1))
-    assert rows(results_csv(summary)) == rows(incumbents_csv(summary)) == []
+    assert rows(results_csv(summary)) == rows(leaders_csv(summary)) == []
 
 
 def test_the_space_beside_the_journal(tmp_path: Path) -> None:

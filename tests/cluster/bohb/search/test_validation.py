@@ -15,6 +15,7 @@ from cluster.bohb.search.validation import (
     VALIDATION_FILE,
     Plan,
     Validation,
+    least_search,
     validate,
 )
 from cluster.bohb.study.definition import Study
@@ -23,6 +24,8 @@ from cluster.ray.pool import EvaluationPool
 from tests.studies import MadeUpPool, make_study
 
 STAMPS = {"submitted": 0.0, "started": 0.0, "finished": 1.0}
+#: The largest budget of the searches here.
+LARGEST = 3
 
 
 def journal_of(folder: Path, losses: dict[int, float | None], prior: int | None = None) -> Journal:
@@ -37,7 +40,7 @@ def journal_of(folder: Path, losses: dict[int, float | None], prior: int | None 
 
 def finalists(journal: Journal, before: Validation | None = None) -> list[int]:
     """Numbers of the configurations that would be validated."""
-    plan = Plan.of(journal, before)
+    plan = Plan.of(journal, before, LARGEST)
     return [] if plan is None else [number for _, _, number in plan.finalists]
 
 
@@ -50,7 +53,8 @@ def run_validation(
         told.append((spent, total))
 
     journal = Journal(study.folder)
-    plan = Plan.of(journal, Validation.load(study.folder))
+    largest = study.schedule.budgets[-1]
+    plan = Plan.of(journal, Validation.load(study.folder), largest)
     assert plan is not None
     found = validate(study, journal, plan, MadeUpPool(), lambda line: None, progress, is_over)
     return found, told
@@ -80,7 +84,7 @@ class TestPlan:
         earlier = Validation(5, (lines[7], lines[1]))
         assert finalists(journal, earlier) == [1, 3, 4, 7]
         now = Validation(10, (lines[1], lines[3], lines[4], lines[7]))
-        assert Plan.of(journal, now) == Plan.of(journal, earlier)
+        assert Plan.of(journal, now, LARGEST) == Plan.of(journal, earlier, LARGEST)
 
     def test_the_recipe_is_one_of_them(self, tmp_path: Path) -> None:
         """Whatever its result was: so what is handed over has been compared with it."""
@@ -93,7 +97,7 @@ class TestPlan:
         journal = journal_of(tmp_path, {**losses, 0: 90.0, 1: 20.0, 2: 30.0, 3: 40.0})
         before = Validation(2, (ResultLine((0, 0, 0), 5, 9.0, {}, STAMPS),))
         assert finalists(journal, before) == [0, 1, 2, 3]
-        one, two = Plan.of(journal, None), Plan.of(journal, before)
+        one, two = Plan.of(journal, None, LARGEST), Plan.of(journal, before, LARGEST)
         assert one is not None
         assert two is not None
         assert two.core_seconds == one.core_seconds  # of each
@@ -112,13 +116,20 @@ class TestPlan:
         before = Validation(3, (ResultLine((0, 0, 0), 4, 45.0, {}, STAMPS),))
         assert finalists(journal, before) == [0, 2, 3]
 
+    def test_a_search_that_never_reached_it_is_as_long(self, tmp_path: Path) -> None:
+        """Nine configurations at the budget 3 are enough for it, and too few for a larger one."""
+        journal = journal_of(tmp_path, dict.fromkeys(range(9), 5.0))
+        assert Plan.of(journal, None, 9) == Plan(((0, 0, 0), (0, 0, 1)), 5)
+        assert Plan.of(journal, None, 10) is None
+        assert least_search(9) == 27 == sum(journal.reached.values())
+
     def test_nothing_to_compare(self, tmp_path: Path) -> None:
         failed: dict[int, float | None] = dict.fromkeys(range(1, 30))
-        assert Plan.of(journal_of(tmp_path, {0: 90.0, **failed}), None) is None
-        assert Plan.of(Journal(tmp_path / "empty"), None) is None
+        assert Plan.of(journal_of(tmp_path, {0: 90.0, **failed}), None, LARGEST) is None
+        assert Plan.of(Journal(tmp_path / "empty"), None, LARGEST) is None
 
     def test_validation_takes_its_share_of_the_core_time(self, tmp_path: Path) -> None:
-        plan = Plan.of(journal_of(tmp_path, dict.fromkeys(range(30), 5.0)), None)
+        plan = Plan.of(journal_of(tmp_path, dict.fromkeys(range(30), 5.0)), None, LARGEST)
         assert plan is not None
         searched, validated = 30 * 3, 3 * plan.core_seconds
         assert validated == pytest.approx(SHARE * (searched + validated), rel=0.05)
@@ -144,7 +155,7 @@ class TestValidation:
         assert found is not None
         assert found == Validation.load(study.folder)
         assert found.results == len(journal.results)
-        plan = Plan.of(journal, None)
+        plan = Plan.of(journal, None, study.schedule.budgets[-1])
         assert plan is not None
         assert {line.id for line in found.finalists} == set(plan.finalists)
         assert all(line.info["core_seconds"] >= plan.core_seconds for line in found.finalists)
@@ -170,7 +181,7 @@ class TestValidation:
     def test_finalists_keep_pace(self, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         """The one that has spent least is the next, so that all can be compared at any time."""
         study = make_study(tmp_path)
-        plan = Plan.of(Journal(study.folder), None)
+        plan = Plan.of(Journal(study.folder), None, study.schedule.budgets[-1])
         assert plan is not None
         spent = dict.fromkeys(plan.finalists, 0.0)
         advance = ConfigurationRuns.advance
@@ -203,7 +214,7 @@ class TestValidation:
         """On many cores the search has spent more than its finalists can in the time left."""
         study = make_study(tmp_path)
         journal, largest = Journal(study.folder), study.schedule.budgets[-1]
-        plan = Plan.of(journal, None)
+        plan = Plan.of(journal, None, study.schedule.budgets[-1])
         assert plan is not None
         spent: dict[str, float] = {}
 
@@ -251,7 +262,7 @@ class TestValidation:
     ) -> None:
         """The others are compared all the same, also by the next process."""
         study = make_study(tmp_path)
-        plan = Plan.of(Journal(study.folder), None)
+        plan = Plan.of(Journal(study.folder), None, study.schedule.budgets[-1])
         assert plan is not None
         failing, advance = plan.finalists[0], ConfigurationRuns.advance
 

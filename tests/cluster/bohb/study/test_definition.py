@@ -218,6 +218,30 @@ def test_earlier_results_are_copied(later: Study) -> None:
     assert any(job is not None and job.origin is Origin.MODEL for job in found)
 
 
+def test_a_study_with_the_seed_of_its_prior_does_not_repeat_it(later: Study) -> None:
+    other = Study.read(later.folder.parent / later.prior)
+    same = replace(later, seed=other.seed, schedule=other.schedule)
+    same.take_over_prior()
+    theirs = {json.dumps(line.configuration) for line in Journal(other.folder).configs}
+    search = BracketSearch.of(same, Journal(same.folder), 6)
+    drawn = [job for job in (search.next_job() for _ in range(18)) if job is not None]
+    assert {job.origin for job in drawn} >= {Origin.RANDOM}
+    assert not theirs & {json.dumps(job.configuration) for job in drawn}
+    job = drawn[0]
+    ours, before = (one.run(job.id, job.configuration, 0).seed for one in (same, other))
+    assert ours != before
+    assert ours == replace(same, folder=later.folder).run(job.id, job.configuration, 0).seed
+
+
+def test_what_a_prior_had_otherwise_is_told(later: Study) -> None:
+    assert later.unlike_prior == []
+    hp = replace(later.base, nes=replace(later.base.nes, centre_agents=9, std_dev=0.5))
+    task = replace(later.task, solved_reward=150.0)
+    told = replace(later, base=hp, task=task).unlike_prior  # (sigma is searched)
+    was = later.base.nes.centre_agents
+    assert told == ["task.solved_reward 195.0, not 150.0", f"nes.centre_agents {was}, not 9"]
+
+
 def test_a_prior_with_the_ranges_of_another_version_is_refused(later: Study) -> None:
     """Its configurations may lie outside of this version's."""
     other = Study.read(later.folder.parent / later.prior)

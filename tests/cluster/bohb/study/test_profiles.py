@@ -1,6 +1,6 @@
 """Recipes in the size of a profile."""
 
-from dataclasses import replace
+from dataclasses import asdict, replace
 from pathlib import Path
 
 import pytest
@@ -21,7 +21,6 @@ def test_a_profile_leaves_the_recipe_otherwise_alone(profile: str, recipe: str) 
         "solved_for",
         "confirming_agents",
         "population_size",
-        "start_candidates",
         "centre_agents",
         "patient_episodes",
     }
@@ -43,17 +42,20 @@ def test_runs_of_a_search_end_once_an_se_is_confirmed(profile: str, recipe: str)
     assert nes.confirming_agents == (hp.nes.confirming_agents or 128)
 
 
-def test_population_and_start_candidates_are_the_profiles_if_it_has_any() -> None:
-    hp = load_recipe("default", "CartPole-v0")
-    smoke, local = (sized(hp, get_profile(name)).nes for name in ("smoke", "local"))
-    assert (smoke.population_size, smoke.start_candidates) == (2, 2)
-    assert local.population_size == hp.nes.population_size
-    assert local.start_candidates == hp.nes.start_candidates
+def test_the_population_is_the_profiles_if_it_has_any() -> None:
+    for name in PROFILES:
+        hp = load_recipe("default", "CartPole-v0")
+        own = 16 if name == "paper" else hp.nes.population_size
+        assert sized(hp, get_profile(name)).nes.population_size == own
 
 
-def test_a_distilled_start_has_no_candidates_to_choose_among() -> None:
-    hp = load_recipe("distilled", "CartPole-v0")
-    assert sized(hp, get_profile("smoke")).nes.start_candidates == hp.nes.start_candidates
+@pytest.mark.parametrize("profile", PROFILES)
+def test_a_profile_sets_nothing_that_its_space_searches(profile: str) -> None:
+    size = get_profile(profile)
+    hp = load_recipe(size.recipe, "CartPole-v0")
+    before, after = asdict(hp.nes), asdict(sized(hp, size).nes)
+    changed = {f"nes.{name}" for name in before if before[name] != after[name]}
+    assert not changed & Space.of(size.space).searched()
 
 
 def test_what_a_user_asks_for_goes_before_the_profile(tmp_path: Path) -> None:

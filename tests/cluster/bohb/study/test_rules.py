@@ -35,6 +35,24 @@ def test_what_has_none_is_refused(name: str, told: str) -> None:
         searched_space(Space.of("core"), TASK, BASE, [(name, 1)])
 
 
+def test_what_nes_does_not_read_is_not_searched() -> None:
+    plain = load_recipe("paper", TASK)
+    core = Space.of("core").build()
+    left = searched_space(Space.of("core"), TASK, plain).build()
+    assert set(core) - set(left) == {"se.spread"}
+    distilled = searched_space(Space.of("core"), TASK, load_recipe("distilled", TASK)).build()
+    assert set(core) - set(distilled) == {"se.spread", "nes.start_candidates"}
+    for base, dimension, told in (
+        (plain, CS.Float("se.spread", (1.0, 1.2)), "only exogenous SEs have a spread"),
+        (BASE, CS.Categorical("nes.ties", ("mean", "order")), "the rule snes ranks the scores"),
+    ):
+        space = CS.ConfigurationSpace(space=[CS.Float("nes.std_dev", (0.1, 0.2)), dimension])
+        mine = Space("mine", dict(space.to_serialized_dict()))
+        told = f"has {dimension.name}, which has no effect: {told}"
+        with pytest.raises(InvalidInput, match=told):
+            searched_space(mine, TASK, base)
+
+
 def test_the_papers_ranges_need_the_papers_ses_and_agents_that_do_not_vary() -> None:
     full, authors = Space.of("full"), load_recipe("authors", TASK)
     assert searched_space(full, TASK, authors) == full
