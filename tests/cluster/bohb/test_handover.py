@@ -1,11 +1,15 @@
 """Which SEs a study chooses among."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
-from cluster.bohb.handover import _contenders, all_runs
+from cluster.bohb.handover import Handover, _contenders, all_runs
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.search.validation import Plan, validate
+from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.journal import ConfigId, Journal
 from cluster.nes.selection import RACERS
 from tests.studies import MadeUpPool, make_study
@@ -50,3 +54,13 @@ def test_the_runs_of_a_validation_take_part(tmp_path: Path) -> None:
     validate(study, journal, plan, pool, told.append, lambda spent, total: None, lambda: False)
     assert validated() == set(plan.finalists)
     assert not told
+
+
+def test_a_search_that_is_too_short_for_a_validation_says_so(tmp_path: Path) -> None:
+    told: list[str] = []
+    session: Any = SimpleNamespace(terminal=SimpleNamespace(log=told.append))
+    study = replace(make_study(tmp_path), schedule=Schedule((1000, 3000), 1))
+    handover = Handover(study, Journal(study.folder), session)
+    handover._validate(MadeUpPool(), lambda: False)
+    (line,) = told
+    assert re.fullmatch(r"not validated .* took \d+ core seconds, and 9000 are needed", line)
