@@ -6,6 +6,8 @@ from benchmarks import machine
 from benchmarks.machine import (
     NotMeasured,
     read_result,
+    require_as_many,
+    require_seeds,
     resumed_result,
     resumed_runs,
     spread,
@@ -68,3 +70,13 @@ def test_results_of_other_options_or_seeds_are_not_mixed(
     assert len(resumed_result("name", command.format("0-1", 3, 6), taught)["runs"]) == 2
     with pytest.raises(SystemExit, match="has the seeds 0, too: add them to --seeds"):
         resumed_runs("name", command.format("1-3", 2, 6), growing, range(1, 4))
+
+
+def test_a_command_does_not_tell_of_less_than_was_measured() -> None:
+    require_as_many("search", "--fresh", 5, 5)
+    require_as_many("search", "--fresh", 5, 6)
+    with pytest.raises(SystemExit, match=r"search.json was measured with --fresh 5: give that or"):
+        require_as_many("search", "--fresh", 5, 4)
+    require_seeds("search", {1, 2}, [1, 2, 3])
+    with pytest.raises(SystemExit, match=r"search.json has the seeds 3, too: add them"):
+        require_seeds("search", {1, 3}, [1, 2])

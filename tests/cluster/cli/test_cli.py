@@ -8,6 +8,7 @@ from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
+import ConfigSpace as CS
 import numpy as np
 import pytest
 import safetensors.numpy
@@ -442,3 +443,13 @@ gymnasium.register("Mine-v0", Mine, max_episode_steps=9, reward_threshold=8)
     assert result.stderr == f"bilevel: task 'mine:Mine-v0' at {place}\n"
     written = {path.name for path in tmp_path.iterdir()}
     assert written <= {"mine.py", "se.safetensors", "__pycache__"}
+
+
+def test_a_default_name_is_one_that_is_allowed(tmp_path: Path) -> None:
+    """Whatever the file of its space or recipe is called."""
+    space, recipe = tmp_path / "my space.json", tmp_path / "(mine).toml"
+    CS.ConfigurationSpace(space=[CS.Float("nes.std_dev", (0.1, 0.3))]).to_json(space)
+    recipe.write_text((RECIPES / "default.toml").read_text())
+    files = ("--space", space, "--recipe", recipe, "--home", tmp_path / "home")
+    result = run_bilevel("bohb", "CartPole-v0", "--profile", "smoke", "--dry-run", *files)
+    assert result.returncode == 0, result.stderr
