@@ -168,6 +168,9 @@ def main() -> None:
     )
     before = resumed_runs(name, command, ("seeds", "taught"), options.seeds)
     runs = {run["seed"]: run for run in before}
+    begun = [runs.get(seed, {}) for seed in options.seeds]
+    measured = max((place for place, run in enumerate(begun, 1) if "taught" in run), default=0)
+    require_as_many(name, "--taught", measured, options.taught)
 
     def keep(run: dict[str, Any]) -> None:
         runs[run["seed"]] = run
@@ -181,7 +184,6 @@ def main() -> None:
         if seed not in runs:
             how = (options.recipe, folder(seed), options.set, options.generations)
             keep(run_seed(options.task, seed, *how))
-    require_as_many(name, "--taught", sum("taught" in run for run in runs.values()), options.taught)
     for seed in options.seeds[: options.taught]:
         known = runs[seed].get("taught", {})
         lessons = taught(folder(seed) / BEST_FILE, options.agents, options.sb3, known)

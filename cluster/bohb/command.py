@@ -133,6 +133,7 @@ class _Runner:
         self.terminal = session.terminal
         study = command.study
         study.write_space()
+        self._unlike_prior = study.unlike_prior
         study.take_over_prior()
         self.journal = Journal(study.folder)
         run_status = RunStatus.load(study.folder)
@@ -176,7 +177,7 @@ class _Runner:
         if study.moved:
             told = ", ".join(f"{name} {was} to {now}" for name, (was, now) in study.moved.items())
             log(f"the recipe lies outside of the space; the search begins nearest to it: {told}")
-        unlike = study.unlike_prior
+        unlike = self._unlike_prior
         if unlike:
             told = ", ".join(unlike[:_TOLD]) + (", ..." if len(unlike) > _TOLD else "")
             log(f"the prior {study.prior!r} had {told}: its objectives may be others")

@@ -107,7 +107,7 @@ class Handover:
         largest = self.study.schedule.budgets[-1]
         plan = Plan.of(self.journal, self._summary.validation, largest)
         if plan is None:
-            if len(self.journal.reached) > 1:
+            if len(self.journal.reached) > 1 and self._summary.validation is None:
                 searched = sum(self.journal.reached.values())
                 log(
                     f"not validated with new seeds: the search took {searched:.0f} core seconds, "

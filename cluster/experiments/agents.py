@@ -99,6 +99,8 @@ class Unit:
         facts = [asdict(self.task), self.source.digest, self.hp.agent, asdict(self.hp), self.seed]
         code = self.task.code_digest, get_agent(self.hp.agent).code_digest
         facts += [code] if any(code) else []
+        if not self.task.compiled:
+            facts.append("a seed an episode")  # which before only the first one had
         return checksum(json.dumps(facts, sort_keys=True).encode())[:_DIGEST]
 
     def shorter(self, episodes: int) -> "Unit":

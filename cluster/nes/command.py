@@ -29,7 +29,7 @@ from cluster.session.terminal import count, duration
 from cluster.storage.run_folder import LAST_FILE
 from cluster.tracking.registry import model_address
 
-#: Steps of an average episode below which the terminal says that agents learn little in it.
+#: Steps of an average episode below which the terminal says that agents see little in it.
 _SHORT = 3.0
 
 

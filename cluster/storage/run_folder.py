@@ -11,6 +11,7 @@ import contextlib
 import fcntl
 import json
 import os
+import textwrap
 import time
 import uuid
 from collections.abc import Iterable, Iterator
@@ -29,6 +30,9 @@ from bilevel.tasks import Task
 from bilevel.version import RUN_FORMAT
 from cluster.storage.author import Author
 from cluster.storage.jsonl_log import JsonlLog
+
+#: Longest value that a message tells.
+_TOLD = 60
 
 SETTINGS_FILE, STATUS_FILE, FINALS_FILE = "settings.json", "status.json", "finals.jsonl"
 
@@ -196,8 +200,9 @@ def _unchanged(folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
     before = read_settings(folder)
     now = json.loads(json.dumps({k: v for k, v in settings.items() if k != "code"}))
     for name, then, value in differences({name: before.get(name) for name in now}, now):
+        told, asked = (textwrap.shorten(str(one), _TOLD) for one in (then, value))
         raise InvalidInput(
-            f"{folder.name!r} was begun with {name} = {then}, not {value}: use that value, or "
+            f"{folder.name!r} was begun with {name} = {told}, not {asked}: use that value, or "
             "another name"
         )
     return before

@@ -148,7 +148,6 @@ def test_mlflow_shows_parent_children_curves_and_artifacts(
         assert set(child.data.params) == tuned
     assert {child.info.run_name for child in children} >= {"000-0-000", "000-0-001"}
     assert parent.data.params["base.nes.centre_agents"] == "2"
-    assert parent.data.params["base.nes.centre_agents"] == "2"
     best = mlflow_client.get_model_version_by_alias("SE-CartPole-v0", "best")
     assert best.run_id == parent.info.run_id
 

@@ -2,16 +2,15 @@
 
 The best of many noisy results is also the luckiest, so its objective is too good. Before a recipe
 is handed over, the configurations with the best results, and the recipe that the search began with,
-run NES with seeds that no choice was made on, all for the same core time:
+run NES with seeds that the search made no choice on, each for at least the same core time:
 
     finalists <- the recipe, the last winner, and the best results at the largest budgets
     while time is left and some finalist has not spent its core seconds:
         the finalist that has spent least advances by a generation
     incumbent <- the best objective over these runs alone
 
-A search that goes on is validated again, for longer; the runs of finalists that were there before
-count again. One that has hardly begun is not: less time than the search gave its best configuration
-would tell less.
+A search that goes on is validated again; the runs of finalists that were there before count again.
+One that has hardly begun is not: less time than half of its largest budget would tell too little.
 """
 
 import json

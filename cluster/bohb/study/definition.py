@@ -57,6 +57,7 @@ class _Settings(Settings):
     budgets: tuple[int, ...]
     cycle: int
     base: StoredHyperparameters
+    search_seed: int | None = None  # if it is not the seed (`Study.search_seed`)
 
 
 @dataclass(frozen=True)
@@ -95,10 +96,12 @@ class Study:
 
     @property
     def most_evaluations(self) -> int:
-        """Evaluations of a generation of the largest population that may be drawn."""
-        searched = self.space.build(self.agents).get("nes.population_size")
-        largest = getattr(searched, "upper", self.base.nes.population_size)
-        return replace(self.base.nes, population_size=int(largest)).evaluations
+        """Evaluations of a generation of the largest population that may be drawn, the other
+        hyperparameters being those of the base."""
+        searched, own = self.space.build(self.agents).get("nes.population_size"), self.base.nes
+        ends = (getattr(searched, name, own.population_size) for name in ("upper", "value"))
+        largest = max(map(int, (*ends, *getattr(searched, "choices", ()))))
+        return replace(own, population_size=largest).evaluations
 
     @cached_property
     def search_seed(self) -> int:
@@ -204,19 +207,24 @@ class Study:
 
     @property
     def unlike_prior(self) -> list[str]:
-        """Settings in which the study that is the prior, if it is there, differs from this one, in
-        words: its objectives may then be others. Raises InvalidInput if that one is damaged."""
+        """Settings in which the study that is the prior differs from this one, in words: its
+        objectives may then be others. None once its results are taken over. Raises InvalidInput if
+        it is damaged."""
         folder = self.folder.parent / self.prior
-        if self.prior in PRIORS or not (folder / SETTINGS_FILE).exists():
+        if self.prior in PRIORS or (self.folder / _EARLIER).exists():
             return []
         theirs, ours = (
             {"task": asdict(study.task), **study.base.to_dict()}
             for study in (Study.read(folder), self)
         )
         searched = self.space.searched(self.agents)
+        found = [
+            (name.removeprefix("agents."), then, now)
+            for name, then, now in differences(theirs, ours)
+        ]
         return [
             f"{name} {then}, not {now}"
-            for name, then, now in differences(theirs, ours)
+            for name, then, now in found
             if name != "recipe" and name not in searched
         ]
 
@@ -261,6 +269,7 @@ class Study:
             "budgets": list(self.schedule.budgets),
             "cycle": self.schedule.cycle,
             "base": self.base.to_dict(),
+            **({} if self.search_seed == self.seed else {"search_seed": self.search_seed}),
         }
 
     @classmethod

@@ -1,6 +1,6 @@
 """What a search may search: the rules between its space, its recipe and what the user has set."""
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from bilevel.agents.variation import VARIED
@@ -43,7 +43,7 @@ def searched_space(
             f"{base.nes.update}"
         )
     agents = [agent.agent for agent in base.agents]
-    unread_ones = _unread(base)
+    unread_ones = _unread(base, space.searched(agents))
     if space == Space("core"):
         space = space.without(unread_ones)
     for name in unread_ones.keys() & space.searched(agents):
@@ -69,14 +69,15 @@ def searched_space(
     return space
 
 
-def _unread(base: Hyperparameters) -> dict[str, str]:
-    """Hyperparameters that NES does not read beside the others of `base`, and why."""
+def _unread(base: Hyperparameters, searched: Collection[str]) -> dict[str, str]:
+    """Hyperparameters that NES does not read beside the others of `base`, and why; not where what
+    decides it is `searched` too."""
     found = {}
-    if base.se.structure == "plain":
+    if base.se.structure == "plain" and "se.structure" not in searched:
         found["se.spread"] = "only exogenous SEs have a spread"
-    if not RULES[base.nes.update].transforms:
+    if not RULES[base.nes.update].transforms and "nes.update" not in searched:
         why = f"the rule {base.nes.update} ranks the scores in its own way"
         found |= dict.fromkeys(("nes.score_transform", "nes.ties"), why)
-    if base.nes.start == "distilled":
+    if base.nes.start == "distilled" and "nes.start" not in searched:
         found["nes.start_candidates"] = "the start is distilled"
     return found

@@ -4,6 +4,7 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import ConfigSpace as CS
 import pytest
 
 from cluster.bohb.command import StudyCommand, brackets_to_reach, deadlines, more_than_asked
@@ -14,6 +15,7 @@ from cluster.ray.connection import Capacity
 from cluster.session.context import RunContext
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus, Status
+from search_spaces.space import Space
 from tests.studies import make_study, new_study
 
 
@@ -38,6 +40,9 @@ def test_more_workers_where_there_are_more_cores_than_configurations(
     study = replace(command.study, base=replace(command.study.base, nes=nes))
     placed = replace(command, study=study).placed(capacity)
     assert study.most_evaluations == replace(nes, population_size=48).evaluations == 98
+    sizes = CS.ConfigurationSpace(space=[CS.Categorical("nes.population_size", (3, 64))])
+    mine = Space("mine", dict(sizes.to_serialized_dict()))
+    assert replace(study, space=mine).most_evaluations == 2 + 2 * 64
     assert (placed.workers_per_trial, placed.trials_on(capacity)) == (workers, trials)
 
 

@@ -230,16 +230,25 @@ def test_a_study_with_the_seed_of_its_prior_does_not_repeat_it(later: Study) -> 
     job = drawn[0]
     ours, before = (one.run(job.id, job.configuration, 0).seed for one in (same, other))
     assert ours != before
-    assert ours == replace(same, folder=later.folder).run(job.id, job.configuration, 0).seed
+    assert same.settings()["search_seed"] == same.search_seed != same.seed
+    assert "search_seed" not in other.settings()
 
 
 def test_what_a_prior_had_otherwise_is_told(later: Study) -> None:
     assert later.unlike_prior == []
     hp = replace(later.base, nes=replace(later.base.nes, centre_agents=9, std_dev=0.5))
     task = replace(later.task, solved_reward=150.0)
-    told = replace(later, base=hp, task=task).unlike_prior  # (sigma is searched)
+    agent = replace(hp.agents[0], test_episodes=7)
+    changed = replace(later, base=replace(hp, agents=(agent,)), task=task)
     was = later.base.nes.centre_agents
-    assert told == ["task.solved_reward 195.0, not 150.0", f"nes.centre_agents {was}, not 9"]
+    # (sigma is searched)
+    assert changed.unlike_prior == [
+        "task.solved_reward 195.0, not 150.0",
+        f"nes.centre_agents {was}, not 9",
+        f"ddqn.test_episodes {later.base.agents[0].test_episodes}, not 7",
+    ]
+    changed.take_over_prior()
+    assert changed.unlike_prior == []  # whatever becomes of that one
 
 
 def test_a_prior_with_the_ranges_of_another_version_is_refused(later: Study) -> None:

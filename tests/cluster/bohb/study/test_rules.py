@@ -53,6 +53,17 @@ def test_what_nes_does_not_read_is_not_searched() -> None:
             searched_space(mine, TASK, base)
 
 
+def test_what_is_read_by_some_configurations_is_searched() -> None:
+    space = CS.ConfigurationSpace(
+        space=[
+            CS.Categorical("nes.update", ("snes", "paper")),
+            CS.Categorical("nes.score_transform", ("nes", "better-average")),
+        ]
+    )
+    mine = Space("mine", dict(space.to_serialized_dict()))
+    assert searched_space(mine, TASK, BASE) == mine
+
+
 def test_the_papers_ranges_need_the_papers_ses_and_agents_that_do_not_vary() -> None:
     full, authors = Space.of("full"), load_recipe("authors", TASK)
     assert searched_space(full, TASK, authors) == full
