@@ -8,7 +8,7 @@ from typing import Any
 
 from cluster.bohb.handover import Handover, _contenders, all_runs
 from cluster.bohb.search.runs import ConfigurationRuns
-from cluster.bohb.search.validation import Plan, validate
+from cluster.bohb.search.validation import Plan, Validation, validate
 from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.journal import ConfigId, Journal
 from cluster.nes.selection import RACERS
@@ -64,3 +64,8 @@ def test_a_search_that_is_too_short_for_a_validation_says_so(tmp_path: Path) -> 
     handover._validate(MadeUpPool(), lambda: False)
     (line,) = told
     assert re.fullmatch(r"not validated .* took \d+ core seconds, and 9000 are needed", line)
+
+    results = handover.journal.successes
+    Validation(len(handover.journal.results), (results[0],)).save(study.folder)
+    handover._validate(MadeUpPool(), lambda: False)
+    assert told == [line]  # an earlier validation stands
