@@ -30,8 +30,8 @@ from bilevel.version import __version__
 
 if TYPE_CHECKING:
     from bilevel.evaluation import evaluate
-    from bilevel.hyperparameters import load_recipe
     from bilevel.nes import NES, learn
+    from bilevel.recipes import load_recipe
     from bilevel.synthetic_env import save_se as save
     from bilevel.synthetic_env.source import load
     from bilevel.tasks import get_task
@@ -55,7 +55,7 @@ _LAZY = {
     "get_task": ("bilevel.tasks", "get_task"),
     "learn": ("bilevel.nes", "learn"),
     "load": ("bilevel.synthetic_env.source", "load"),
-    "load_recipe": ("bilevel.hyperparameters", "load_recipe"),
+    "load_recipe": ("bilevel.recipes", "load_recipe"),
     "save": ("bilevel.synthetic_env", "save_se"),
 }
 

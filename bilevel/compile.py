@@ -9,7 +9,7 @@ import numpy as np
 from bilevel.agents import get_agent, registered_agents
 from bilevel.distilled import Effort, distill
 from bilevel.evaluation import EvaluationRequest, evaluate, train_and_test
-from bilevel.hyperparameters import load_recipe
+from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import get_task
 

@@ -21,7 +21,6 @@ class Purpose(IntEnum):
     CENTRE = 4  # evaluations of the unperturbed SE
     MEMBER = 5  # evaluations of perturbed SEs
     AGENT = 6  # hyperparameters of an agent
-    DISTILLED = 7  # an SE distilled from offline action values
     RETEST = 8  # evaluations that choose the best SE at the end of a run
     FINAL = 9  # evaluations that score the chosen SE
     CONFIRM = 10  # evaluations that decide whether a run has solved the task

@@ -16,8 +16,8 @@ from bilevel.hyperparameters import (
     DDQNHyperparameters,
     Hyperparameters,
     StoredHyperparameters,
-    load_recipe,
 )
+from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import save_se
 from bilevel.tasks import Task, get_task
 from tests.ses import make_se
@@ -98,7 +98,7 @@ def small_hp(small_agent: DDQNHyperparameters) -> Hyperparameters:
             solved_for=0,
             confirming_agents=0,
         ),
-        se=replace(hp.se, structure="plain", hidden_size=8, activation="lrelu", step_limit=0),
+        se=replace(hp.se, family="plain", hidden_size=8, activation="lrelu", step_limit=0),
         agents=(small_agent,),
         vary_agent="no",
     )

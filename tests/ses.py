@@ -4,15 +4,16 @@ from typing import Any
 
 import numpy as np
 
+from bilevel.evolution import SearchDistribution
 from bilevel.hyperparameters import Hyperparameters, SEHyperparameters
-from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE, coordinates
+from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE, family_of
 from bilevel.tasks import Task
 
 
 def make_se(task: Task, layers: int = 1, activation: Any = "lrelu", seed: int = 0) -> StoredSE:
-    """A plain SE with 12 units a layer, as long as the task's episodes."""
+    """Return a plain SE with 12 units per layer and the task's step limit."""
     hp = SEHyperparameters(
-        structure="plain",
+        family="plain",
         hidden_layers=layers,
         hidden_size=12,
         activation=activation,
@@ -26,7 +27,7 @@ def make_se(task: Task, layers: int = 1, activation: Any = "lrelu", seed: int = 
 
 
 def around(task: Task, hp: Hyperparameters, seed: int = 0) -> SEDistribution:
-    """A search distribution around a random SE."""
-    space = coordinates(task, hp.se, task.unit_scale)
-    mean = space.initialize(np.random.default_rng(seed))
-    return SEDistribution(space, mean, np.full(space.size, 0.05, np.float32), mean)
+    """Return a search distribution around a random SE."""
+    family = family_of(task, hp.se, task.unit_scale)
+    mean = family.initialize(np.random.default_rng(seed))
+    return SEDistribution(family, SearchDistribution(mean, mean, sigma=0.05))

@@ -170,7 +170,7 @@ class _Sizes:
     def checked(self) -> Architecture:
         """The architecture of the SE. Raises InvalidInput."""
         SEHyperparameters(
-            structure="plain",
+            family="plain",
             hidden_layers=self.hidden_layers,
             hidden_size=self.hidden_size,
             activation=self.activation,

@@ -1,19 +1,18 @@
-"""Score transforms: member scores F (n,) to weights (n,), by name.
+"""Fitness shaping: member scores F (n,) to weights (n,).
 
-The eight transforms are those of the authors' code (`score_transform_type` 0 to 7), in its order.
-Non-finite scores count as the lowest. With `ties` "mean" equal scores share their mean rank; with
-"order" they rank in the order of the members, as in the authors' code, which ranks by argsort.
+The eight score transforms follow the authors' code (`score_transform_type` 0 to 7), in its order.
+Non-finite scores count as the lowest. With `ties` "mean", equal scores share their mean rank. With
+"order", they rank in the order of the members, as in the authors' code, which ranks by argsort.
 """
 
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Scores = NDArray[np.float64]
+from bilevel.evolution.strategy import Scores
 
-#: Scores that exceed the average by no more count as equal to it, since the mean of equal scores
-#: may be off in its last bits. It is that of the authors' code, for scores of everyday size.
+#: Scores that exceed the average by at most this value count as average, because the mean of equal
+#: scores may differ from them in its last bits. The authors' code uses the same value.
 _ROUNDING = 1e-6
 
 
@@ -63,8 +62,8 @@ def single_better_average(scores: Scores, average: float, ties: str) -> Scores:
 def better_average(scores: Scores, average: float, ties: str) -> Scores:
     """max(F - average, 0), scaled to a maximum of 1 (the paper's choice, "better avg.").
 
-    The paper compares with "the average of the population scores", the authors' code with that of
-    agents on the unperturbed SE, as here.
+    The paper compares with "the average of the population scores". The authors' code, and this
+    function, compare with the mean score of agents trained on the unperturbed SE.
     """
     gain = _gain(scores, average)
     return gain / gain.max() if gain.max() > 0 else gain
@@ -89,7 +88,7 @@ def utilities(scores: Scores, ties: str = "mean") -> Scores:
 
 
 def _gain(scores: Scores, average: float) -> Scores:
-    """How much better than average."""
+    """Return max(F - average, 0) (n,)."""
     return np.where(scores > average + _ROUNDING, scores - average, 0.0)
 
 
@@ -97,7 +96,7 @@ def _ranks(scores: Scores, ties: str) -> Scores:
     """Ranks from 1 (lowest) to n."""
     if ties == "mean":
         _, value, equal = np.unique(scores, return_inverse=True, return_counts=True)
-        last = equal.cumsum()  # rank of the last of equal scores, whose ranks go back from there
+        last = equal.cumsum()  # highest rank within each group of equal scores
         return np.asarray(last - (equal - 1) / 2)[value]
     ranks = np.empty(scores.size)
     ranks[scores.argsort(kind="stable")] = np.arange(1.0, scores.size + 1)
@@ -122,7 +121,7 @@ _TRANSFORMS: dict[str, Callable[[Scores, float, str], Scores]] = {
 }
 
 
-#: Transforms that give a single member no weight, whatever its score: they compare members alone.
+#: Transforms that only compare members: a single member gets no weight, whatever its score.
 COMPARING = ("linear", "rank", "nes")
 
 

@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import rankdata
 
+from bilevel.evolution.shaping import COMPARING, centred_rank, transform
 from bilevel.hyperparameters import SCORE_TRANSFORMS
-from bilevel.nes.transforms import COMPARING, centred_rank, transform
 
 SCORES = np.array([10.0, 40.0, 20.0, 30.0])
 
@@ -37,14 +37,14 @@ def test_nes_utilities_by_hand() -> None:
     np.testing.assert_allclose(transform("nes", SCORES, 0.0), utilities / utilities.max())
 
 
-def test_nobody_better_than_average() -> None:
+def test_no_member_better_than_average() -> None:
     for name in ("single-better-average", "better-average", "better-average-sum"):
         np.testing.assert_array_equal(transform(name, SCORES, 40.0), np.zeros(4))
 
 
 @given(score=st.floats(-500, 500), agents=st.integers(1, 40))
 def test_equal_scores_are_not_better_than_their_mean(score: float, agents: int) -> None:
-    """Whose last bits may be lower."""
+    """The last bits of a mean may be lower."""
     average = float(np.full(agents, score).mean())
     for name in ("single-better-average", "better-average", "better-average-sum"):
         assert not transform(name, np.full(4, score), average).any()
@@ -57,7 +57,7 @@ def test_a_single_member_has_a_weight_unless_the_transform_compares(name: str) -
 
 
 @pytest.mark.parametrize("name", SCORE_TRANSFORMS)
-def test_a_score_that_is_not_finite_ranks_worst(name: str) -> None:
+def test_non_finite_scores_rank_last(name: str) -> None:
     broken = np.array([np.nan, 3.0, -np.inf, 5.0, np.inf])
     weights = transform(name, broken, 0.0)
     assert np.isfinite(weights).all()
@@ -81,7 +81,7 @@ def test_monotone_finite_and_at_most_one(name: str, values: np.ndarray, average:
 def test_centred_rank_is_invariant_and_centred(
     values: np.ndarray, shift: float, scale: float
 ) -> None:
-    values = np.round(values)  # so that float errors neither make nor break ties
+    values = np.round(values)  # rounding errors must not change ties
     ranks = centred_rank(values)
     if values.size > 1:
         assert ranks.sum() == pytest.approx(0, abs=1e-9)
@@ -95,8 +95,7 @@ def test_ties_share_their_mean_rank() -> None:
 
 @pytest.mark.parametrize(("ties", "method"), [("mean", "average"), ("order", "ordinal")])
 @given(values=scores)
-def test_ranks_are_scipys(ties: str, method: str, values: np.ndarray) -> None:
-    """Whose import would be a quarter of the start of `bilevel nes`."""
-    values = np.round(values / 1000)  # many are equal
+def test_ranks_equal_those_of_scipy(ties: str, method: str, values: np.ndarray) -> None:
+    values = np.round(values / 1000)  # makes ties
     expected = (rankdata(values, method=method) - 1) / max(values.size - 1, 1)
     np.testing.assert_array_equal(transform("rank", values, 0.0, ties), expected)
