@@ -31,6 +31,7 @@ from bilevel.hyperparameters import (
     SEHyperparameters,
     Variation,
     agent_hyperparameters,
+    agent_names,
 )
 
 #: The recipes of this package.
@@ -73,12 +74,26 @@ def load_recipe(
         )
 
 
-def recipe_text(hp: Hyperparameters, heading: str) -> str:
-    """Return a complete recipe file with these hyperparameters, after `heading` as a comment."""
+def complete_recipe(name: str | Path, task: _Task | str = "") -> str:
+    """Return a recipe with all values, including those of agents that it does not draw."""
+    hp = load_recipe(name, task)
+    sections = load_recipe(name, task, agent_names()).agents
+    suffix = f" for {task if isinstance(task, str) else task.id}" if task else ""
+    return recipe_text(hp, f"The recipe {hp.recipe}{suffix}.", sections)
+
+
+def recipe_text(
+    hp: Hyperparameters, heading: str, sections: Sequence[AgentHyperparameters] = ()
+) -> str:
+    """Return a complete recipe file with these hyperparameters, after `heading` as a comment.
+
+    `sections` are agents that the recipe describes, if not only those that it draws.
+    """
     agents = ", ".join(f'"{agent.agent}"' for agent in hp.agents)
     lines = [f"# {line}" for line in heading.splitlines()]
     lines += ["", f"agents = [{agents}]", f'vary_agent = "{hp.vary_agent}"']
-    for name, section in hp.sections.items():
+    described = {"nes": hp.nes, "se": hp.se, **{hp.agent: hp for hp in sections or hp.agents}}
+    for name, section in described.items():
         # JSON writes strings, numbers and booleans as TOML does.
         lines += ["", f"[{name}]"]
         lines += [f"{field} = {json.dumps(value)}" for field, value in asdict(section).items()]

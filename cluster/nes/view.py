@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from bilevel.hyperparameters import Hyperparameters, SEHyperparameters
+from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NESState
 from bilevel.nes.checkpoint import load_state
 from bilevel.synthetic_env import load_se, se_bytes
@@ -97,7 +97,7 @@ class NESViews:
                 else Document(
                     BEST_FILE,
                     f"generation {state.generation}",
-                    lambda: se_bytes(state.best),
+                    lambda: se_bytes(run.nes.best(state)),
                 )
             )
             documents = run_documents([state], run.hp, f"{self.name} on {run.task.id}", best)
@@ -131,7 +131,7 @@ class NESViews:
         run, nes = self.run, self.run.hp.nes
         return (
             f"One NES run on **{run.task.id}**, recipe `{run.hp.recipe}`, {start_of(nes)} "
-            f"(rule `{nes.update}`, SE structure `{run.hp.se.structure}`, population "
+            f"(rule `{nes.update}`, SE structure `{run.hp.se.family}`, population "
             f"{nes.population_size}, step size {nes.step_size:g}, std. dev. {nes.std_dev:g}, "
             f"seed {run.seed}). `real_env_steps` are all steps made on the real task "
             "so far. Per generation: `score_*`, `train_*` and `solved_fraction` are of agents "
@@ -150,7 +150,7 @@ def nes_progress(folder: Path, generations: int) -> Progress:
     if not path.exists():
         return Progress(f"0/{generations} generations")
     settings = NESSettings.read(folder)
-    state = load_state(path, settings.task, SEHyperparameters(**settings.se))
+    state = load_state(path)
     best = f"{state.best_score:.1f}" if state.records else ""
     whole = max(generations, state.generation)  # a later call may ask for fewer
     return Progress(f"{state.generation}/{whole} generations", best)
