@@ -123,7 +123,7 @@ class Lifetime:
 
     @property
     def over(self) -> bool:
-        """Whether the run has ended."""
+        """True once the run has ended."""
         return self.ended is not None
 
 
@@ -139,7 +139,7 @@ class Final:
     real_env_steps: int = 0  # of the retests and last tests of this end
 
     def repeats(self, other: "Final") -> bool:
-        """Return whether the other one records the same end."""
+        """Return whether `other` records the same end."""
         return (self.step, self.metrics) == (other.step, other.metrics)
 
 
