@@ -1,4 +1,4 @@
-"""Agents of Stable-Baselines3 on the SEs of the zoo, and on the real task for as many steps.
+"""Agents of Stable-Baselines3, trained on the SEs of the zoo or on the real task.
 
     python -m benchmarks.agents.sb3
 

@@ -2,8 +2,8 @@
 
     python -m benchmarks.nes.seeds CartPole-v0 --seeds 0-2 --agents 6 --sb3 3 --home FOLDER
 
-Each seed is one `bilevel nes TASK --seed SEED` on all cores; its seconds are those of the whole
-command. Fresh agents of every kind, with hyperparameters from the paper's full ranges, are trained
+Each seed is one `bilevel nes TASK --seed SEED` on all cores, and its time is the command's. Fresh
+agents of every kind, with hyperparameters from the paper's full ranges, are trained
 on the best SEs of the first `--taught` seeds; `--sb3` adds agents of Stable-Baselines3. Results are
 written seed by seed to `results/nes_seeds_TASK.json`; the same command resumes.
 """

@@ -15,7 +15,7 @@ ByOrigin = dict[str, list[Outcome]]
 
 
 def outcomes(journal: Journal, at_budget: bool = False) -> dict[str, ByOrigin]:
-    """Return outcomes by budget and origin, without those of the recipe itself.
+    """Return outcomes by budget and origin; results of the recipe itself do not count.
 
     The objective of a failure is infinite. `at_budget` scales objectives as if each result had
     cost its budget, which results exceed by a part of a generation.

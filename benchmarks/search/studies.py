@@ -1,7 +1,6 @@
 """Tables of the committed studies, which searched for better defaults.
 
-Each folder in `studies` contains the journal, the validation, the search space and the recipe of a
-study.
+Each folder in `studies` contains the journal, the validation and the search space of a study.
 """
 
 import json

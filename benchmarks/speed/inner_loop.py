@@ -46,8 +46,8 @@ class Case:
 def cases() -> dict[str, Case]:
     """Return the cases by label.
 
-    "optimized" are the paper's optimized hyperparameters for the task, "default" those of its
-    default table. A label with sizes is the default with these sizes.
+    "optimized" are the paper's optimized hyperparameters for the task; "default" is its default
+    table. A label with sizes is the default with these sizes.
     """
     return {
         "CartPole, DDQN, optimized": _case("CartPole-v0", "CartPole-v0", "ddqn"),

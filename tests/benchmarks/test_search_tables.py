@@ -25,7 +25,7 @@ def fresh(cost: float, solved: int = 2, of: int = 2) -> list[dict[str, Any]]:
 
 
 def test_p_is_exact_for_few_pairs() -> None:
-    """Of the 64 ways to exchange six pairs, two are as extreme as six wins."""
+    """Of 64 permutations within six pairs, two are as extreme as six wins."""
     costs = np.array([10.0, 20.0, 30.0, 40.0, 50.0, 60.0])
     assert p_value(costs, 2 * costs) == pytest.approx(2 / 64)
     assert p_value(costs, costs) == 1

@@ -60,7 +60,7 @@ def interrupt(
         if code == 0:
             return stopped, code
         run_status = RunStatus.load(study.folder)
-        if run_status is None:  # stopped before the study began
+        if run_status is None:  # stopped before the study was created
             continue
         if signals == (signal.SIGINT,):
             assert run_status.status != "RUNNING", f"left running: see {study.log}"

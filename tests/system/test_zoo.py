@@ -28,7 +28,7 @@ def test_listing(tmp_path: Path) -> None:
 def test_building_an_se_and_its_card(
     tmp_home: Path, address: str, small_hp: Hyperparameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """With a small recipe and few, small agents; a second call resumes."""
+    """The recipe and the agents are small; a second call resumes."""
     monkeypatch.setattr("cluster.zoo.build.load_recipe", lambda name, task: small_hp)
     monkeypatch.setattr("cluster.zoo.build.default_agents", lambda names: small_hp.agents)
     home, folder = Home(tmp_home), tmp_home / "made"
