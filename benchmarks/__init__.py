@@ -1,1 +1,1 @@
-"""Measurements behind the figures of README and docs, with their committed results."""
+"""Measurements behind the tables of README and docs, with their committed results."""

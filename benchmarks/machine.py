@@ -1,35 +1,65 @@
-"""What every result states: machine, versions, commit."""
+"""Result files with machine, versions and commit, and command line arguments of benchmarks."""
 
+import argparse
 import json
 import os
 import platform
 import re
 import statistics
 from collections.abc import Sequence
-from contextlib import suppress
 from importlib.metadata import version
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from benchmarks.arguments import format_seeds
 from bilevel.durable import write_aside
+from bilevel.errors import InvalidInput
+from bilevel.tasks import get_task
 from cluster.storage.author import commit
 
 RESULTS = Path(__file__).parent / "results"
 
 _PACKAGES = ("bilevel", "numpy", "numba", "torch", "ray", "gymnasium", "hpbandster", "mlflow")
 
-_PLAIN_LIST = re.compile(r"\[[^\[\]{}]*\]")
+_FLAT_LIST = re.compile(r"\[[^\[\]{}]*\]")
+
+
+class NotMeasured(LookupError):
+    """A result has not been measured yet."""
+
+
+def known_task(text: str) -> str:
+    """Return the id of a task. Raises ArgumentTypeError for an unknown task."""
+    try:
+        return get_task(text).id
+    except InvalidInput as error:
+        raise argparse.ArgumentTypeError(str(error)) from None
+
+
+def parse_seeds(text: str) -> list[int]:
+    """Parse a list of seeds and ranges, such as "0-4,9". Raises ArgumentTypeError."""
+    seeds: list[int] = []
+    for part in text.split(","):
+        if not re.fullmatch(r"\d+(-\d+)?", part):
+            raise argparse.ArgumentTypeError(f"seeds are a list such as 0-4,9; got {text!r}")
+        first, *last = map(int, part.split("-"))
+        seeds += range(first, max([first, *last]) + 1)
+    return seeds
+
+
+def format_seeds(seeds: Sequence[int]) -> str:
+    """Return the list in the format of `parse_seeds`, with consecutive seeds as ranges."""
+    starts = [0, *(i for i, (a, b) in enumerate(pairwise(seeds), 1) if b != a + 1), len(seeds)]
+    runs = [(seeds[a], seeds[b - 1]) for a, b in pairwise(starts) if a < b]
+    return ",".join(f"{a}-{b}" if b > a else str(a) for a, b in runs)
 
 
 def machine() -> dict[str, Any]:
-    """Processor, cores, Python and package versions."""
-    model = platform.processor()
-    with suppress(OSError):  # where there is no such file
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                model = line.split(":", 1)[1].strip()
-                break
+    """Return processor, cores, Python and package versions."""
+    model, cpuinfo = platform.processor(), Path("/proc/cpuinfo")
+    if cpuinfo.exists():
+        found = re.search(r"^model name\s*: (.*)$", cpuinfo.read_text(), re.MULTILINE)
+        model = found[1].strip() if found else model
     return {
         "processor": model,
         "cores": os.cpu_count(),
@@ -39,31 +69,24 @@ def machine() -> dict[str, Any]:
 
 
 def spread(values: Sequence[float]) -> dict[str, float]:
-    """Median, lowest and highest value, of four significant digits."""
-    told = {"median": statistics.median(values), "low": min(values), "high": max(values)}
-    return {name: float(f"{value:.4g}") for name, value in told.items()}
+    """Return median, minimum and maximum with four significant digits."""
+    summary = {"median": statistics.median(values), "low": min(values), "high": max(values)}
+    return {name: float(f"{value:.4g}") for name, value in summary.items()}
 
 
 def write_result(name: str, command: str, values: dict[str, Any], resumed: bool = False) -> Path:
-    """Write `results/NAME.json`, whole or not at all, with lists of plain values on one line; if
-    `resumed`, part of it is there already, and the commits that measured it stay named."""
+    """Write `results/NAME.json` atomically; `resumed` keeps the commits of earlier parts."""
     path = RESULTS / f"{name}.json"
-    stated: dict[str, Any] = {"command": command, "commit": commit()}
-    if resumed:
-        with suppress(NotMeasured):
-            before = read_result(name)
-            # Results of the first versions name none.
-            measured = {*before.get("earlier_commits", ()), before.get("commit", "")}
-            earlier = measured - {"", commit()}
-            stated |= {"earlier_commits": sorted(earlier)} if earlier else {}
-    content = json.dumps({**stated, "machine": machine(), **values}, indent=2)
-    content = _PLAIN_LIST.sub(lambda match: " ".join(match[0].split()), content)
+    header: dict[str, Any] = {"command": command, "commit": commit()}
+    if resumed and path.exists():
+        before = json.loads(path.read_text())
+        commits = {*before.get("earlier_commits", ()), before.get("commit", "")} - {"", commit()}
+        header |= {"earlier_commits": sorted(commits)} if commits else {}
+    content = json.dumps({**header, "machine": machine(), **values}, indent=2)
+    content = _FLAT_LIST.sub(lambda match: " ".join(match[0].split()), content)
     write_aside(path, f"{content}\n".encode())
+    print(f"written to {path}", flush=True)
     return path
-
-
-class NotMeasured(LookupError):
-    """A result has not been measured yet."""
 
 
 def read_result(name: str, *parts: str) -> dict[str, Any]:
@@ -75,46 +98,19 @@ def read_result(name: str, *parts: str) -> dict[str, Any]:
     return content
 
 
-def resumed_result(name: str, command: str, growing: Sequence[str]) -> dict[str, Any]:
-    """What an earlier call of the command has written to `results/NAME.json`, {} if nothing. The
-    options `growing` may have had other values. Exits if another command has written it."""
+def earlier_result(name: str, command: str, growing: Sequence[str]) -> dict[str, Any]:
+    """Return `results/NAME.json` to extend it, or {} if it does not exist.
+
+    Only the options `growing` may differ from `command`. Exits if others do.
+    """
     try:
         before = read_result(name)
     except NotMeasured:
         return {}
-    grown = re.compile(rf" --({'|'.join(growing)}) \S+")
-    if grown.sub("", before["command"]) != grown.sub("", command):
+    values = re.compile(rf" --({'|'.join(growing)}) \S+")
+    if values.sub("", before["command"]) != values.sub("", command):
         raise SystemExit(
-            f"benchmarks/results/{name}.json was measured by {before['command']!r}: give its "
-            "options, or move it away"
+            f"benchmarks/results/{name}.json was measured by {before['command']!r}: use its "
+            "options, or move the file away"
         )
     return before
-
-
-def resumed_runs(
-    name: str, command: str, growing: Sequence[str], seeds: Sequence[int]
-) -> list[dict[str, Any]]:
-    """The runs of a `resumed_result`. Exits, too, if some have other seeds than `seeds`."""
-    runs: list[dict[str, Any]] = resumed_result(name, command, growing).get("runs", [])
-    require_seeds(name, {run["seed"] for run in runs}, seeds)
-    return runs
-
-
-def require_as_many(name: str, option: str, measured: int, asked: int) -> None:
-    """Exit if a result has more of something than `option` asks for: the command would be told as
-    that of all."""
-    if measured > asked:
-        raise SystemExit(
-            f"benchmarks/results/{name}.json was measured with {option} {measured}: give that or "
-            "more, or move it away"
-        )
-
-
-def require_seeds(name: str, measured: set[int], seeds: Sequence[int]) -> None:
-    """Exit if some of the seeds that a result has are not in `seeds`, those of the command: it
-    would be told as the command of all."""
-    if lacking := measured.difference(seeds):
-        raise SystemExit(
-            f"benchmarks/results/{name}.json has the seeds {format_seeds(sorted(lacking))}, too: "
-            "add them to --seeds, or move it away"
-        )

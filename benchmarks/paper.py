@@ -1,4 +1,4 @@
-"""The tables of docs/experiments.md, from the committed home `benchmarks/experiments`."""
+"""Tables of docs/experiments.md, from the committed `benchmarks/experiments`."""
 
 import json
 from collections.abc import Callable
@@ -11,14 +11,16 @@ from bilevel.tasks import BUILT_IN_TASKS
 from cluster.experiments.authors import authors_figures
 from cluster.experiments.conditions import title_of
 
-HOME = Path(__file__).parent / "experiments"
+FOLDER = Path(__file__).parent / "experiments"
+
+Findings = dict[str, dict[str, Any]]
 
 
-def _findings(experiment: str) -> dict[str, dict[str, Any]]:
-    """What an experiment of the size local has found, by task. Raises NotMeasured without any."""
+def findings_of(experiment: str) -> Findings:
+    """Read the findings of an experiment by task. Raises NotMeasured if there are none."""
     found = {}
     for task in BUILT_IN_TASKS:
-        path = HOME / task / f"experiment-{experiment}-seed0" / "findings.json"
+        path = FOLDER / task / f"experiment-{experiment}-seed0" / "findings.json"
         if path.exists():
             found[task] = json.loads(path.read_text())
     if not found:
@@ -26,29 +28,39 @@ def _findings(experiment: str) -> dict[str, dict[str, Any]]:
     return found
 
 
-def _commands(found: dict[str, dict[str, Any]]) -> str:
-    return "(" + ", ".join(f"`{findings['command']}`" for findings in found.values()) + ")"
+def _with_commands(text: str, found: Findings) -> str:
+    commands = ", ".join(f"`{findings['command']}`" for findings in found.values())
+    return f"{text}\n\n({commands})"
 
 
-#: Columns of what `success` has found of a condition.
-_SUCCESS = (
+def _number(value: float | None, digits: int = 0) -> str:
+    return "-" if value is None else f"{value:.{digits}f}"
+
+
+_SUCCESS_HEAD = (
     *("solved in some generation", "in the last generation", "by the SE that is handed over"),
     *("score at the end", "first solved in generation", "core seconds until then", "generations"),
     *("core seconds", "update norm"),
 )
 
-#: Columns of what the authors have.
-_AUTHORS = "in some generation", "at the end", "score", "first in generation", "core seconds"
+#: The authors' columns: title, name of the value, and format.
+_SUCCESS_OF_AUTHORS = (
+    ("in some generation", "ever_solved", ".0%"),
+    ("at the end", "solved_at_end", ".0%"),
+    ("score", "score_at_end", "g"),
+    ("first in generation", "median_first_solved", "g"),
+    ("core seconds", "core_seconds", ".0f"),
+)
 
 
-def _success(row: dict[str, Any]) -> list[str]:
+def _success_cells(row: dict[str, Any]) -> list[str]:
     shares = (row[name] for name in ("ever_solved", "solved_at_end", "handed_over_solved"))
     spread = f" ± {row['score_at_end_std']:.0f}" if row["runs"] > 1 else ""
     return [
         *(f"{round(share * row['runs'])} of {row['runs']}" for share in shares),
         f"{row['score_at_end']:.0f}{spread}",
-        _or_none(row["median_first_solved"]),
-        _or_none(row["core_seconds_first_solved"]),
+        _number(row["median_first_solved"]),
+        _number(row["core_seconds_first_solved"]),
         f"{row['generations']:g}",
         f"{row['core_seconds']:.0f}",
         f"{row['update_norm']:.2f}",
@@ -56,56 +68,41 @@ def _success(row: dict[str, Any]) -> list[str]:
 
 
 def success() -> str:
-    """NES runs that solve their task, ours and the authors'."""
+    """Return the table of NES runs that solve their task, next to the authors' results."""
     authors = {
-        (figure.task, figure.row["condition"], figure.what): figure
+        (figure.task, figure.row["condition"], figure.what): figure.value
         for figure in authors_figures()
         if figure.experiment == "success"
     }
-    rows, found = [], _findings("success")
+    rows, found = [], findings_of("success")
     for task, findings in found.items():
-        ours = {row["condition"]: _success(row) for row in findings["summary"]}
-        theirs = {condition for of, condition, _ in authors if of == task}
-        for condition in [*ours, *sorted(theirs - {*ours})]:
-            ever, end, score, first, seconds = (
-                authors.get((task, condition, what))
-                for what in (
-                    *("ever_solved", "solved_at_end"),
-                    *("score_at_end", "median_first_solved", "core_seconds"),
-                )
-            )
-            rows.append(
-                [
-                    task,
-                    title_of(condition),
-                    *ours.get(condition, ["-"] * len(_SUCCESS)),
-                    *("-" if figure is None else f"{figure.value:.0%}" for figure in (ever, end)),
-                    *("-" if figure is None else f"{figure.value:g}" for figure in (score, first)),
-                    "-" if seconds is None else f"{seconds.value:.0f}",
-                ]
-            )
-    head = ["task", "condition", *_SUCCESS, *(f"authors: {what}" for what in _AUTHORS)]
-    return f"{table(head, rows)}\n\n{_commands(found)}"
-
-
-def _or_none(value: float | None, digits: int = 0) -> str:
-    return "-" if value is None else f"{value:.{digits}f}"
+        ours = {row["condition"]: _success_cells(row) for row in findings["summary"]}
+        for condition, cells in ours.items():
+            theirs = [
+                (authors.get((task, condition, name)), form)
+                for _, name, form in _SUCCESS_OF_AUTHORS
+            ]
+            of_authors = ("-" if value is None else f"{value:{form}}" for value, form in theirs)
+            rows.append([task, title_of(condition), *cells, *of_authors])
+    head = ["task", "condition", *_SUCCESS_HEAD]
+    head += [f"authors: {title}" for title, _, _ in _SUCCESS_OF_AUTHORS]
+    return _with_commands(table(head, rows), found)
 
 
 def transfer() -> str:
-    """Agents by what they were trained on, ours and the authors'."""
+    """Return the table of agents by training source, next to the authors' results."""
     authors = {
-        (figure.task, figure.row.get("agent"), figure.row.get("source"), figure.what): figure
+        (figure.task, figure.row.get("agent"), figure.row.get("source"), figure.what): figure.value
         for figure in authors_figures()
         if figure.experiment == "transfer"
     }
-    rows, found = [], _findings("transfer")
+    rows, found = [], findings_of("transfer")
     for task, findings in found.items():
         for row in findings["summary"]:
-            theirs = [
-                authors.get((task, row["agent"], row["source"], what))
-                for what in ("test_return", "train_steps")
-            ]
+            theirs = (
+                authors.get((task, row["agent"], row["source"], name))
+                for name in ("test_return", "train_steps")
+            )
             rows.append(
                 [
                     task,
@@ -113,22 +110,22 @@ def transfer() -> str:
                     title_of(row["source"]),
                     row["agents"],
                     f"{row['test_return']:.1f} ± {row['test_return_std']:.1f}",
-                    _or_none(row["standard_error_over_ses"], 1),
+                    _number(row["standard_error_over_ses"], 1),
                     f"{row['train_steps']:.0f} ± {row['train_steps_std']:.0f}",
                     f"{row['train_steps_median']:.0f}",
                     f"{row['share_of_agents_solving']:.0%}",
-                    *("-" if figure is None else f"{figure.value:g}" for figure in theirs),
+                    *("-" if value is None else f"{value:g}" for value in theirs),
                 ]
             )
     head = ["task", "agent", "trained on", "agents", "test return", "its standard error"]
     head += ["train steps", "median", "agents that solve it"]
     head += ["authors' return", "authors' train steps"]
-    return f"{table(head, rows)}\n\n{_commands(found)}"
+    return _with_commands(table(head, rows), found)
 
 
 def sample_efficiency() -> str:
-    """Train steps until the mean return of the agents solves the task."""
-    found = _findings("sample-efficiency")
+    """Return the table of train steps until the agents' mean return solves the task."""
+    found = findings_of("sample-efficiency")
     rows = [
         [
             task,
@@ -145,7 +142,7 @@ def sample_efficiency() -> str:
     ]
     head = ["task", "trained on", "agents", "train steps until the mean return solves the task"]
     head += ["train steps at the stop", "return at the stop"]
-    return f"{table(head, rows)}\n\n{_commands(found)}"
+    return _with_commands(table(head, rows), found)
 
 
 TABLES: dict[str, Callable[[], str]] = {

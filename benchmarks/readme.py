@@ -9,35 +9,38 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks import paper
-from benchmarks.agents import tables as agents
+from benchmarks.agents.baseline import baseline
 from benchmarks.agents.sb3 import sb3
-from benchmarks.faults import tables as faults
+from benchmarks.faults import faults
 from benchmarks.machine import NotMeasured
 from benchmarks.markdown import table
 from benchmarks.nes import tables as nes
-from benchmarks.search import tables as search
-from benchmarks.search.cards import FILE as CARDS
-from benchmarks.search.cards import cards
-from benchmarks.speed import tables as speed
+from benchmarks.search import comparison, recipes, studies
+from benchmarks.speed.cost import cost
+from benchmarks.speed.inner_loop import inner_loop
+from benchmarks.speed.products import products
+from benchmarks.speed.startup import startup
+from benchmarks.speed.vector_env import vector_env
 from bilevel.zoo import ENTRIES, card
 
 ROOT = Path(__file__).parent.parent
+DOCS = ROOT / "docs"
 
 
 def zoo() -> str:
-    """The cards of the zoo."""
+    """Return the table of the zoo's cards."""
     head = ["SE", "real steps to learn it", "agents trained on it", "mean return"]
     rows = [
         (
-            f"`{told.env_id}`",
-            f"{told.real_env_steps:,}".replace(",", " "),
-            f"{taught.agents} {taught.agent}",
-            f"{taught.mean_return} ± {taught.std_return}",
-            f"{taught.solved_fraction:.0%}",
-            f"{taught.train_steps:.0f}",
+            f"`{entry.env_id}`",
+            f"{entry.real_env_steps:,}".replace(",", " "),
+            f"{row.agents} {row.agent}",
+            f"{row.mean_return} ± {row.std_return}",
+            f"{row.solved_fraction:.0%}",
+            f"{row.train_steps:.0f}",
         )
-        for told in map(card, ENTRIES)
-        for taught in told.taught
+        for entry in map(card, ENTRIES)
+        for row in entry.taught
     ]
     return table([*head, "solve the task", "train steps"], rows)
 
@@ -45,26 +48,42 @@ def zoo() -> str:
 #: The documents and their tables, by the names of the markers.
 DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     ROOT / "README.md": {
-        "inner-loop": partial(speed.inner_loop, bound=False),
+        "inner-loop": inner_loop,
         "nes-seeds": nes.seeds,
     },
-    CARDS: {"cards": cards},
-    ROOT / "docs" / "agents.md": agents.TABLES,
-    ROOT / "docs" / "experiments.md": paper.TABLES,
-    ROOT / "docs" / "nes.md": nes.TABLES,
-    ROOT / "docs" / "other-tasks.md": {"nes-others": nes.others},
-    ROOT / "docs" / "tuning.md": search.TABLES,
-    ROOT / "docs" / "speed.md": speed.TABLES,
-    ROOT / "docs" / "reliability.md": faults.TABLES,
-    ROOT / "docs" / "zoo.md": {"zoo": zoo, "sb3": sb3},
+    DOCS / "agents.md": {
+        "baseline-cartpole": partial(baseline, "CartPole-v0"),
+        "baseline-acrobot": partial(baseline, "Acrobot-v1"),
+    },
+    DOCS / "experiments.md": paper.TABLES,
+    DOCS / "nes.md": nes.TABLES,
+    DOCS / "other-tasks.md": {"nes-others": nes.others},
+    DOCS / "tuning.md": {
+        "search": comparison.methods,
+        "largest-budget": comparison.largest_budget,
+        "searches": studies.searches,
+        "proposals": studies.proposals,
+        "validations": studies.validations,
+        "found": recipes.found,
+        "found-taught": recipes.found_taught,
+    },
+    DOCS / "speed.md": {
+        "inner-loop": inner_loop,
+        "products": products,
+        "startup": startup,
+        "vector-env": vector_env,
+        "cost": cost,
+    },
+    DOCS / "reliability.md": {"faults": faults},
+    DOCS / "zoo.md": {"zoo": zoo, "sb3": sb3},
 }
 
 
-def filled(text: str, tables: dict[str, Callable[[], str]]) -> str:
-    """A document's text with all tables regenerated."""
-    for name, made in tables.items():
+def fill(text: str, tables: dict[str, Callable[[], str]]) -> str:
+    """Return a document's text with regenerated tables."""
+    for name, make in tables.items():
         try:
-            content = made()
+            content = make()
         except NotMeasured as missing:
             content = f"*Not measured yet: {missing}*"
         block = f"<!-- {name} -->\n{content}\n<!-- /{name} -->"
@@ -75,4 +94,4 @@ def filled(text: str, tables: dict[str, Callable[[], str]]) -> str:
 
 if __name__ == "__main__":
     for document, tables in DOCUMENTS.items():
-        document.write_text(filled(document.read_text(), tables))
+        document.write_text(fill(document.read_text(), tables))

@@ -1,4 +1,4 @@
-"""A full disk for tests: a small tmpfs in its own mount namespace."""
+"""A disk that fills up, for tests: a small tmpfs in its own mount namespace."""
 
 import shutil
 import subprocess
@@ -9,8 +9,7 @@ from pathlib import Path
 def on_small_disk(
     folder: Path, size: str, script: str, timeout: float = 60
 ) -> subprocess.CompletedProcess[str]:
-    """Run a bash script while a tmpfs of `size` (in tmpfs's notation) is mounted on `folder`; its
-    content is lost afterwards."""
+    """Run a bash script while a tmpfs of `size` (such as "64k") is mounted on `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     mounted = f"mount -t tmpfs -o size={size} none {folder} && {script}"
     command = ["unshare", "--map-root-user", "--mount", "bash", "-c", mounted]
@@ -19,7 +18,7 @@ def on_small_disk(
 
 @cache
 def small_disks() -> bool:
-    """Whether this machine allows mounting a tmpfs."""
+    """Return whether this machine allows mounting a tmpfs."""
     return (
         shutil.which("unshare") is not None
         and subprocess.run(

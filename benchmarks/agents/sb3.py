@@ -1,9 +1,8 @@
-"""Agents of Stable-Baselines3 on the SEs of the zoo, and on the real task for as many steps.
+"""Agents of Stable-Baselines3, trained on the SEs of the zoo or on the real task.
 
     python -m benchmarks.agents.sb3
 
-They have the hyperparameters of RL Baselines3 Zoo for CartPole, a discount of 0.99, and take
-`terminated` as a boolean.
+They have the hyperparameters of RL Baselines3 Zoo for CartPole and a discount of 0.99.
 """
 
 import argparse
@@ -16,21 +15,19 @@ import gymnasium
 import numpy as np
 
 import bilevel  # noqa: F401  (registers the environments)
-from benchmarks.arguments import format_seeds, parse_seeds
-from benchmarks.machine import read_result, write_result
-from benchmarks.markdown import mean_and_range, source, table
+from benchmarks.machine import format_seeds, parse_seeds, read_result, write_result
+from benchmarks.markdown import mean_and_range, table
 from bilevel.tasks import get_task
 from bilevel.zoo import ENTRIES, env_id, get_entry
 
 KINDS = ("DQN", "PPO")
 STEPS = (2_500, 5_000, 10_000)
-#: First seed of the tests: those of training begin at 0, so that no agent is tested from initial
-#: states that it was trained from.
+#: First seed of the tests. Training seeds start at 0, so initial states of tests are new.
 _TESTS = 1_000_000
 
 
 def trained(kind: str, make: Callable[[], Any], steps: int, seed: int) -> Any:
-    """An agent trained for that many steps on the environments that `make` makes."""
+    """Return an agent after that many train steps on environments made by `make`."""
     import torch
     from stable_baselines3 import DQN, PPO
     from stable_baselines3.common.env_util import make_vec_env
@@ -74,7 +71,7 @@ def trained(kind: str, make: Callable[[], Any], steps: int, seed: int) -> Any:
 
 
 def score(agent: Any, env: Any, seed: int) -> float:
-    """Mean return in 20 episodes of an environment of an agent that was trained with this seed."""
+    """Return the mean return over 20 episodes of an agent that was trained with this seed."""
     from stable_baselines3.common.evaluation import evaluate_policy
 
     recorded = gymnasium.wrappers.RecordEpisodeStatistics(env)
@@ -85,55 +82,51 @@ def score(agent: Any, env: Any, seed: int) -> float:
     return float(np.mean(returns))
 
 
-def _one(name: str, kind: str, on_se: bool, steps: int, seed: int) -> float:
+def train_and_score(name: str, kind: str, on_se: bool, steps: int, seed: int) -> float:
+    """Train an agent on an SE of the zoo or on its real task; return its score on the task."""
     task = get_task(get_entry(name).task)
     make = (lambda: gymnasium.make(env_id(name))) if on_se else task.make
     return round(score(trained(kind, make, steps, seed), task.make(), seed), 1)
 
 
+def sb3() -> str:
+    """Return the table."""
+    result = read_result("sb3")
+    head = "SE", "agent", "training steps", "trained on the SE", "trained on the real task"
+    rows = [
+        (
+            f"`{env_id(row['se'])}`",
+            row["kind"],
+            row["steps"],
+            mean_and_range(row["synthetic"]),
+            mean_and_range(row["real"]),
+        )
+        for row in result["rows"]
+    ]
+    return table(head, rows, result)
+
+
 def main() -> None:
-    """Train all, and write the result."""
+    """Train all agents and write `results/sb3.json`."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seeds", type=parse_seeds, default="0-4", help="such as 0-4")
-    parser.add_argument(
-        "--ses", nargs="+", choices=[*ENTRIES], default=[*ENTRIES], help="measured anew"
-    )
-    options = parser.parse_args()
-    seeds = options.seeds
-    command = f"python -m benchmarks.agents.sb3 --seeds {format_seeds(seeds)}"
+    seeds = parser.parse_args().seeds
     rows = []
-    if others := set(ENTRIES) - set(options.ses):
-        before = read_result("sb3")
-        if before["command"] != command:
-            parser.error(f"the other SEs were measured by {before['command']!r}")
-        rows = [row for row in before["rows"] if row["se"] in others]
     with ProcessPoolExecutor(os.cpu_count()) as pool:
-        for name in options.ses:
+        for name in ENTRIES:
             for kind in KINDS:
                 for steps in STEPS:
                     row: dict[str, Any] = {"se": name, "kind": kind, "steps": steps}
-                    for where, on_se in (("synthetic", True), ("real", False)):
-                        jobs = [pool.submit(_one, name, kind, on_se, steps, seed) for seed in seeds]
-                        row[where] = [job.result() for job in jobs]
+                    for source, on_se in (("synthetic", True), ("real", False)):
+                        jobs = [
+                            pool.submit(train_and_score, name, kind, on_se, steps, seed)
+                            for seed in seeds
+                        ]
+                        row[source] = [job.result() for job in jobs]
                     rows.append(row)
                     print(row, flush=True)
-    rows.sort(key=lambda row: [*ENTRIES].index(row["se"]))
+    command = f"python -m benchmarks.agents.sb3 --seeds {format_seeds(seeds)}"
     write_result("sb3", command, {"rows": rows})
-
-
-def sb3() -> str:
-    """The table of docs/zoo.md."""
-    result = read_result("sb3")
-    head = ["SE", "agent", "training steps", "trained on the SE", "trained on the real task"]
-    rows = [
-        [f"`{env_id(row['se'])}`", row["kind"], row["steps"], *map(mean_and_range, _both(row))]
-        for row in result["rows"]
-    ]
-    return f"{table(head, rows)}\n\n{source(result)}"
-
-
-def _both(row: dict[str, Any]) -> tuple[list[float], list[float]]:
-    return row["synthetic"], row["real"]
 
 
 if __name__ == "__main__":

@@ -1,1 +1,1 @@
-"""NES runs over seeds (docs/nes.md)."""
+"""NES runs over many seeds (docs/nes.md)."""

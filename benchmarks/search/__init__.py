@@ -1,1 +1,1 @@
-"""Whether the search finds better recipes than random ones."""
+"""Evidence on the search: its studies, and BOHB compared with other methods (docs/tuning.md)."""

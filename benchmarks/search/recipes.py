@@ -1,8 +1,9 @@
-"""The recipes that long searches began with and led to, other than the defaults of today.
+"""Tables of the recipes that searches started from and found, run over fresh seeds.
 
-`benchmarks.nes.seeds` runs all of them over seeds that no choice was made on.
+The runs are results of `benchmarks.nes.seeds`.
 """
 
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -10,12 +11,11 @@ import numpy as np
 from scipy.stats import fisher_exact, mannwhitneyu
 
 from benchmarks.machine import NotMeasured, read_result
-from benchmarks.markdown import mean_and_range, median_and_range, source, table
+from benchmarks.markdown import mean_and_range, median_and_range, table
 from benchmarks.nes.run import core_seconds_per_se
 
-#: Recipes of a task in the order in which they came about, and the endings of their results over
-#: seeds. Each is compared with the first. All ran while 1000 random steps measured the scale of
-#: observations; the recipes `default` have run again since.
+#: Recipes of a task in chronological order, and the suffixes of their results. Each is compared
+#: with the first. All runs measured the scale of observations over 1000 random steps.
 RECIPES = {
     "CartPole-v0": {
         "made by hand": "_by-hand",
@@ -27,32 +27,34 @@ RECIPES = {
 }
 TASKS = tuple(RECIPES)
 
+Runs = Sequence[dict[str, Any]]
+
 
 def measured(task: str) -> dict[str, Any]:
-    """The runs over seeds of a task's recipes, by their titles; none if there is one recipe."""
+    """Return the existing results of a task's recipes by title."""
     results = {}
-    for title, ending in RECIPES[task].items():
+    for title, suffix in RECIPES[task].items():
         with suppress(NotMeasured):
-            results[title] = read_result(f"nes_seeds_{task}{ending}", "runs")
-    return results if len(results) > 1 else {}
+            results[title] = read_result(f"nes_seeds_{task}{suffix}", "runs")
+    return results
 
 
 def found() -> str:
-    """The recipes that searches began with and led to, over fresh seeds."""
+    """Return the table of the recipes over fresh seeds. Raises NotMeasured."""
     rows: list[tuple[str, ...]] = []
-    sources: list[dict[str, Any]] = []
+    results: list[dict[str, Any]] = []
     for task in RECIPES:
-        results = measured(task)
-        first: list[dict[str, Any]] | None = None
-        for title, result in results.items():
+        first: Runs = []
+        for title, result in measured(task).items():
             runs = result["runs"]
-            p = _p_values(first, runs) if first else ("", "")
-            rows.append((task, title, *_quality(runs), *p))
+            rows.append(
+                (task, title, *quality(runs), *(p_values(first, runs) if first else ("", "")))
+            )
             first = first or runs
-        sources += results.values()
+            results.append(result)
     if not rows:
         raise NotMeasured("recipes of `benchmarks/search` over seeds")
-    head = [
+    head = (
         "task",
         "recipe",
         "solved",
@@ -63,58 +65,58 @@ def found() -> str:
         "train steps of an agent",
         "p of core seconds",
         "p of solved",
-    ]
-    return f"{table(head, rows)}\n\n{source(*sources)}"
+    )
+    return table(head, rows, *results)
 
 
 def found_taught() -> str:
-    """What the SEs of these recipes teach, a column for each recipe on whose SEs agents were
-    trained. Raises NotMeasured."""
-    parts = []
+    """Return the tables of agents trained on the recipes' SEs, with a column per recipe.
+
+    Raises NotMeasured if no agents have been trained.
+    """
+    tables = []
     for task in RECIPES:
-        lessons = {
+        by_recipe = {
             title: [run["taught"] for run in result["runs"] if "taught" in run]
             for title, result in measured(task).items()
         }
-        lessons = {title: taught for title, taught in lessons.items() if taught}
-        if lessons:
-            parts.append(_taught(task, lessons))
-    if not parts:
+        by_recipe = {title: by_se for title, by_se in by_recipe.items() if by_se}
+        kinds = dict.fromkeys(k for by_se in by_recipe.values() for on_se in by_se for k in on_se)
+        rows = [
+            (task, kind, *(_scores(by_se, kind) for by_se in by_recipe.values())) for kind in kinds
+        ]
+        head = ["task", "agent", *(f"{title}: {len(ses)} SEs" for title, ses in by_recipe.items())]
+        tables += [table(head, rows)] if rows else []
+    if not tables:
         raise NotMeasured("agents on the SEs of recipes of `benchmarks/search`")
-    return "\n\n".join(parts)
+    return "\n\n".join(tables)
 
 
-def _taught(task: str, lessons: dict[str, list[dict[str, Any]]]) -> str:
-    rows = []
-    for kind in dict.fromkeys(kind for taught in lessons.values() for on in taught for kind in on):
-        cells = []
-        for taught in lessons.values():
-            means = [float(np.mean(on_se[kind]["scores"])) for on_se in taught if kind in on_se]
-            cells.append(mean_and_range(means) if means else "-")
-        rows.append((task, kind, *cells))
-    head = ["task", "agent", *(f"{title}: {len(on)} SEs" for title, on in lessons.items())]
-    return table(head, rows)
+def _scores(by_se: Runs, kind: str) -> str:
+    means = [float(np.mean(on_se[kind]["scores"])) for on_se in by_se if kind in on_se]
+    return mean_and_range(means) if means else "-"
 
 
-def _p_values(one: list[dict[str, Any]], other: list[dict[str, Any]]) -> tuple[str, str]:
+def p_values(first: Runs, second: Runs) -> tuple[str, str]:
+    """Format the p of core seconds, infinite for unconfirmed runs, and of solved runs."""
     costs = [
         [run["core_seconds"] if run["confirmed"] else np.inf for run in runs]
-        for runs in (one, other)
+        for runs in (first, second)
     ]
-    solved = [sum(run["solved"] for run in runs) for runs in (one, other)]
-    missed = [len(runs) - n for runs, n in zip((one, other), solved, strict=True)]
+    solved = [sum(run["solved"] for run in runs) for runs in (first, second)]
+    missed = [len(runs) - n for runs, n in zip((first, second), solved, strict=True)]
     p = mannwhitneyu(*costs).pvalue, fisher_exact([solved, missed]).pvalue
     return f"{p[0]:.2g}", f"{p[1]:.2g}"
 
 
-def _quality(runs: list[dict[str, Any]]) -> tuple[str, ...]:
-    costs = [run["core_seconds"] for run in runs]
+def quality(runs: Runs) -> tuple[str, ...]:
+    """Format successes, costs and train steps of runs."""
     confirmed = sum(run["confirmed"] for run in runs)
     return (
         f"{sum(run['solved'] for run in runs)} of {len(runs)}",
         f"{confirmed} of {len(runs)}",
         f"{sum(run['solved'] and run['confirmed'] for run in runs)} of {confirmed}",
-        median_and_range(costs),
+        median_and_range([run["core_seconds"] for run in runs]),
         f"{core_seconds_per_se(runs):.0f}",
         f"{np.median([run['final_train_steps'] for run in runs]):.0f}",
     )

@@ -1,1 +1,1 @@
-"""Speed of the compiled inner loop and of the start of a command."""
+"""Speed of evaluations and of the start of a command (docs/speed.md)."""

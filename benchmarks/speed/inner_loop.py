@@ -1,19 +1,20 @@
-"""Time of one inner-loop step (environment step plus gradient step) of every built-in agent on an
-SE: compiled kernel and torch definition in turn, in one process, on one core, and the kernel's
-distance from the lower bound of its arithmetic (`bound`).
+"""Time of one inner-loop step (environment step and gradient step) of each agent on an SE.
 
     python -m benchmarks.speed.inner_loop
+
+Compiled kernel and torch definition run alternately in one process on one core.
 """
 
 import time
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import torch
 
-from benchmarks.machine import spread, write_result
-from benchmarks.speed.bound import Core, measure_core, step_work
+from benchmarks.machine import read_result, spread, write_result
+from benchmarks.markdown import format_spread, table
 from bilevel.agents import get_agent
 from bilevel.agents.agent import agent_seeds
 from bilevel.agents.environments import KernelEnvironment
@@ -27,9 +28,9 @@ from bilevel.tasks import get_task
 from bilevel.threads import one_blas_thread
 
 REPEATS = 7
-#: Approximate seconds of one measurement. Every step learns, and all episodes have equal length,
-#: because the SE's done output is always negative.
+#: Approximate seconds of one measurement.
 SECONDS = 0.25
+#: All episodes have this length, because the SE's done output is always negative.
 EPISODE_STEPS = 50
 
 
@@ -43,62 +44,54 @@ class Case:
 
 
 def cases() -> dict[str, Case]:
-    """The cases by their labels. "optimized" are the paper's optimized hyperparameters for the
-    task, "default" those of its default table; a label with sizes is the default with these. The
-    last ones lie in the ranges of varied hyperparameters."""
-    found = {
+    """Return the cases by label.
+
+    "optimized" are the paper's optimized hyperparameters for the task; "default" is its default
+    table. A label with sizes is the default with these sizes.
+    """
+    return {
         "CartPole, DDQN, optimized": _case("CartPole-v0", "CartPole-v0", "ddqn"),
         "Acrobot, DDQN, optimized": _case("Acrobot-v1", "Acrobot-v1", "ddqn"),
         "CartPole, DDQN, default (2 x 128)": _case("CartPole-v0", "", "ddqn"),
         "CartPole, Dueling DDQN, default": _case("CartPole-v0", "", "dueling-ddqn"),
         "CartPole, TD3, default": _case("CartPole-v0", "", "td3"),
-        "CartPole, DDQN, 1 x 42, batch 42": _sized(1, 42, 42),
-        "CartPole, DDQN, 1 x 384": _sized(1, 384),
-        "CartPole, DDQN, 3 x 384, batch 384": _sized(3, 384, 384),
+        "CartPole, DDQN, 1 x 42, batch 42": _case(
+            "CartPole-v0", "", "ddqn", hidden_layers=1, hidden_size=42, batch_size=42
+        ),
+        "CartPole, DDQN, 1 x 384": _case(
+            "CartPole-v0", "", "ddqn", hidden_layers=1, hidden_size=384
+        ),
+        "CartPole, DDQN, 3 x 384, batch 384": _case(
+            "CartPole-v0", "", "ddqn", hidden_layers=3, hidden_size=384, batch_size=384
+        ),
     }
-    for label, case in found.items():
-        _assert_labelled(label, case)
-    return found
 
 
-def _case(task_id: str, column: str, agent: str) -> Case:
-    """The case of the recipe `paper` for the task `column`; '' is the default table."""
+def _case(task_id: str, column: str, agent: str, **changes: Any) -> Case:
+    """Return a case with the recipe `paper` for the task `column`; "" is its default table."""
     hp = load_recipe("paper", column, (agent,))
-    return Case(task_id, hp.agents[0], hp.se)
+    return Case(task_id, replace(hp.agents[0], **changes), hp.se)
 
 
-def _sized(layers: int, size: int, batch_size: int | None = None) -> Case:
-    """The default DDQN on CartPole with another network, and another batch size if given."""
-    case = _case("CartPole-v0", "", "ddqn")
-    changes: dict[str, Any] = {"hidden_layers": layers, "hidden_size": size}
-    if batch_size is not None:
-        changes["batch_size"] = batch_size
-    return replace(case, agent=replace(case.agent, **changes))
+def measure(case: Case) -> dict[str, Any]:
+    """Return microseconds per step of both, and their ratio over `REPEATS` pairs."""
+    kernel, definition = _kernel_and_definition(case)
+    kernel(2)
+    definition(1)
+    numbers = [
+        max(round(SECONDS * 1e6 / microseconds / EPISODE_STEPS), 1)
+        for microseconds in (kernel(2), definition(1))
+    ]
+    pairs = [(kernel(numbers[0]), definition(numbers[1])) for _ in range(REPEATS)]
+    return {
+        "kernel_us": spread([k for k, _ in pairs]),
+        "torch_us": spread([t for _, t in pairs]),
+        "ratio": spread([t / k for k, t in pairs]),
+    }
 
 
-def _assert_labelled(label: str, case: Case) -> None:
-    """Check that a case has the hyperparameters that its label states."""
-    task, agent, *sizes = label.split(", ")
-    name = agent.lower().replace(" ", "-")
-    assert case.task_id.startswith(f"{task}-"), label
-    assert case.agent.agent == name, label
-    column = case.task_id if sizes == ["optimized"] else ""
-    recipe = load_recipe("paper", column, (name,))
-    expected: Any = recipe.agents[0]
-    if " x " in sizes[0]:
-        layers, size = sizes[0].removeprefix("default (").removesuffix(")").split(" x ")
-        shape = {"hidden_layers": int(layers), "hidden_size": int(size)}
-        if sizes[0].startswith("default"):
-            assert asdict(expected) == {**asdict(expected), **shape}, label
-        expected = replace(expected, **shape)
-    if sizes[1:]:
-        expected = replace(expected, batch_size=int(sizes[1].removeprefix("batch ")))
-    assert case.agent == expected, label
-    assert case.se == recipe.se, label
-
-
-def measure(core: Core, case: Case) -> dict[str, Any]:
-    """Microseconds per step of both, their ratio over `REPEATS` pairs, and the bound."""
+def _kernel_and_definition(case: Case) -> tuple[Callable[[int], float], Callable[[int], float]]:
+    """Return functions that train for some episodes and return microseconds per step."""
     task = get_task(case.task_id)
     hp: Any = replace(case.agent, init_episodes=0, early_out_episodes=10**6)
     architecture = Architecture.of(task, case.se)
@@ -115,14 +108,11 @@ def measure(core: Core, case: Case) -> dict[str, Any]:
         task.initial_physics(np.random.default_rng(1), 100),
     )
     registered = get_agent(hp.agent)
-    assert registered.build_kernel is not None
+    build_kernel: Any = registered.build_kernel
     initial, loop = agent_seeds(0)
 
     def kernel(episodes: int) -> float:
-        assert registered.build_kernel is not None
-        fresh = registered.build_kernel(
-            hp, task.state_size, task.n_actions, np.random.default_rng(initial)
-        )
+        fresh = build_kernel(hp, task.state_size, task.n_actions, np.random.default_rng(initial))
         plan = schedule(replace(hp, max_episodes=episodes))
         started = time.perf_counter()
         steps, _, _ = training.train(fresh, env, plan, np.array([loop], np.uint64))
@@ -135,50 +125,34 @@ def measure(core: Core, case: Case) -> dict[str, Any]:
         steps, _, _ = train_in_python(fresh, plan, KernelEnvironment(env), lambda returns: False)
         return (time.perf_counter() - started) / steps * 1e6
 
-    def episodes_for(microseconds: float) -> int:
-        return max(round(SECONDS * 1e6 / microseconds / EPISODE_STEPS), 1)
-
-    kernel(2)
-    definition(1)
-    n_kernel, n_definition = episodes_for(kernel(2)), episodes_for(definition(1))
-    pairs = [(kernel(n_kernel), definition(n_definition)) for _ in range(REPEATS)]
-    bound = step_work(hp, architecture).microseconds(core)
-    return {
-        "kernel_us": spread([k for k, _ in pairs]),
-        "torch_us": spread([t for _, t in pairs]),
-        "ratio": spread([t / k for k, t in pairs]),
-        "bound_us": round(bound, 2),
-        "over_bound": spread([k / bound for k, _ in pairs]),
-    }
+    return kernel, definition
 
 
-def _cell(value: dict[str, float]) -> str:
-    return f"{value['median']} ({value['low']} to {value['high']})"
+def inner_loop() -> str:
+    """Return the table."""
+    result = read_result("inner_loop")
+    rows = [
+        (
+            label,
+            f"{case['kernel_us']['median']:.0f} µs",
+            f"{case['torch_us']['median']:.0f} µs",
+            format_spread(case["ratio"], ".1f"),
+        )
+        for label, case in result["results"].items()
+    ]
+    return table(("agent", "compiled", "torch definition", "times as fast"), rows, result)
 
 
 def main() -> None:
-    """Measure all cases, print a table, write `results/inner_loop.json`."""
+    """Measure all cases and write `results/inner_loop.json`."""
     torch.set_num_threads(1)
     results = {}
-    print("| agent | kernel us/step | torch us/step | ratio | times the bound |")
-    print("| --- | --- | --- | --- | --- |")
     with one_blas_thread():
-        core = measure_core()
         for label, case in cases().items():
-            result = results[label] = measure(core, case)
-            cells = [_cell(result[key]) for key in ("kernel_us", "torch_us", "ratio", "over_bound")]
-            print(f"| {label} | {' | '.join(cells)} |", flush=True)
-    path = write_result(
-        "inner_loop",
-        "python -m benchmarks.speed.inner_loop",
-        {
-            "repeats": REPEATS,
-            "unit": "microseconds per step, one core",
-            "core": asdict(core),
-            "results": results,
-        },
-    )
-    print(f"written to {path}")
+            results[label] = measure(case)
+            print(label, results[label], flush=True)
+    values = {"repeats": REPEATS, "unit": "microseconds per step, one core", "results": results}
+    write_result("inner_loop", "python -m benchmarks.speed.inner_loop", values)
 
 
 if __name__ == "__main__":

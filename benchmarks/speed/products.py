@@ -1,7 +1,8 @@
-"""Products of the shapes of a gradient step: of tiles (`bilevel.kernels.products`) beside BLAS's,
-in one process, on one core.
+"""Time of the matrix products of a gradient step: tiles (`bilevel.kernels.products`) and BLAS.
 
     python -m benchmarks.speed.products
+
+Both run alternately in one process on one core.
 """
 
 import time
@@ -10,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import spread, write_result
+from benchmarks.machine import read_result, spread, write_result
+from benchmarks.markdown import format_spread, table
 from bilevel.kernels.jit import compiled
 from bilevel.kernels.products import tiles_of_rows, tiles_with_rows
 from bilevel.threads import one_blas_thread
@@ -23,25 +25,25 @@ SIZES = ((44, 48), (57, 208), (128, 128), (256, 256), (384, 384))
 
 
 def cases(units: int, batch: int) -> dict[str, tuple[Callable[..., Any], Any, Any]]:
-    """The way of multiplication by tiles, and the factors, of the products of a network of that
-    width with 4 inputs and 2 outputs."""
+    """Return tile function and factors of the products of a network with 4 inputs, 2 outputs."""
     rng = np.random.default_rng(0)
 
-    def drawn(*shape: int) -> Any:
+    def random(*shape: int) -> Any:
         return rng.normal(0, 1, shape).astype(np.float32)
 
     return {
-        "inputs to hidden": (tiles_with_rows, drawn(units, 4), drawn(4, batch)),
-        "hidden to hidden": (tiles_with_rows, drawn(units, units), drawn(units, batch)),
-        "hidden to outputs": (tiles_with_rows, drawn(2, units), drawn(units, batch)),
-        "gradient of hidden": (tiles_with_rows, drawn(units, units).T, drawn(units, batch)),
-        "gradient of hidden weights": (tiles_of_rows, drawn(units, batch), drawn(units, batch).T),
-        "gradient of output weights": (tiles_of_rows, drawn(2, batch), drawn(units, batch).T),
+        "inputs to hidden": (tiles_with_rows, random(units, 4), random(4, batch)),
+        "hidden to hidden": (tiles_with_rows, random(units, units), random(units, batch)),
+        "hidden to outputs": (tiles_with_rows, random(2, units), random(units, batch)),
+        "gradient of hidden": (tiles_with_rows, random(units, units).T, random(units, batch)),
+        "gradient of hidden weights": (tiles_of_rows, random(units, batch), random(units, batch).T),
+        "gradient of output weights": (tiles_of_rows, random(2, batch), random(units, batch).T),
     }
 
 
 @compiled
-def _dot(a, b, out):  # type: ignore[no-untyped-def]
+def blas(a, b, out):  # type: ignore[no-untyped-def]
+    """Multiply two matrices with BLAS."""
     np.dot(a, b, out)
 
 
@@ -52,7 +54,7 @@ def _repeat(multiply, a, b, out, count):  # type: ignore[no-untyped-def]
 
 
 def measure(tiles: Callable[..., Any], a: Any, b: Any) -> dict[str, Any]:
-    """Microseconds of a product by tiles and by BLAS, and the ratio over `REPEATS` pairs."""
+    """Return microseconds of both products, and their ratio over `REPEATS` pairs."""
     out = np.zeros((a.shape[0], b.shape[1]), np.float32)
 
     def microseconds(multiply: Callable[..., Any], count: int) -> float:
@@ -60,10 +62,10 @@ def measure(tiles: Callable[..., Any], a: Any, b: Any) -> dict[str, Any]:
         _repeat(multiply, a, b, out, count)
         return (time.perf_counter() - started) / count * 1e6
 
-    for multiply in (tiles, _dot):
+    for multiply in (tiles, blas):
         microseconds(multiply, 1)
-    count = max(round(SECONDS * 1e6 / microseconds(_dot, 10)), 1)
-    pairs = [(microseconds(tiles, count), microseconds(_dot, count)) for _ in range(REPEATS)]
+    count = max(round(SECONDS * 1e6 / microseconds(blas, 10)), 1)
+    pairs = [(microseconds(tiles, count), microseconds(blas, count)) for _ in range(REPEATS)]
     return {
         "tiles_us": spread([of_tiles for of_tiles, _ in pairs]),
         "blas_us": spread([of_blas for _, of_blas in pairs]),
@@ -71,8 +73,23 @@ def measure(tiles: Callable[..., Any], a: Any, b: Any) -> dict[str, Any]:
     }
 
 
+def products() -> str:
+    """Return the table."""
+    result = read_result("products")
+    rows = [
+        (
+            label,
+            f"{case['tiles_us']['median']:.1f} µs",
+            f"{case['blas_us']['median']:.1f} µs",
+            format_spread(case["ratio"], ".1f"),
+        )
+        for label, case in result["results"].items()
+    ]
+    return table(("product", "tiles", "BLAS", "times as fast"), rows, result)
+
+
 def main() -> None:
-    """Measure all products, write `results/products.json`."""
+    """Measure all products and write `results/products.json`."""
     results = {}
     with one_blas_thread():
         for units, batch in SIZES:
@@ -81,7 +98,7 @@ def main() -> None:
                 results[label] = measure(tiles, a, b)
                 print(label, results[label], flush=True)
     values = {"repeats": REPEATS, "unit": "microseconds, one core", "results": results}
-    print(f"written to {write_result('products', 'python -m benchmarks.speed.products', values)}")
+    write_result("products", "python -m benchmarks.speed.products", values)
 
 
 if __name__ == "__main__":

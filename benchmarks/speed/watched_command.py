@@ -1,9 +1,9 @@
-"""Runs `bilevel` up to its first evaluation and prints JSON lines of each part of the start and its
-seconds since BEGUN.
+"""Run `bilevel` up to its first evaluation and report when each part of the start ends.
 
-    python -m benchmarks.speed.watched_command BEGUN nes CartPole-v0 ...
+    python -m benchmarks.speed.watched_command STARTED nes CartPole-v0 ...
 
-BEGUN is the start of the process, unix time in seconds.
+STARTED is the start of the process in unix time. Each part is printed as a JSON line with its name
+and the seconds since STARTED.
 """
 
 import json
@@ -17,30 +17,30 @@ PARTS = ("python", "imports", "ray", "mlflow and actors", "first evaluation")
 
 def main() -> None:
     """Run the command in this process."""
-    begun = float(sys.argv.pop(1))
+    started = float(sys.argv.pop(1))
 
-    def tell(part: str, at: float | None = None) -> None:
-        print(json.dumps([part, (at or time.time()) - begun]), flush=True)
+    def report(part: str, at: float | None = None) -> None:
+        print(json.dumps([part, (at or time.time()) - started]), flush=True)
 
-    tell("python")
+    report("python")
     import ray
 
     import cluster.cli.program
     import cluster.nes.command
     from cluster.ray.pool import EvaluationPool
 
-    tell("imports")
+    report("imports")
     ray_init, pool_run = ray.init, EvaluationPool.run
 
     def init(*args: Any, **kwargs: Any) -> Any:
         result = ray_init(*args, **kwargs)
-        tell("ray")
+        report("ray")
         return result
 
     def run(pool: EvaluationPool, task: Any, se: Any, requests: Any, *_: Any) -> Any:
         def stop(result: Any) -> None:
-            tell("mlflow and actors", time.time() - result.seconds)
-            tell("first evaluation")
+            report("mlflow and actors", time.time() - result.seconds)
+            report("first evaluation")
             raise KeyboardInterrupt
 
         return pool_run(pool, task, se, requests[:1], stop)  # a batch of one request

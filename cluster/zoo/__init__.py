@@ -1,1 +1,1 @@
-"""Making SEs of the zoo anew, and listing them."""
+"""Building the SEs of the zoo, and listing them."""

@@ -1,4 +1,4 @@
-"""`bilevel zoo build`: an NES run, then an evaluation of its SE, and the card of both."""
+"""`bilevel zoo build`: an NES run, an evaluation of its SE, and the card of both."""
 
 import hashlib
 import json
@@ -18,50 +18,39 @@ from cluster.session.context import RunContext
 from cluster.storage.home import require_writable
 from cluster.storage.run_folder import BEST_FILE
 
-#: Kinds of agents that are trained on an SE of the zoo, and the number of each.
-KINDS, AGENTS = ("ddqn", "dueling-ddqn", "td3"), 50
+#: Kinds of agents that the card reports.
+KINDS = ("ddqn", "dueling-ddqn", "td3")
 
 
 @dataclass(frozen=True)
 class BuildCommand:
-    """An SE of the zoo, and how and where this command makes it."""
+    """An SE of the zoo, and how and where to build it."""
 
     entry: Entry
     context: RunContext
     folder: Path  # for the SE and its card
-    agents: int = AGENTS  # of each kind
+    agents: int = 50  # of each kind
     workers: int | None = None  # actors; None: one per core of this run's share
 
 
 def build(command: BuildCommand) -> Card:
-    """Make the SE and its card, and write both; interrupted, the same command resumes.
+    """Build the SE and its card, and write both. The same command resumes an interrupted build.
 
     Raises InvalidInput before anything is written.
     """
-    entry, context = command.entry, command.context
+    entry, context, workers = command.entry, command.context, command.workers
     task, hp = get_task(entry.task), load_recipe(entry.recipe, entry.task)
     require_writable(command.folder)
     run_folder = context.home.run_folder(task.id, f"zoo-{entry.name}")
-    run_nes(NESCommand(NESRun(task, hp, entry.seed, run_folder), context, command.workers))
+    run_nes(NESCommand(NESRun(task, hp, entry.seed, run_folder), context, workers))
+    content = (run_folder / BEST_FILE).read_bytes()
     se = load_se(run_folder / BEST_FILE)
-    kinds = default_agents(KINDS)
+    name, sources, agents = f"zoo-{entry.name}-agents", {entry.name: se}, default_agents(KINDS)
     groups = run_evaluate(
-        EvaluateCommand(
-            task,
-            {entry.name: se},
-            kinds,
-            command.agents,
-            "all",
-            0,
-            f"zoo-{entry.name}-agents",
-            context,
-            command.workers,
-        )
+        EvaluateCommand(task, sources, agents, command.agents, "all", 0, name, context, workers)
     )
-    command.folder.mkdir(parents=True, exist_ok=True)
     path = command.folder / f"{entry.name}.safetensors"
-    write_aside(path, (run_folder / BEST_FILE).read_bytes())
-    made = Card(
+    card = Card(
         entry.name,
         task.id,
         entry.recipe,
@@ -73,15 +62,15 @@ def build(command: BuildCommand) -> Card:
             "--vary-hp all",
         ),
         int(se.info["real_env_steps"]),
-        hashlib.sha256(path.read_bytes()).hexdigest(),
-        tuple(_taught(group) for group in groups),
+        hashlib.sha256(content).hexdigest(),
+        tuple(map(_agents_row, groups)),
     )
-    card = json.dumps(asdict(made), indent=2) + "\n"
-    write_aside(path.with_suffix(".json"), card.encode())
-    return made
+    write_aside(path, content)
+    write_aside(path.with_suffix(".json"), (json.dumps(asdict(card), indent=2) + "\n").encode())
+    return card
 
 
-def _taught(group: Group) -> Taught:
+def _agents_row(group: Group) -> Taught:
     return Taught(
         group.agent,
         len(group.results),

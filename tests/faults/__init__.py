@@ -1,6 +1,6 @@
-"""Faults injected into real studies, and what came of them.
+"""Fault injection into real studies.
 
-A study is run once undisturbed. Then it is run again and again, and killed, cut off or
-starved meanwhile; in the end its journal, checkpoints and best SE are compared with those
-of the first, and MLflow with the disk.
+A study runs once undisturbed, as the reference. It then runs again while processes are killed,
+files damaged or services stopped. At the end its journal, checkpoints and best SE are compared with
+the reference, and MLflow with the disk.
 """

@@ -1,105 +1,110 @@
-"""Faults of disks and files: a full disk, a torn line, a damaged checkpoint, a locked folder."""
+"""Faults of disks and files: a full disk, a truncated line, a damaged checkpoint, a held lock."""
 
 import shutil
 import signal
 import subprocess
-import sys
 from collections.abc import Callable
-from pathlib import Path
+from dataclasses import replace
 
-from cluster.storage.home import Home
-from tests.faults.outcome import Outcome
-from tests.faults.row import Row
-from tests.faults.stage import ONE_BY_ONE, STUDY, TASK, Stage, StudyOnStage, smoke
-from tests.mlflow_shown import disagreements
+from tests.commands import BILEVEL
+from tests.faults.outcome import Row
+from tests.faults.stage import Injector, Stage, StageStudy
 
 
-def torn_lines(stage: Stage, whole: Outcome, times: int) -> Row:
-    """Kill the driver and append a part of a line to the journal, as a machine crash can leave of
-    an unflushed write; until so many lines are torn, or all results are there."""
-    study, torn = stage.study("torn", *ONE_BY_ONE), 0
-    journal = study.folder / "results.json"
-    code = -signal.SIGKILL
-    while code != 0 and torn < times:
-        code = study.live(stage.chance.uniform(5.0, 8.0), signal.SIGKILL)
-        torn += _tear(journal, stage.chance.uniform)
-        if journal.exists() and journal.read_bytes().count(b"\n") >= len(whole.results):
+def truncated_lines(stage: Stage, times: int) -> Row:
+    """Kill the driver and append a part of a line to the journal, as after a machine crash."""
+    study = stage.study("torn")
+    path = study.folder / "results.json"
+
+    def truncate(_: int) -> bool:
+        content = path.read_bytes() if path.exists() else b""
+        if not content.endswith(b"\n"):
+            return False
+        last = content.splitlines()[-1]
+        with path.open("ab") as file:
+            file.write(last[: stage.chance.randrange(1, len(last))])
+        return True
+
+    injected, code = _kill_and_damage(stage, study, times, truncate)
+    return stage.row("last journal line cut short", injected, code, study)
+
+
+def damaged_checkpoints(stage: Stage, times: int) -> Row:
+    """Kill the driver, and flip a bit of a checkpoint, empty it, or truncate it."""
+    study = stage.study("damaged")
+
+    def damage(number: int) -> bool:
+        paths = sorted(study.folder.glob("configurations/*/*/state.safetensors"))
+        if not paths:
+            return False
+        content = bytearray(paths[-1].read_bytes())
+        place = stage.chance.randrange(len(content))
+        content[place] ^= 1 << stage.chance.randrange(8)
+        paths[-1].write_bytes([bytes(content), b"", bytes(content[:place])][number % 3])
+        return True
+
+    injected, code = _kill_and_damage(stage, study, times, damage)
+    return stage.row("checkpoint damaged (bit, emptied, cut)", injected, code, study)
+
+
+def _kill_and_damage(
+    stage: Stage, study: StageStudy, times: int, damage: Callable[[int], bool]
+) -> tuple[int, int]:
+    """Kill the driver and damage a file repeatedly, then run the study to the end.
+
+    Return the number of damaged files and the exit code.
+    """
+    injected, code = 0, -signal.SIGKILL
+    journal, results = study.folder / "results.json", len(stage.reference.results)
+    while code != 0 and injected < times:
+        code = study.run_for(stage.chance.uniform(5.0, 8.0), signal.SIGKILL)
+        injected += code != 0 and damage(injected)
+        if journal.exists() and journal.read_bytes().count(b"\n") >= results:
             break
-    code = code and study.run()
-    return Row.of("last journal line cut short", torn, code, whole, study)
+    return injected, code and study.run()
 
 
-def _tear(path: Path, uniform: Callable[[float, float], float]) -> int:
-    content = path.read_bytes() if path.exists() else b""
-    if not content.endswith(b"\n"):
-        return 0
-    last = content.splitlines()[-1]
-    with path.open("ab") as file:
-        file.write(last[: int(uniform(1, len(last)))])
-    return 1
+def second_process(stage: Stage, times: int) -> Row:
+    """Give the same command repeatedly while the study runs; it must be refused."""
+    study = stage.study("twice")
+    second = replace(study, log=study.log.with_suffix(".2.log"))
+
+    def start_again() -> bool:
+        if not study.folder.exists():
+            return False
+        assert second.run() == 2
+        assert "is being run by another process" in second.log.read_text()
+        return True
+
+    injector = Injector(stage, start_again, times)
+    code = study.run(injector)
+    return stage.row("the same study started a second time", injector.injected, code, study)
 
 
-def damaged_checkpoints(stage: Stage, whole: Outcome, times: int) -> Row:
-    """Kill the driver, and flip a bit, empty, or cut short a checkpoint; as long as the study has
-    not ended."""
-    study, done = stage.study("damaged", *ONE_BY_ONE), 0
-    code = -signal.SIGKILL
-    while code != 0 and done < times:
-        code = study.live(stage.chance.uniform(5.0, 8.0), signal.SIGKILL)
-        for path in sorted(study.folder.glob("configurations/*/*/state.safetensors"))[-1:]:
-            content = bytearray(path.read_bytes())
-            place = stage.chance.randrange(len(content))
-            content[place] ^= 1 << stage.chance.randrange(8)
-            path.write_bytes([bytes(content), b"", bytes(content[:place])][done % 3])
-            done += 1
-    code = code and study.run()
-    return Row.of("checkpoint damaged (bit, emptied, cut)", done, code, whole, study)
-
-
-def two_processes(stage: Stage, whole: Outcome, times: int) -> Row:
-    """Give the same command repeatedly while the study runs; all but the first are refused."""
-    study = stage.study("twice", *ONE_BY_ONE)
-    refused = [0]
-
-    def again() -> None:
-        if refused[0] < times and study.folder.exists():
-            second = StudyOnStage(
-                study.home, study.tracking_uri, study.arguments, study.log.with_suffix(".2.log")
-            )
-            assert second.run() == 2
-            assert "is being run by another process" in second.log.read_text()
-            refused[0] += 1
-
-    code = study.run(again)
-    return Row.of("the same study started a second time", refused[0], code, whole, study)
-
-
-def full_disk(folder: Path, whole: Outcome) -> Row:
-    """Fill the disk of the home during the study, then make room again.
+def full_disk(stage: Stage) -> Row:
+    """Fill the disk of the home during the study, then add space.
 
     The disk is a tmpfs in its own mount namespace, in which a Ray cluster runs.
     """
-    disk, kept = folder / "disk", folder / "kept"
+    uri = f"sqlite:///{stage.folder}/full-disk.db"
+    study = stage.study("disk", tracking_uri=uri, own_cluster=True)
+    disk, copy = study.home.folder, stage.folder / "copy"
     disk.mkdir()
-    log = folder / "full-disk.log"
-    bilevel = Path(sys.executable).with_name("bilevel")
-    command = " ".join(map(str, (bilevel, "bohb", TASK, *smoke(), *ONE_BY_ONE, "--home", disk)))
-    uri = f"sqlite:///{folder}/full-disk.db"
+    command = f"{' '.join([BILEVEL, *study.arguments])} >> {study.log} 2>&1"
     script = f"""
         mount -t tmpfs -o size=100k none {disk} || exit 99
-        {command} --tracking-uri {uri} >> {log} 2>&1; first=$?
+        {command}; first=$?
         mount -o remount,size=100m {disk}
-        {command} --tracking-uri {uri} >> {log} 2>&1; second=$?
-        cp -r {disk}/. {kept}
+        {command}; second=$?
+        cp -r {disk}/. {copy}
         exit $((first * 10 + second))
     """
     unshare = ["unshare", "--map-root-user", "--mount", "bash", "-c", script]
     code = subprocess.run(unshare, timeout=280, check=False).returncode
     if code == 99:
-        raise OSError("no disk can be mounted here")
-    assert code // 10 == 2, log.read_text()
-    assert "No space left on device" in log.read_text()
-    shutil.copytree(kept, disk, dirs_exist_ok=True)  # MLflow expects the artifacts there
-    study = Home(disk).run_folder(TASK, STUDY)
-    wrong = disagreements(study, uri)
-    return Row.compare("disk full", 1, code % 10, whole, Outcome.of(study), wrong)
+        raise OSError("cannot mount a tmpfs on this machine")
+    log = study.log.read_text()
+    assert code // 10 == 2, log
+    assert "No space left on device" in log
+    shutil.copytree(copy, disk, dirs_exist_ok=True)  # where MLflow expects the artifacts
+    return stage.row("disk full", 1, code % 10, study)

@@ -1,4 +1,4 @@
-"""Outcome of a study for comparison: all its results without the measured times."""
+"""Outcome of a study without measured times, and its comparison with an undisturbed study."""
 
 import hashlib
 import json
@@ -23,16 +23,16 @@ TIMES = (
 
 @dataclass(frozen=True)
 class Outcome:
-    """Everything that a seed determines."""
+    """Everything in a study's folder that the seed determines."""
 
     configs: list[Any]  # (id, configuration, info), in order
     results: list[Any]  # (id, budget, loss, exception), in order
-    states: dict[str, Any]  # by configuration and run: its checkpoint
+    states: dict[str, Any]  # checkpoints by configuration and run
     best_se: str  # checksum of the file
 
     @classmethod
     def of(cls, folder: Path) -> "Outcome":
-        """Read from a study's folder."""
+        """Read the outcome from a study's folder."""
         journal = Journal(folder)
         return cls(
             [(line.id, line.configuration, line.info) for line in journal.configs],
@@ -44,35 +44,51 @@ class Outcome:
             hashlib.sha256((folder / "best_se.safetensors").read_bytes()).hexdigest(),
         )
 
-    def lost(self, other: "Outcome") -> int:
-        """Number of results that the other outcome lacks."""
-        return len({row[:2] for row in self.results} - {row[:2] for row in other.results})
+    def sorted(self) -> "Outcome":
+        """Return the outcome with sorted results, because parallel trials end in any order.
 
-    @property
-    def duplicated(self) -> int:
-        """Number of duplicate results."""
-        counts = Counter(row[:2] for row in self.results)
-        return sum(count - 1 for count in counts.values())
-
-    def in_any_order(self) -> "Outcome":
-        """The outcome with sorted results, because several trials at a time end in any order. (The
-        order could influence BOHB's model, which studies this short do not use.)"""
+        The order could influence BOHB's model, which studies this short do not use.
+        """
         return replace(self, results=sorted(self.results, key=lambda row: row[:2]))
 
 
 def comparable_state(path: Path) -> Any:
-    """A checkpoint as checksums of its tensors and its header without the measured times.
-
-    The raw file is read, so that all of it is compared.
-    """
+    """Return checksums of a checkpoint's tensors, and its header without measured times."""
     with safe_open(path, framework="numpy") as file:
         header = json.loads(file.metadata()["nes"])
-        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    del header["sha256"]  # it depends on the times
+        tensors = {name: file.get_tensor(name).tobytes() for name in file.keys()}  # noqa: SIM118
+    del header["sha256"]  # covers the times
     for record in header["records"]:
         for name in TIMES:
             del record[name]
-    digests = {
-        name: hashlib.sha256(tensor.tobytes()).hexdigest() for name, tensor in tensors.items()
-    }
-    return digests, header
+    return {name: hashlib.sha256(content).hexdigest() for name, content in tensors.items()}, header
+
+
+@dataclass(frozen=True)
+class Row:
+    """Effects of a fault, compared with an undisturbed study."""
+
+    fault: str
+    injected: int
+    results: int
+    lost: int
+    duplicated: int
+    identical: bool  # journal, checkpoints and best SE, without measured times
+    mlflow: list[str]  # differences between MLflow and the disk
+    exit_code: int
+
+    @classmethod
+    def compare(
+        cls,
+        fault: str,
+        injected: int,
+        exit_code: int,
+        reference: Outcome,
+        outcome: Outcome,
+        mlflow: list[str],
+    ) -> "Row":
+        """Compare the outcome of a disturbed study with the reference."""
+        expected, found = ([row[:2] for row in one.results] for one in (reference, outcome))
+        lost, duplicated = len({*expected} - {*found}), len(found) - len(Counter(found))
+        same = outcome == reference
+        return cls(fault, injected, len(found), lost, duplicated, same, mlflow, exit_code)

@@ -4,50 +4,48 @@ import sqlite3
 import time
 
 from tests.commands import run_bilevel
-from tests.faults.outcome import Outcome
-from tests.faults.row import Row
-from tests.faults.stage import ONE_BY_ONE, Stage
+from tests.faults.outcome import Row
+from tests.faults.stage import Injector, Stage
 from tests.mlflow_shown import Server
 
 
-def server_killed(stage: Stage, whole: Outcome, times: int) -> Row:
-    """SIGKILL the server during the study, and restart it some seconds later. A study that ends
-    meanwhile says that MLflow lacks something, and which command writes it, which is then given."""
+def server_killed(stage: Stage, times: int) -> Row:
+    """Kill the server during the study, and restart it some seconds later.
+
+    If the study ends while the server is away, MLflow is updated with `bilevel sync`.
+    """
     with Server(stage.folder / "server-killed") as server:
-        study = stage.study("server", *ONE_BY_ONE, tracking_uri=server.uri)
-        killed = [0]
-        pause = [time.monotonic() + 6.0]
+        study = stage.study("server", tracking_uri=server.uri)
 
-        def kill() -> None:
-            if killed[0] < times and time.monotonic() > pause[0]:
-                server.kill()
-                time.sleep(stage.chance.uniform(1.0, 4.0))
-                server.start()
-                killed[0] += 1
-                pause[0] = time.monotonic() + 2.0
+        def restart() -> bool:
+            server.kill()
+            time.sleep(stage.chance.uniform(1.0, 4.0))
+            server.start()
+            return True
 
-        code, name = study.run(kill), "MLflow server killed (SIGKILL), started again"
-        if "MLflow lacks the current state" in study.log.read_text():
+        injector = Injector(stage, restart, times, delay=6.0, pause=(2.0, 2.0))
+        code = study.run(injector)
+        if "bilevel sync" in study.log.read_text():
             place = ("--home", study.home.folder, "--tracking-uri", server.uri)
             assert run_bilevel("sync", study.folder.name, *place).returncode == 0
-        return Row.of(name, killed[0], code, whole, study)
+        title = "MLflow server killed (SIGKILL), started again"
+        return stage.row(title, injector.injected, code, study)
 
 
-def database_locked(stage: Stage, whole: Outcome, times: int) -> Row:
-    """Hold the SQLite database's lock for longer than SQLite's timeout."""
-    study = stage.study("locked", *ONE_BY_ONE)
-    locked = [0]
-    pause = [time.monotonic() + 5.0]
+def database_locked(stage: Stage, times: int) -> Row:
+    """Hold the lock of the SQLite database for longer than SQLite's timeout."""
+    study = stage.study("locked")
 
-    def lock() -> None:
-        if locked[0] < times and time.monotonic() > pause[0] and study.folder.exists():
-            database = sqlite3.connect(study.home.folder / "mlflow.db", timeout=30)
-            database.execute("BEGIN EXCLUSIVE")
-            time.sleep(8.0)
-            database.rollback()
-            database.close()
-            locked[0] += 1
-            pause[0] = time.monotonic() + 2.0
+    def lock() -> bool:
+        if not study.folder.exists():
+            return False
+        database = sqlite3.connect(study.home.database, timeout=30)
+        database.execute("BEGIN EXCLUSIVE")
+        time.sleep(8.0)
+        database.rollback()
+        database.close()
+        return True
 
-    code = study.run(lock)
-    return Row.of("MLflow's database locked for 8 s", locked[0], code, whole, study)
+    injector = Injector(stage, lock, times, delay=5.0, pause=(2.0, 2.0))
+    code = study.run(injector)
+    return stage.row("MLflow's database locked for 8 s", injector.injected, code, study)

@@ -187,7 +187,7 @@ def test_searches_are_compared_by_the_studies_of_the_command(
 ) -> None:
     """`benchmarks.search.compare` runs them in one process."""
     study = Study.read(study_home[0] / "CartPole-v0" / "smoke")
-    pool = InProcess(tmp_path / "evaluations")
+    pool = InProcess()
     run_in_process(replace(study, folder=tmp_path / "CartPole-v0" / "smoke"), 1, pool, print)
     assert results(tmp_path) == pytest.approx(results(study_home[0]))
 

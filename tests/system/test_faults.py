@@ -8,9 +8,8 @@ import pytest
 
 from cluster.bohb.study.journal import Journal
 from tests.faults import processes
-from tests.faults.outcome import Outcome
-from tests.faults.row import Row
-from tests.faults.stage import ONE_BY_ONE, TRIAL, Stage
+from tests.faults.outcome import Row
+from tests.faults.stage import TRIAL, Stage
 
 pytestmark = pytest.mark.timeout(590)
 
@@ -21,50 +20,33 @@ def stage(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Stage]:
         yield stage
 
 
-@pytest.fixture(scope="module")
-def whole(stage: Stage) -> Outcome:
-    """The outcome of an undisturbed study."""
-    study = stage.study("whole", *ONE_BY_ONE)
-    assert study.run() == 0, study.log.read_text()
-    assert study.disagreements() == []
-    return study.outcome()
-
-
-def assert_nothing_can_be_told(row: Row) -> None:
+def assert_nothing_lost(row: Row) -> None:
+    assert row.injected >= 1
     assert (row.lost, row.duplicated, row.mlflow) == (0, 0, [])
     assert row.identical
     assert row.exit_code == 0
 
 
-def test_a_driver_killed_again_and_again(stage: Stage, whole: Outcome) -> None:
-    """At random moments of one study; `python -m benchmarks.faults` does it twenty times."""
-    row = processes.driver(stage, whole, 2, latest=5.0)
-    assert row.injected >= 1  # the last one may come after the study's end
-    assert_nothing_can_be_told(row)
+def test_driver_killed_at_random_moments(stage: Stage) -> None:
+    assert_nothing_lost(processes.driver(stage, 2, latest=5.0))
 
 
-def test_two_presses_of_ctrl_c_stop_at_once(stage: Stage, whole: Outcome) -> None:
-    row = processes.ctrl_c(stage, whole, 1, presses=2)
-    assert row.injected == 1
-    assert_nothing_can_be_told(row)
+def test_two_presses_of_ctrl_c(stage: Stage) -> None:
+    assert_nothing_lost(processes.ctrl_c(stage, 1, presses=2))
 
 
-def test_killed_trials_go_on_from_their_checkpoints(stage: Stage, whole: Outcome) -> None:
-    row = processes.killed_children(stage, whole, TRIAL, "trial", 1)
-    assert row.injected == 1
-    assert_nothing_can_be_told(row)
+def test_killed_trials_resume_from_their_checkpoints(stage: Stage) -> None:
+    assert_nothing_lost(processes.killed_children(stage, 1, TRIAL, "trial"))
 
 
-def test_nodes_come_and_go(whole: Outcome, tmp_path: Path, database: Path) -> None:
-    row = processes.nodes(tmp_path, whole, 1, brackets=1, database=database)
-    assert row.injected >= 1
-    assert_nothing_can_be_told(row)
+def test_nodes_join_and_leave(stage: Stage, database: Path) -> None:
+    assert_nothing_lost(processes.nodes(stage, 1, database=database))
 
 
 def test_several_nodes_and_a_study_in_sqlite(stage: Stage) -> None:
-    """A node that joins stops the study; with several nodes none begins."""
-    told = "a cluster of 2 nodes cannot be tracked in 'sqlite:"
-    study = stage.study("joined", *ONE_BY_ONE)
+    """A node that joins stops the study; with several nodes no study starts."""
+    message = "a cluster of 2 nodes cannot be tracked in 'sqlite:"
+    study = stage.study("joined")
     nodes: list[Any] = []
 
     def join() -> None:
@@ -72,10 +54,10 @@ def test_several_nodes_and_a_study_in_sqlite(stage: Stage) -> None:
             nodes.append(stage.cluster.add_node(num_cpus=1))
 
     assert study.run(join) == 2
-    assert told in study.log.read_text()
-    assert len(Journal(study.folder).results) >= 1  # nothing is lost
-    refused = stage.study("refused", *ONE_BY_ONE)
+    assert message in study.log.read_text()
+    assert len(Journal(study.folder).results) >= 1
+    refused = stage.study("refused")
     assert refused.run() == 2
     stage.cluster.remove_node(nodes.pop())
-    assert told in refused.log.read_text()
+    assert message in refused.log.read_text()
     assert not refused.home.folder.exists()

@@ -27,15 +27,14 @@ def test_a_run_is_found_by_its_name(tmp_path: Path) -> None:
         (folder / "settings.json").touch()
     assert home.find("one") == tmp_path / "A-v0" / "one"
     assert home.find("B-v0/two") == tmp_path / "B-v0" / "two"
+    assert home.runs("B-v0") == [tmp_path / "B-v0" / "two"]
     with pytest.raises(InvalidInput, match=r"several runs are called 'two'.*A-v0/two, B-v0/two"):
         home.find("two")
     with pytest.raises(InvalidInput, match=r"no run is called '\.\./x'.*there are A-v0/one"):
         home.find("../x")
 
 
-def test_hints_name_the_home_that_was_given(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_hints_name_the_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PATH", str(Path(sys.executable).parent))
     assert Home(tmp_path / "a b").hint("ui", "ui") == f"`bilevel ui --home '{tmp_path}/a b'`"
     monkeypatch.chdir(tmp_path)
@@ -45,33 +44,21 @@ def test_hints_name_the_home_that_was_given(
     assert Home(DEFAULT_HOME).hint("sync one") == "`bilevel sync one`"
 
 
-def test_a_path_that_cannot_be_a_folders_is_told(tmp_path: Path) -> None:
+@pytest.mark.parametrize("name", ["loop", "x" * 300, "file", "a?b", "a%20b"])
+def test_a_path_that_cannot_be_a_home_is_refused(name: str, tmp_path: Path) -> None:
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     (tmp_path / "file").touch()
-    wrong = ("loop", "x" * 300, "file", "file/inside")
-    for folder in (tmp_path / name for name in wrong):
-        with pytest.raises(InvalidInput, match=r"^the folder '.*' cannot be a home: .*$"):
-            Home(folder)
+    with pytest.raises(InvalidInput, match=r"^the folder '.*' cannot be a home: .+$"):
+        Home(tmp_path / name)
 
 
-def test_whether_it_can_be_written_is_found_out_without_a_trace(tmp_path: Path) -> None:
+def test_a_home_is_created_only_if_it_can_be_written(tmp_path: Path) -> None:
     home = Home(tmp_path / "new" / "home")
     require_writable(home.folder)
     assert list(tmp_path.iterdir()) == []
     home.prepare()
-    require_writable(home.folder)
     assert list(home.folder.iterdir()) == []
     (tmp_path / "file").touch()
-    for folder in (tmp_path / "file", tmp_path / "file" / "home", Path("/proc/none")):
+    for folder in (tmp_path / "file" / "home", Path("/proc/none")):
         with pytest.raises(InvalidInput, match=f"cannot write to '{folder}'"):
-            require_writable(folder)
-    with pytest.raises(InvalidInput, match="cannot write to '/proc/none'"):
-        Home(Path("/proc/none")).prepare()
-
-
-@pytest.mark.parametrize("name", ["a?b", "a%20b"])
-def test_a_path_that_an_address_cannot_hold_is_refused(name: str, tmp_path: Path) -> None:
-    """MLflow's database would lie elsewhere."""
-    with pytest.raises(InvalidInput, match=r"cannot be a home: its path must have no \? and %"):
-        Home(tmp_path / name)
-    assert list(tmp_path.iterdir()) == []
+            Home(folder).prepare()

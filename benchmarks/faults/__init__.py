@@ -1,1 +1,0 @@
-"""The faults of `tests.faults`, injected many times: the table of docs/reliability.md."""
