@@ -14,7 +14,7 @@ from pathlib import Path
 import click
 import pytest
 
-from bilevel.hyperparameters import load_recipe
+from bilevel import load_recipe
 from cluster.cli.program import cli
 from tests.commands import BILEVEL, run_bilevel
 from tests.documents import DOCUMENTS, ROOT, commands, inline_code, python_blocks, toml_block
