@@ -12,16 +12,20 @@ from pathlib import Path
 
 from bilevel.agents import get_agent
 from bilevel.durable import checksum
+from bilevel.errors import InvalidInput
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, Given, RealTask
 from bilevel.hyperparameters import AgentHyperparameters
+from bilevel.nes import NESState
 from bilevel.nes.requests import fresh_agent
 from bilevel.seeds import Purpose
-from bilevel.synthetic_env import StoredSE
+from bilevel.synthetic_env import StoredSE, load_se
 from bilevel.tasks import Task
 from cluster.experiments.conditions import REAL
 from cluster.experiments.run import RESULTS_FILE
 from cluster.experiments.sizes import AGENTS, Size
+from cluster.nes.run import NESRun
 from cluster.storage.jsonl_log import JsonlLog
+from cluster.storage.run_folder import BEST_FILE
 
 #: Characters of a digest that are kept.
 _DIGEST = 32
@@ -39,11 +43,26 @@ class Plan:
 
 @dataclass(frozen=True)
 class Source:
-    """Training environment of agents: the SE of a condition's run, or the real task."""
+    """Training environment of agents: the SE of a condition's NES run, or the real task."""
 
     condition: str  # REAL for the real task
     number: int = 0  # of the condition's run
     se: StoredSE | None = None  # None: the real task
+    run: NESRun | None = None  # which has finished
+
+    @classmethod
+    def of_run(cls, condition: str, number: int, run: NESRun) -> "Source":
+        """Load the SE of a finished run. Raises InvalidInput if its file is damaged."""
+        return cls(condition, number, load_se(run.folder / BEST_FILE), run)
+
+    @property
+    def state(self) -> NESState:
+        """The last state of the run. Raises InvalidInput if its file is damaged or missing."""
+        assert self.run is not None
+        state = self.run.load()
+        if state is None:
+            raise InvalidInput(f"{str(self.run.folder)!r} has no checkpoint")
+        return state
 
     @property
     def digest(self) -> str:

@@ -11,9 +11,6 @@ from cluster.experiments.table import Row, Value, heading, with_spread
 #: Columns of a summary that name the condition of its SEs.
 CONDITION = ("source", "condition")
 
-#: Generations of the authors' NES runs.
-AUTHORS_GENERATIONS = 200
-
 #: SEs that the authors chose for their best result of TD3.
 PICKED = 5
 
@@ -37,15 +34,6 @@ def authors_figures() -> tuple[AuthorsFigure, ...]:
     """Read the data file `authors.json`."""
     text = files(__package__).joinpath("authors.json").read_text()
     return decode_json(tuple[AuthorsFigure, ...], text, "authors.json")
-
-
-def authors_figure(
-    task_id: str, experiment: str, row: Mapping[str, str], column: str
-) -> AuthorsFigure | None:
-    """Return the figure of that row and column; None if there is none."""
-    wanted = (task_id, experiment, row, column)
-    found = (f for f in authors_figures() if (f.task, f.experiment, f.row, f.what) == wanted)
-    return next(found, None)
 
 
 def comparison(task_id: str, summaries: Mapping[str, Sequence[Row]]) -> list[Row]:

@@ -14,7 +14,6 @@ another machine that has a copy of the home.
 
 import json
 import time
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -23,7 +22,7 @@ from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import default_agents
 from bilevel.tasks import Task
-from cluster.experiments.agents import AgentResults, Evaluation, Plan
+from cluster.experiments.agents import AgentResults, Evaluation, Plan, Source
 from cluster.experiments.conditions import title_of
 from cluster.experiments.experiment import Experiment, Findings, Material, se_runs
 from cluster.experiments.run import (
@@ -40,6 +39,7 @@ from cluster.experiments.style import svg
 from cluster.experiments.table import table
 from cluster.experiments.view import ExperimentViews
 from cluster.nes.command import run_on
+from cluster.nes.run import NESRun
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import Driver, RunContext
 from cluster.session.session import Session
@@ -95,73 +95,58 @@ def run_experiments(command: ExperimentCommand, experiments: Sequence[Experiment
                 _Runner(experiment, plan, driver, session, pool).run()
 
 
+@dataclass(frozen=True)
 class _Runner:
     """Runs one experiment."""
 
-    def __init__(
-        self,
-        experiment: Experiment,
-        plan: Plan,
-        driver: Driver,
-        session: Session,
-        pool: EvaluationPool,
-    ) -> None:
-        self.experiment = experiment
-        self.plan = plan
-        self.driver = driver
-        self.session = session
-        self.terminal = session.terminal
-        self.folder = session.folder
-        self.pool = pool
-        self.ses = se_runs(
-            experiment.runs(plan.size), plan.task, plan.size, plan.seed, driver.context.home
-        )
+    experiment: Experiment
+    plan: Plan
+    driver: Driver
+    session: Session
+    pool: EvaluationPool
 
     def run(self) -> None:
         """Make the missing SEs and agents, then report."""
-        plan, experiment = self.plan, self.experiment
-        self.session.introduce(
-            f"experiment {experiment.name} on {plan.task.id}: {count(len(self.ses), 'NES run')}, "
-            f"agents {', '.join(hp.agent for hp in plan.kinds)}, size {plan.size.name}, "
+        plan, experiment, session = self.plan, self.experiment, self.session
+        home, size = self.driver.context.home, plan.size
+        runs = se_runs(experiment.runs(size), plan.task, size, plan.seed, home)
+        session.introduce(
+            f"experiment {experiment.name} on {plan.task.id}: {count(len(runs), 'NES run')}, "
+            f"agents {', '.join(hp.agent for hp in plan.kinds)}, size {size.name}, "
             f"{count(self.pool.size, 'worker')}, seed {plan.seed}"
         )
-        views = ExperimentViews(self.folder, self.session.identity, live=True)
+        views = ExperimentViews(session.folder, session.identity, live=True)
         resume_hint = "run the same command again to resume after the last NES run or agent"
-        with self.session.live(views, len(self.ses), resume_hint):
-            self._make_ses()
-            results = AgentResults(self.folder)
-            material = Material.of(self.ses, results.found, self.folder, self._recorded)
+        with session.live(views, len(runs), resume_hint):
+            self._finish(runs)
+            results = AgentResults(session.folder)
+            sources = [Source.of_run(*place, run) for place, run in runs.items()]
+            material = Material(sources, results.found, self._recorded)
             self._train(material, results)
             findings = experiment.conclude(plan, material)
-            self._write(findings, material)
-            self._report(findings, len(results.found))
+            self._write(findings)
+            metrics, done = dict(findings.metrics), len(runs) + len(results.found)
+            add_final(session.folder, Final(done, time.time(), metrics))
+            for line in table(findings.summary).to_string(index=False).splitlines():
+                session.terminal.log(line)
+            session.terminal.log(f"data and pictures: {session.folder}")
+            session.terminal.log(f"MLflow {session.shown_at(session.identity.uuid)}")
 
-    def _make_ses(self) -> None:
-        """Finish the NES run of every SE, seed by seed, so that all conditions grow alike."""
-        log = JsonlLog(self.folder / RUNS_FILE)
-        ordered = sorted(self.ses, key=lambda made: made.number)
-        for number, made in enumerate(ordered, start=1):
+    def _finish(self, runs: Mapping[tuple[str, int], NESRun]) -> None:
+        """Finish the NES run of every SE, seed by seed."""
+        log = JsonlLog(self.session.folder / RUNS_FILE)
+        ordered = sorted(runs.items(), key=lambda item: item[0][1])
+        for number, ((condition, _), run) in enumerate(ordered, start=1):
             self.session.guard.check()
-            run = made.run
             if run.ended:
                 check_settings(run.folder, run.settings())
             else:
-                if self.experiment.interim:
-                    self._conclude_so_far()
-                self.terminal.log(
-                    f"NES run {number} of {len(self.ses)}: {title_of(made.condition)}, "
-                    f"seed {run.seed}"
+                self.session.terminal.log(
+                    f"NES run {number} of {len(runs)}: {title_of(condition)}, seed {run.seed}"
                 )
                 run_on(run, self.driver, self.pool)
             if run.folder.name not in log.values:
                 log.append(run.folder.name)
-
-    def _conclude_so_far(self) -> None:
-        """Write the findings on the finished NES runs."""
-        finished = [made for made in self.ses if made.run.ended]
-        if finished:
-            material = Material.of(finished, {}, self.folder)
-            self._write(self.experiment.conclude(self.plan, material), material)
 
     def _train(self, material: Material, results: AgentResults) -> None:
         """Train agents until the experiment needs no more."""
@@ -172,7 +157,7 @@ class _Runner:
             missing = [one for key, one in needed.items() if key not in results.found]
             if not missing:
                 return
-            self.terminal.bar("training", len(needed) - len(missing), len(needed), "agents")
+            self.session.terminal.bar("training", len(needed) - len(missing), len(needed), "agents")
             self._evaluate(missing, results)
 
     def _evaluate(self, missing: Sequence[Evaluation], results: AgentResults) -> None:
@@ -187,41 +172,31 @@ class _Runner:
         def keep(result: EvaluationResult) -> None:
             self.session.guard.check()
             results.add(missing[result.index].key, result)
-            self.terminal.step()
+            self.session.terminal.step()
 
         self.pool.run(self.plan.task, tuple(se.se for se in ses.values()), requests, keep)
 
     def _recorded(self, done: int, total: int) -> None:
         self.session.guard.check()
-        self.terminal.bar("recording", done, total, "agents")
+        self.session.terminal.bar("recording", done, total, "agents")
 
-    def _write(self, findings: Findings, material: Material) -> None:
+    def _write(self, findings: Findings) -> None:
         """Write data, pictures and findings."""
-        pictures = {f"{name}.svg": figure for name, figure in findings.figures.items()}
-        for name, figure in pictures.items():
-            write_aside(self.folder / name, svg(figure))
+        folder = self.session.folder
+        for name, figure in findings.figures.items():
+            write_aside(folder / f"{name}.svg", svg(figure))
         data: str = findings.data.to_csv(index=False, lineterminator="\n")
-        write_aside(self.folder / DATA_FILE, data.encode())
+        write_aside(folder / DATA_FILE, data.encode())
         author = Author.of_this_process()
         stored = StoredFindings(
             self.experiment.name,
             self.plan.size,
-            dict(Counter(made.condition for made in material.ses)),
-            tuple(pictures),
+            self.experiment.runs(self.plan.size),
+            tuple(f"{name}.svg" for name in findings.figures),
             tuple(dict(row) for row in findings.summary),
             tuple(findings.notes),
             versions(),
             author.command,
             author.commit,
         )
-        write_aside(self.folder / FINDINGS_FILE, json.dumps(asdict(stored), indent=2).encode())
-
-    def _report(self, findings: Findings, agents: int) -> None:
-        """Print the findings and log the metrics to MLflow."""
-        log = self.terminal.log
-        for line in table(findings.summary).to_string(index=False).splitlines():
-            log(line)
-        add_final(self.folder, Final(len(self.ses) + agents, time.time(), dict(findings.metrics)))
-        pictures = count(len(findings.figures), "picture")
-        log(f"data: {self.folder / DATA_FILE}; {pictures} in the same folder")
-        log(f"MLflow {self.session.shown_at(self.session.identity.uuid)}")
+        write_aside(folder / FINDINGS_FILE, json.dumps(asdict(stored), indent=2).encode())

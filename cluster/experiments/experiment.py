@@ -2,15 +2,11 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bilevel.errors import InvalidInput
 from bilevel.evaluation import EvaluationResult, comparable
-from bilevel.nes import NESState
-from bilevel.synthetic_env import load_se
 from bilevel.tasks import Task
 from cluster.experiments.agents import Evaluation, Found, Plan, Source
 from cluster.experiments.conditions import CONDITIONS, REAL
@@ -19,43 +15,17 @@ from cluster.experiments.style import styled
 from cluster.experiments.table import Row
 from cluster.nes.run import NESRun
 from cluster.storage.home import Home
-from cluster.storage.run_folder import BEST_FILE, finals
 
 
-@dataclass(frozen=True)
-class SERun:
-    """A condition's NES run, which learns one SE."""
-
-    condition: str
-    number: int
-    run: NESRun
-
-    @property
-    def source(self) -> Source:
-        """The run's best SE. Raises InvalidInput if its file is damaged."""
-        return Source(self.condition, self.number, load_se(self.run.folder / BEST_FILE))
-
-    @property
-    def state(self) -> NESState:
-        """The run's last state. Raises InvalidInput if its file is damaged or missing."""
-        state = self.run.load()
-        if state is None:
-            raise InvalidInput(f"{str(self.run.folder)!r} has no checkpoint")
-        return state
-
-    @property
-    def final(self) -> Mapping[str, float]:
-        """Scores of fresh agents at the end of the run."""
-        return finals(self.run.folder)[-1].metrics
-
-
-def se_runs(runs: Mapping[str, int], task: Task, size: Size, seed: int, home: Home) -> list[SERun]:
-    """Return the NES runs of each condition; number i has the seed `seed` + i."""
-    return [
-        SERun(name, number, CONDITIONS[name].run(task, size, seed + number, home))
+def se_runs(
+    runs: Mapping[str, int], task: Task, size: Size, seed: int, home: Home
+) -> dict[tuple[str, int], NESRun]:
+    """Return the NES runs by condition and number; number i has the seed `seed` + i."""
+    return {
+        (name, number): CONDITIONS[name].run(task, size, seed + number, home)
         for name, ses in runs.items()
         for number in range(ses)
-    ]
+    }
 
 
 def _no_progress(done: int, total: int) -> None:
@@ -66,22 +36,9 @@ def _no_progress(done: int, total: int) -> None:
 class Material:
     """SEs and results that the findings of an experiment are computed from."""
 
-    ses: Sequence[SERun]  # which have finished
-    sources: Sequence[Source]  # of these SEs, in the same order
+    sources: Sequence[Source]  # without the real task
     found: Found
-    folder: Path  # of the experiment
     progress: Callable[[int, int], None] = _no_progress  # gets the done and all steps of findings
-
-    @classmethod
-    def of(
-        cls,
-        ses: Sequence[SERun],
-        found: Found,
-        folder: Path,
-        progress: Callable[[int, int], None] = _no_progress,
-    ) -> "Material":
-        """Load the SEs. Raises InvalidInput for a damaged one."""
-        return cls(ses, [made.source for made in ses], found, folder, progress)
 
     def on(self, *conditions: str) -> list[Source]:
         """Return the sources of conditions; REAL is the real task."""
@@ -129,9 +86,6 @@ class Experiment:
     #: The agents to train. It is called again with their results until no agent is missing, so
     #: that later agents may depend on earlier results.
     evaluations: Callable[[Plan, Material], list[Evaluation]] = _no_evaluations
-    #: Whether findings are updated before each further NES run. Only for experiments that train no
-    #: agents; their NES runs may take days.
-    interim: bool = False
     #: Kinds of agents by task, unless the user names others.
     agents: Callable[[str], tuple[str, ...]] = _only_ddqn
 

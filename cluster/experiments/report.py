@@ -123,15 +123,11 @@ def _section(experiment: Experiment, findings: StoredFindings, folder: Path) -> 
         data = base64.b64encode(svg).decode()
         yield f'<img alt="{escape(name)}" src="data:image/svg+xml;base64,{data}">'
     yield _html([titled(row) for row in findings.summary])
-    runs = "; ".join(
-        f"{title_of(name)}: {findings.runs.get(name, 0)} of {number}"
-        for name, number in experiment.runs(findings.size).items()
-    )
     facts = {
         "command": findings.command,
         "commit": findings.commit,
         "size": ", ".join(f"{name} {value}" for name, value in asdict(findings.size).items()),
-        "finished NES runs": runs,
+        "NES runs": ", ".join(f"{title_of(name)} {n}" for name, n in findings.runs.items()),
         "versions": ", ".join(f"{name} {number}" for name, number in findings.versions.items()),
     }
     yield from (_paragraph(note) for note in findings.notes)

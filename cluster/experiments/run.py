@@ -3,7 +3,6 @@
 settings.json     experiment, task, seed and kinds of agents
 runs.jsonl        names of its NES runs, appended when they finish
 results.jsonl     results of agents, appended when they finish, each with the digest of its request
-transitions-*     (behaviour) transitions of an agent, one file per agent
 findings.json     size, versions, command and summary
 data.csv          all values; NAME.svg: the pictures
 """
@@ -52,7 +51,7 @@ class StoredFindings:
 
     experiment: str
     size: Size
-    runs: dict[str, int]  # finished NES runs by condition
+    runs: dict[str, int]  # NES runs by condition
     pictures: tuple[str, ...]  # file names
     summary: tuple[dict[str, Value], ...]
     notes: tuple[str, ...]

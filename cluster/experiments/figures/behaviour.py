@@ -1,8 +1,7 @@
 """`behaviour`: transitions on an SE and on the real task (paper, Figure "histograms")."""
 
-import io
-from collections.abc import Iterator, Sequence
-from typing import Any
+from collections.abc import Sequence
+from itertools import chain
 
 import numpy as np
 import pandas as pd
@@ -11,18 +10,15 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bilevel.agents import Transition
-from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import record
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
-from bilevel.tasks import Task
 from bilevel.tasks.names import observation_names
 from cluster.experiments.agents import Evaluation, Plan, evaluations_on
 from cluster.experiments.experiment import Experiment, Findings, Material
-from cluster.experiments.sizes import Size
 from cluster.experiments.style import SERIES, column, panels
-from cluster.experiments.table import Row
+from cluster.experiments.table import Row, Value
 
 #: Origins of the transitions, in the order of the looks.
 TESTS = "real task, tests"
@@ -31,12 +27,6 @@ ORIGINS = ("SE, training", TESTS, "SE's answer to the real task")
 #: Bins of a histogram, and the share of values at either end that may lie outside them.
 _BINS, _OUTSIDE = 50, 0.002
 
-Arrays = dict[str, NDArray[np.float32]]
-
-
-def _runs(size: Size) -> dict[str, int]:
-    return {"default": 1}
-
 
 def _agents(plan: Plan, material: Material) -> list[Evaluation]:
     """Return agents of the first kind with default hyperparameters, as in the paper."""
@@ -44,57 +34,28 @@ def _agents(plan: Plan, material: Material) -> list[Evaluation]:
     return evaluations_on(plan, sources, plan.kinds[:1], agents, vary="no")
 
 
-def _recorded(plan: Plan, material: Material, agents: Sequence[Evaluation]) -> Iterator[Arrays]:
-    """Yield the transitions of each agent, which are stored in a file. Training runs in the
-    agents' readable form on one core."""
-    for done, agent in enumerate(agents):
-        material.progress(done, len(agents))
-        path = material.folder / f"transitions-{agent.key}.npz"
-        if not path.exists():
-            assert agent.source.se is not None
-            made = record(plan.task, agent.source.se.se, agent.hp, agent.seed)
-            size = plan.task.state_size
-            arrays = {**columns("train", made.training, size), **columns("test", made.tests, size)}
-            buffer = io.BytesIO()
-            np.savez_compressed(buffer, allow_pickle=False, **arrays)
-            write_aside(path, buffer.getvalue())
-        with path.open("rb") as opened, np.load(opened, allow_pickle=False) as file:
-            yield {name: file[name] for name in file.files}
-
-
-def columns(name: str, transitions: Sequence[Transition], state_size: int) -> Arrays:
-    """Return states (n, S), actions (n,), rewards (n,) and next states (n, S) of transitions."""
-
-    def array(values: list[Any], *shape: int) -> NDArray[np.float32]:
-        return np.array(values, np.float32).reshape(-1, *shape)  # also if there are none
-
-    return {
-        f"{name}_states": array([t.state for t in transitions], state_size),
-        f"{name}_actions": array([t.action for t in transitions]),
-        f"{name}_rewards": array([t.reward for t in transitions]),
-        f"{name}_next": array([t.next_state for t in transitions], state_size),
-    }
-
-
 def _findings(plan: Plan, material: Material) -> Findings:
     agents = _agents(plan, material)
     hp, se = agents[0].hp, agents[0].source.se
     assert se is not None
-    each = [*_recorded(plan, material, agents)]
-    tested = sum(arrays["test_rewards"].size > 0 for arrays in each)  # which have not diverged
+    recordings = []
+    for done, agent in enumerate(agents):
+        material.progress(done, len(agents))
+        recordings.append(record(plan.task, se.se, agent.hp, agent.seed))
+    tested = [recording.tests for recording in recordings if recording.tests]
     if not tested:
         raise InvalidInput(
             f"all {len(agents)} agents diverged on the SE with seed {plan.seed}: there are no "
             "tests to show; use another --seed"
         )
-    arrays = {name: np.concatenate([one[name] for one in each]) for name in each[0]}
-    seen, names = _seen(arrays, se), _names(plan.task)
+    seen = values_by_origin([*chain(*(r.training for r in recordings))], [*chain(*tested)], se)
+    names = [*observation_names(plan.task.id, plan.task.state_size), "reward"]
     data = densities(seen, names)
-    episodes = tested * hp.test_episodes
-    returns = float(arrays["test_rewards"].sum()) / episodes
+    episodes = len(tested) * hp.test_episodes
+    returns = float(seen[TESTS][:, -1].sum()) / episodes
     summary: list[Row] = []
     for origin, values in seen.items():
-        row: dict[str, str | float | int | None] = {"seen": origin, "steps": len(values)}
+        row: dict[str, Value] = {"seen": origin, "steps": len(values)}
         for name, value in zip(names, values.T, strict=True):
             row |= {name: float(value.mean()), f"{name}_std": float(value.std())}
         if origin == TESTS:
@@ -108,28 +69,26 @@ def _findings(plan: Plan, material: Material) -> Findings:
         (
             f"{len(agents)} {hp.agent} agents with the paper's default hyperparameters on the SE "
             f"with seed {plan.seed}, which was not selected. Their mean test return is "
-            f"{returns:.1f}. {len(agents) - tested} agents diverged and have no tests. Values are "
-            "next states and rewards.",
+            f"{returns:.1f}. {len(agents) - len(tested)} agents diverged and have no tests. Values "
+            "are next states and rewards.",
             f"The lowest and highest {_OUTSIDE:.1%} of the values may lie outside the histograms.",
         ),
     )
 
 
-def _seen(arrays: Arrays, se: StoredSE) -> dict[str, NDArray[np.float32]]:
+def values_by_origin(
+    training: Sequence[Transition], tests: Sequence[Transition], se: StoredSE
+) -> dict[str, NDArray[np.float32]]:
     """Return next states and rewards (n, S + 1) by origin."""
-    states = torch.from_numpy(arrays["test_states"])
-    actions = torch.from_numpy(arrays["test_actions"].astype(np.int64))
+    states = torch.from_numpy(np.array([step.state for step in tests], np.float32))
+    actions = torch.from_numpy(np.array([step.action for step in tests], np.int64))
     following, rewards, _ = SEModule(se)(states, actions)
-    parts = (
-        (arrays["train_next"], arrays["train_rewards"]),
-        (arrays["test_next"], arrays["test_rewards"]),
-        (following.numpy(), rewards.numpy()),
+    answers = np.column_stack([following.numpy(), rewards.numpy()])
+    on_se, on_task = (
+        np.array([(*step.next_state, step.reward) for step in steps], np.float32)
+        for steps in (training, tests)
     )
-    return {origin: np.column_stack(part) for origin, part in zip(ORIGINS, parts, strict=True)}
-
-
-def _names(task: Task) -> list[str]:
-    return [*observation_names(task.id, task.state_size), "reward"]
+    return dict(zip(ORIGINS, (on_se, on_task, answers), strict=True))
 
 
 def densities(seen: dict[str, NDArray[np.float32]], names: Sequence[str]) -> pd.DataFrame:
@@ -176,6 +135,6 @@ BEHAVIOUR = Experiment(
     "Behaviour of an SE",
     "Next states and rewards of agents in training on one SE and in tests on the real task, and "
     "the SE's answers to the states and actions of these tests.",
-    _runs,
+    lambda size: {"default": 1},
     _findings,
 )

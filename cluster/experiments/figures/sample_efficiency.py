@@ -18,7 +18,6 @@ from bilevel.tasks import Task
 from cluster.experiments.agents import Evaluation, Found, Plan, evaluations_on
 from cluster.experiments.conditions import REAL, title_of
 from cluster.experiments.experiment import Experiment, Findings, Material
-from cluster.experiments.sizes import Size
 from cluster.experiments.style import LOOKS, column, legend_below, solved_line
 from cluster.experiments.table import Row, standard_error
 
@@ -31,10 +30,6 @@ SOURCES = ("default", REAL)
 
 #: Factor between the episode limits of an agent, and points of a drawn curve.
 _FACTOR, _POINTS = 1.4, 80
-
-
-def _runs(size: Size) -> dict[str, int]:
-    return {"default": size.curve_ses}
 
 
 def episode_limits(hp: AgentHyperparameters) -> list[int]:
@@ -166,7 +161,7 @@ SAMPLE_EFFICIENCY = Experiment(
     "Sample efficiency of agents",
     "The mean return on the real task of the same agents against their train steps, on SEs and on "
     "the real task.",
-    _runs,
+    lambda size: {"default": size.curve_ses},
     _findings,
     _evaluations,
 )

@@ -13,7 +13,6 @@ from bilevel.tasks import Task
 from cluster.experiments.agents import Evaluation, Plan, evaluations_on
 from cluster.experiments.experiment import Experiment, Findings, Material
 from cluster.experiments.figures.transfer import agent_data
-from cluster.experiments.sizes import Size
 from cluster.experiments.style import SERIES, column, panels, solved_line
 from cluster.experiments.table import Row, standard_error
 
@@ -29,10 +28,6 @@ VARIED = {
 
 #: Groups of agents whose means are drawn.
 _FIFTHS = 5
-
-
-def _runs(size: Size) -> dict[str, int]:
-    return {"default": 1}
 
 
 def _evaluations(plan: Plan, material: Material) -> list[Evaluation]:
@@ -120,7 +115,7 @@ SENSITIVITY = Experiment(
     "sensitivity",
     "Sensitivity to agents' hyperparameters",
     "Scores of agents trained on one SE against each varied hyperparameter.",
-    _runs,
+    lambda size: {"default": 1},
     _findings,
     _evaluations,
 )

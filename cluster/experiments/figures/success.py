@@ -1,8 +1,5 @@
 """`success`: scores over the generations of many NES runs (paper, Figure "success")."""
 
-from collections.abc import Sequence
-from typing import Any
-
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
@@ -14,49 +11,35 @@ from numpy.typing import NDArray
 
 from bilevel.tasks import Task
 from cluster.experiments.agents import Plan
-from cluster.experiments.authors import AUTHORS_GENERATIONS, authors_figure
 from cluster.experiments.conditions import title_of
-from cluster.experiments.experiment import Experiment, Findings, Material, SERun
-from cluster.experiments.sizes import Size
+from cluster.experiments.experiment import Experiment, Findings, Material
 from cluster.experiments.style import LOOKS, column, legend_below, solved_line
 from cluster.experiments.table import Row
 from cluster.session.terminal import count
+from cluster.storage.run_folder import finals
 
 Floats = NDArray[np.float64]
 
 
-def _runs(size: Size) -> dict[str, int]:
-    return {"default": size.runs, "authors": size.authors_runs, "paper": size.authors_runs}
-
-
-def learning_curves(ses: Sequence[SERun]) -> pd.DataFrame:
-    """Return a row per generation of each run: score of the unperturbed SE, core seconds since the
-    start of the run, and length of the step on the mean."""
-    return pd.DataFrame(
-        {
-            "condition": made.condition,
-            "seed": made.run.seed,
-            "generation": generation,
-            "score": record.score_mean,
-            "core_seconds": record.cost,
-            "update_norm": record.update_norm,
-        }
-        for made in ses
-        for generation, record in enumerate(made.state.records)
-    )
-
-
-def ends_of_runs(ses: Sequence[SERun]) -> pd.DataFrame:
-    """Return a row per run: core seconds including the last confirmation, and the score of fresh
-    agents on the best SE."""
-    return pd.DataFrame(
-        {
-            "condition": made.condition,
-            "core_seconds": made.state.cost,
-            "final_score": made.final["final_score_mean"],
-        }
-        for made in ses
-    )
+def _findings(plan: Plan, material: Material) -> Findings:
+    curves, ends = [], []
+    for source in material.sources:
+        assert source.run is not None
+        state, condition = source.state, source.condition
+        for generation, record in enumerate(state.records):
+            curves.append(
+                {
+                    "condition": condition,
+                    "seed": source.run.seed,
+                    "generation": generation,
+                    "score": record.score_mean,
+                    "core_seconds": record.cost,
+                    "update_norm": record.update_norm,
+                }
+            )
+        score = finals(source.run.folder)[-1].metrics["final_score_mean"]
+        ends.append({"condition": condition, "core_seconds": state.cost, "final_score": score})
+    return findings_of(pd.DataFrame(curves), pd.DataFrame(ends), plan.task)
 
 
 def scores_by_run(curves: pd.DataFrame) -> Floats:
@@ -70,12 +53,13 @@ def first_solved(curves: pd.DataFrame, solved_reward: float) -> pd.DataFrame:
     return curves[curves["score"] >= solved_reward].groupby("seed").first()
 
 
-def _findings(plan: Plan, material: Material) -> Findings:
-    return findings_of(learning_curves(material.ses), ends_of_runs(material.ses), plan.task)
-
-
 def findings_of(data: pd.DataFrame, ends: pd.DataFrame, task: Task) -> Findings:
-    """Return table and pictures of these runs."""
+    """Return table and pictures of runs.
+
+    `data` has a row per generation: score of the unperturbed SE, core seconds since the start, and
+    length of the step on the mean. `ends` has a row per run: core seconds including the last
+    confirmation, and the score of fresh agents on the best SE.
+    """
     curves = dict([*data.groupby("condition", sort=False)])
     summary = [
         _summary(name, group, ends[ends["condition"] == name], task.solved_reward)
@@ -126,13 +110,8 @@ def _summary(name: str, curves: pd.DataFrame, ends: pd.DataFrame, solved_reward:
 def _curves(curves: dict[str, pd.DataFrame], task: Task) -> Figure:
     figure = column(0.5 + 1.35 * len(curves))
     panels: list[Axes] = list(np.atleast_1d(figure.subplots(len(curves), 1, sharey=True)))
-    starred = False
     for axes, (name, group) in zip(panels, curves.items(), strict=True):
         _condition(axes, name, group, task)
-        authors = authors_figure(task.id, "success", {"condition": name}, "score_at_end")
-        if authors is not None and group["generation"].max() + 1 == AUTHORS_GENERATIONS:
-            axes.plot([AUTHORS_GENERATIONS - 1], [authors.value], **_STAR)
-            starred = True
     panels[-1].set_xlabel("generation")
     figure.supylabel("score (mean test return)", fontsize=7.5)
     handles = [
@@ -140,13 +119,8 @@ def _curves(curves: dict[str, pd.DataFrame], task: Task) -> Figure:
         Line2D([], [], color="black", label="mean of the runs"),
         Patch(color="black", alpha=0.18, lw=0, label="standard deviation, cut at the range"),
     ]
-    if starred:
-        handles.append(Line2D([], [], **_STAR, ls="none", label="authors' mean, end"))
     figure.legend(handles=handles, loc="outside lower center", ncols=2)
     return figure
-
-
-_STAR: dict[str, Any] = {"color": "black", "marker": "*", "ms": 7, "clip_on": False}
 
 
 def _condition(axes: Axes, name: str, curves: pd.DataFrame, task: Task) -> None:
@@ -204,7 +178,6 @@ SUCCESS = Experiment(
     "Success of NES",
     "The score of the unperturbed SE over the generations of NES runs from different seeds. Thin "
     "lines are runs, and the dotted line is the return that solves the task.",
-    _runs,
+    lambda size: {"default": size.runs, "authors": size.authors_runs, "paper": size.authors_runs},
     _findings,
-    interim=True,
 )

@@ -17,16 +17,11 @@ from cluster.experiments.agents import Evaluation, Plan, evaluations_on
 from cluster.experiments.authors import PICKED
 from cluster.experiments.conditions import REAL, title_of
 from cluster.experiments.experiment import Experiment, Findings, Material
-from cluster.experiments.sizes import Size
 from cluster.experiments.style import LOOKS, column, number, solved_line, violin
 from cluster.experiments.table import Row, standard_error
 
 #: Training environments in the order of the paper's violins, followed by ours.
 SOURCES = (REAL, "varied", "fixed", "default")
-
-
-def _runs(size: Size) -> dict[str, int]:
-    return dict.fromkeys(("varied", "fixed", "default"), size.ses)
 
 
 def _agents(task_id: str) -> tuple[str, ...]:
@@ -156,7 +151,7 @@ TRANSFER = Experiment(
     "Test returns on the real task of fresh agents that were trained on the real task, and on SEs "
     "that NES learned with DDQN agents. Bars are quartiles, white dots medians, diamonds means, "
     "and the dotted line is the return that solves the task.",
-    _runs,
+    lambda size: dict.fromkeys(("varied", "fixed", "default"), size.ses),
     _findings,
     _evaluations,
     agents=_agents,
