@@ -9,7 +9,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from bilevel.errors import InvalidInput
 from bilevel.kernels.synthetic_env import DONE
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
@@ -60,9 +59,7 @@ class Portrait:
     @classmethod
     def of(cls, se: StoredSE) -> "Portrait":
         """Scale the grid by observations under random actions. Raises InvalidInput if gymnasium
-        does not know the task, or for parameters that are not finite."""
-        if not np.isfinite(se.se.psi).all():
-            raise InvalidInput("cannot draw the SE: some of its parameters are not finite")
+        does not know the task."""
         task = se.task()
         scale = task.observation_scale(derive(0, Purpose.OBSERVATIONS))
         i, j = picture_axes(task.id, task.state_size)

@@ -93,7 +93,7 @@ def payback(data: pd.DataFrame, on_real: pd.Series, name: str) -> Figure:
 
 def _panel(axes: Axes, costs: pd.Series, paid: pd.Series, marginal: pd.Series, real: float) -> None:
     """Draw the costs of SEs with their marginal costs of an agent, and the real task's."""
-    agents = np.geomspace(1, 3 * max(10.0, *paid.dropna()), 60)
+    agents = np.geomspace(1, 3 * max([10.0, *paid.dropna()]), 60)
     ours, task = LOOKS["default"], LOOKS[REAL]
     totals = [cost + each * agents for cost, each in zip(costs, marginal, strict=True)]
     for total, at in zip(totals, paid, strict=True):
