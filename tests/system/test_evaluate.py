@@ -10,11 +10,11 @@ from typing import Any
 import click
 import numpy as np
 import pytest
-import safetensors.numpy
 
 from bilevel.errors import InvalidInput
+from bilevel.synthetic_env import load_se
 from cluster.cli.program import cli
-from cluster.nes.run import STATE_FILE
+from cluster.storage.run_folder import BEST_FILE
 from tests.commands import run_bilevel
 from tests.documents import documented_agent
 from tests.faults.stage import ONE_BY_ONE
@@ -46,7 +46,7 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path, add
     both = ("evaluate", se_file, "--real", "CartPole-v0", "--agent", "ddqn,td3", *FEW)
     path = tmp_path / "CartPole-v0" / "few" / "results.jsonl"
     with run_until(
-        *("fresh ddqn and td3 agents", *both, "--agents", "2"),
+        *("fresh ddqn, td3 agents", *both, "--agents", "2"),
         *("--home", tmp_path, "--address", address),
     ) as process:
         while not path.exists() or path.read_bytes().count(b"\n") < 2:
@@ -89,8 +89,8 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path, add
 
 
 def test_nes_with_a_custom_agent(tmp_path: Path, address: str) -> None:
-    """The example agent of docs/agents.md, next to DDQN, on actors that get its file and an imported
-    module from the command."""
+    """The example agent of docs/agents.md, next to DDQN. Actors get its file and an imported module
+    from the command."""
     file, parts = tmp_path / "mine.py", tmp_path / "parts.py"
     code, registration, rest = documented_agent().partition("register_agent(Reinf")
     parts.write_text(code)
@@ -105,21 +105,21 @@ def test_nes_with_a_custom_agent(tmp_path: Path, address: str) -> None:
     )
     common = ("nes", "CartPole-v0", *chosen, *small, "--generations", "1", "--name", "mixed")
     joined = (*common, "--address", address)
-    thetas = []
+    found = []
     for workers in ("1", "2"):
         file.write_text(f"{importing}{registration}{rest}{DELETED}")
         result = run_bilevel(*joined, "--workers", workers, "--home", tmp_path / workers)
         assert result.returncode == 0, result.stderr
         assert "generation   0  score" in result.stdout
-        state = tmp_path / workers / "CartPole-v0" / "mixed" / STATE_FILE
-        thetas.append(safetensors.numpy.load_file(state)["theta"])
-    np.testing.assert_array_equal(thetas[0], thetas[1])
+        folder = tmp_path / workers / "CartPole-v0" / "mixed"
+        found.append(load_se(folder / BEST_FILE).se.psi)
+    np.testing.assert_array_equal(found[0], found[1])
 
     file.write_text(f"{importing}{registration}{rest}")
     parts.write_text(f"{code}\n# another version\n")
     resumed = run_bilevel(*joined, "--home", tmp_path / "1")
     assert resumed.returncode == 0, resumed.stderr
-    assert "mixed: Begun and resumed with 2 versions of the agent 'reinforce'" in resumed.stdout
+    assert "2 versions of the agent 'reinforce'" in resumed.stdout
 
 
 def test_an_error_in_a_custom_agent_is_one_line(tmp_path: Path, address: str) -> None:
