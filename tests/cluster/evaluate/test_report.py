@@ -1,4 +1,4 @@
-"""The report of an evaluation: its table and its picture."""
+"""Table and picture of an evaluation."""
 
 from dataclasses import replace
 
@@ -23,32 +23,28 @@ def group(agents: int, source: str = "my_se", spread: float = 10.0) -> Group:
 
 
 @pytest.mark.parametrize(("agents", "violins"), [(5, 0), (VIOLIN_FROM, 2)])
-def test_a_violin_needs_enough_agents(agents: int, violins: int, cartpole: Task) -> None:
-    """Of every agent there is a point, in scores and in train steps."""
+def test_the_picture_has_a_point_per_agent(agents: int, violins: int, cartpole: Task) -> None:
+    """Violins of scores and train steps need VIOLIN_FROM agents."""
     found = group(agents)
-    figure = returns([found], cartpole, "few")
+    figure = returns([found], cartpole, "title")
     drawn = [one for axes in figure.axes for one in axes.collections]
     assert sum(isinstance(one, PolyCollection) for one in drawn) == violins
     points = [np.asarray(one.get_offsets()) for one in figure.axes[0].collections]
-    assert any(len(p) == agents and np.allclose(p[:, 1], found.scores) for p in points), (
-        "a point of every agent"
-    )
-    assert f"n = {agents}" in figure.axes[1].get_xticklabels()[0].get_text()
-    assert "few" in figure.axes[0].get_title()
+    assert any(len(p) == agents and np.allclose(p[:, 1], found.scores) for p in points)
 
 
-def test_one_agent_and_equal_scores_are_drawn_too(cartpole: Task) -> None:
-    assert png(returns([group(1), group(30, "other", spread=0.0)], cartpole, "few"))
+def test_a_picture_of_one_agent_and_of_equal_scores(cartpole: Task) -> None:
+    assert png(returns([group(1), group(30, "other", spread=0.0)], cartpole, "title"))
 
 
 def test_the_table_fits_80_columns() -> None:
     lines = as_table([group(5), group(40, "real")])
-    assert [len(line.split()) for line in lines[1:]] == [13, 13]
+    assert lines[1].split()[:6] == ["my_se", "ddqn", "5", "178.4", "±", "8.7"]
     assert max(map(len, lines)) <= 80
 
 
-def test_a_diverged_agent_is_no_better_than_the_others_of_all_groups() -> None:
-    """The worst score of a task with penalties may lie above all that agents get."""
+def test_a_diverged_agent_scores_no_better_than_the_others_of_all_groups() -> None:
+    """The worst score of a task with penalties may be above all scores."""
     diverged = replace(made_up_result(1, 0.0, 0.0), finite=False)
     one, other = groups_of(
         {
@@ -60,8 +56,4 @@ def test_a_diverged_agent_is_no_better_than_the_others_of_all_groups() -> None:
     assert (one.source, other.source) == ("one", "other")
     assert one.test_returns.tolist() == [-200.0, -400.0, -300.0, -300.0]
     assert other.scores.tolist() == [-300.0, -150.0, -300.0]
-    assert other.summary()["non_finite"] == 2
-    assert as_table([one, other])[3:] == [
-        "1 of 2 ddqn agents on one diverged: the lowest score each",
-        "2 of 3 ddqn agents on other diverged: the lowest score each",
-    ]
+    assert [line.split()[-1] for line in as_table([one, other])] == ["diverged", "1", "2"]
