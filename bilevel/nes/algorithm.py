@@ -31,7 +31,7 @@ from bilevel.evolution.shaping import COMPARING
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes.checkpoint import load_state, save_state
 from bilevel.nes.confirmation import Confirming
-from bilevel.nes.records import GenerationRecord, record_generation
+from bilevel.nes.records import GenerationRecord
 from bilevel.nes.requests import Requests, ordered_results
 from bilevel.nes.start import ChoosingStart
 from bilevel.nes.state import Evolving, Finished, NESState, best_finalists
@@ -191,7 +191,7 @@ class NES:
         seeds = self.requests.perturbations(state)
         search, step = self.strategy(state.refuted).tell(state.search, seeds, fitness)
         psi = self.distribution(state).centre.psi
-        record = record_generation(state, results, centre_agents, psi, step, self.task)
+        record = state.record(results, centre_agents, psi, step, self.task.solved_reward)
         return replace(
             state,
             search=search,

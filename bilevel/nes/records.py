@@ -1,16 +1,8 @@
 """Records of generations."""
 
 import math
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
-
-import numpy as np
-
-from bilevel.evaluation import EvaluationResult, scores_of
-from bilevel.evolution import Genotype
-from bilevel.synthetic_env import Psi
-from bilevel.tasks import Task
+from typing import Self
 
 
 @dataclass(frozen=True)
@@ -61,52 +53,3 @@ class GenerationRecord:
         time `finished`."""
         used = self.evaluation_seconds / max(seconds * cores, 1e-9)
         return replace(self, generation_seconds=seconds, core_utilisation=used, finished=finished)
-
-
-class _Progress(Protocol):
-    """The fields of `bilevel.nes.NESState` that records store."""
-
-    @property
-    def generation(self) -> int: ...
-    @property
-    def attempt(self) -> int: ...
-    @property
-    def real_env_steps(self) -> int: ...
-    @property
-    def cost(self) -> float: ...
-
-
-def record_generation(
-    state: _Progress,
-    results: Sequence[EvaluationResult],
-    centre_agents: int,
-    psi: Psi,
-    step: Genotype,
-    task: Task,
-) -> GenerationRecord:
-    """Aggregate a generation's results, in the order of their requests.
-
-    The first `centre_agents` results belong to the unperturbed SE psi (P,). `step` (D,) is the
-    update of the generation.
-    """
-    scores = scores_of(results)
-    centre, on_centre = scores[:centre_agents], results[:centre_agents]
-    seconds = sum(result.seconds for result in results)
-    return GenerationRecord(
-        generation=state.generation,
-        attempt=state.attempt,
-        score_mean=float(centre.mean()),
-        score_std=float(centre.std()),
-        score_best=float(centre.max()),
-        perturbed_score_mean=float(scores[centre_agents:].mean()),
-        train_steps_mean=float(np.mean([result.train_steps for result in on_centre])),
-        train_episodes_mean=float(np.mean([result.train_episodes for result in on_centre])),
-        solved_fraction=float((centre >= task.solved_reward).mean()),
-        non_finite=sum(not result.finite for result in results),
-        real_env_steps=state.real_env_steps,
-        cost=state.cost,
-        psi_norm=float(np.linalg.norm(psi)),
-        update_norm=float(np.linalg.norm(step)),
-        evaluation_seconds=seconds,
-        env_steps_per_second=sum(result.train_steps for result in results) / max(seconds, 1e-9),
-    )

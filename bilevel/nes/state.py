@@ -8,11 +8,13 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field
 
+from bilevel.evaluation import EvaluationResult, scores_of
 from bilevel.evolution import Genotype, SearchDistribution
 from bilevel.hyperparameters import NESHyperparameters
 from bilevel.nes.confirmation import Confirming
 from bilevel.nes.records import GenerationRecord
 from bilevel.nes.start import ChoosingStart
+from bilevel.synthetic_env import Psi
 from bilevel.tasks import ObservationScale
 
 #: Number of SEs that a run keeps for its end.
@@ -122,3 +124,38 @@ class NESState:
         """Add the measured times of the last generation (`GenerationRecord.timed`)."""
         *earlier, last = self.records
         return replace(self, records=(*earlier, last.timed(seconds, cores, finished)))
+
+    def record(
+        self,
+        results: Sequence[EvaluationResult],
+        centre_agents: int,
+        psi: Psi,
+        step: Genotype,
+        solved_reward: float,
+    ) -> GenerationRecord:
+        """Aggregate a generation's results, in the order of their requests.
+
+        The first `centre_agents` results belong to the unperturbed SE psi (P,). `step` (D,) is the
+        update of the generation.
+        """
+        scores = scores_of(results)
+        centre, on_centre = scores[:centre_agents], results[:centre_agents]
+        seconds = sum(result.seconds for result in results)
+        return GenerationRecord(
+            generation=self.generation,
+            attempt=self.attempt,
+            score_mean=float(centre.mean()),
+            score_std=float(centre.std()),
+            score_best=float(centre.max()),
+            perturbed_score_mean=float(scores[centre_agents:].mean()),
+            train_steps_mean=float(np.mean([result.train_steps for result in on_centre])),
+            train_episodes_mean=float(np.mean([result.train_episodes for result in on_centre])),
+            solved_fraction=float((centre >= solved_reward).mean()),
+            non_finite=sum(not result.finite for result in results),
+            real_env_steps=self.real_env_steps,
+            cost=self.cost,
+            psi_norm=float(np.linalg.norm(psi)),
+            update_norm=float(np.linalg.norm(step)),
+            evaluation_seconds=seconds,
+            env_steps_per_second=sum(result.train_steps for result in results) / max(seconds, 1e-9),
+        )
