@@ -46,8 +46,8 @@ def taught(suffix: str = "", tasks: Sequence[str] = PAPER_TASKS) -> str:
     rows = [row for task, result in results.items() for row in _agent_rows(task, result["runs"])]
     if not rows:
         raise NotMeasured("agents on the SEs of these runs")
-    head = ("task", "agent", "SEs", "agents per SE", "score")
-    head += ("SEs at or above the target", "train steps")
+    head = ["task", "agent", "SEs", "agents per SE", "score"]
+    head += ["SEs at or above the target", "train steps"]
     return table(head, rows, *results.values())
 
 
