@@ -21,7 +21,8 @@ RESULTS = Path(__file__).parent / "results"
 
 _PACKAGES = ("bilevel", "numpy", "numba", "torch", "ray", "gymnasium", "hpbandster", "mlflow")
 
-_FLAT_LIST = re.compile(r"\[[^\[\]{}]*\]")
+#: The innermost lists and dictionaries of a JSON file, which are written on one line.
+_INNERMOST = re.compile(r"[\[{][^\[\]{}]*[\]}]")
 
 
 class NotMeasured(LookupError):
@@ -82,8 +83,8 @@ def write_result(name: str, command: str, values: dict[str, Any], resumed: bool 
         before = json.loads(path.read_text())
         commits = {*before.get("earlier_commits", ()), before.get("commit", "")} - {"", commit()}
         header |= {"earlier_commits": sorted(commits)} if commits else {}
-    content = json.dumps({**header, "machine": machine(), **values}, indent=2)
-    content = _FLAT_LIST.sub(lambda match: " ".join(match[0].split()), content)
+    content = json.dumps({**header, "machine": machine(), **values}, indent=1)
+    content = _INNERMOST.sub(lambda match: " ".join(match[0].split()), content)
     write_aside(path, f"{content}\n".encode())
     print(f"written to {path}", flush=True)
     return path

@@ -18,7 +18,6 @@ from benchmarks.nes import tables as nes
 from benchmarks.search import comparison, recipes, studies
 from benchmarks.speed.cost import cost
 from benchmarks.speed.inner_loop import inner_loop
-from benchmarks.speed.products import products
 from benchmarks.speed.startup import startup
 from benchmarks.speed.vector_env import vector_env
 from bilevel.zoo import ENTRIES, card
@@ -60,16 +59,11 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     DOCS / "other-tasks.md": {"nes-others": nes.others},
     DOCS / "tuning.md": {
         "search": comparison.methods,
-        "largest-budget": comparison.largest_budget,
         "searches": studies.searches,
-        "proposals": studies.proposals,
-        "validations": studies.validations,
         "found": recipes.found,
-        "found-taught": recipes.found_taught,
     },
     DOCS / "speed.md": {
         "inner-loop": inner_loop,
-        "products": products,
         "startup": startup,
         "vector-env": vector_env,
         "cost": cost,

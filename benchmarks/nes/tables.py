@@ -2,7 +2,6 @@
 
 import statistics
 from collections.abc import Callable, Sequence
-from contextlib import suppress
 from typing import Any
 
 from benchmarks.machine import NotMeasured, parse_seeds, read_result
@@ -47,26 +46,14 @@ def taught(suffix: str = "", tasks: Sequence[str] = PAPER_TASKS) -> str:
     rows = [row for task, result in results.items() for row in _agent_rows(task, result["runs"])]
     if not rows:
         raise NotMeasured("agents on the SEs of these runs")
-    head = ("task", "agent", "SEs", "agents per SE", "score")
-    head += ("SEs at or above the target", "train steps")
+    head = ["task", "agent", "SEs", "agents per SE", "score"]
+    head += ["SEs at or above the target", "train steps"]
     return table(head, rows, *results.values())
-
-
-def longer() -> str:
-    """Return both tables for SEs with longer episodes on Acrobot."""
-    return _both("_default-se.spread-1.06-se.step_limit-100", ("Acrobot-v1",))
 
 
 def others() -> str:
     """Return both tables for a task outside the paper."""
-    return _both("", OTHER_TASKS)
-
-
-def _both(suffix: str, tasks: Sequence[str]) -> str:
-    parts = [seeds(suffix, tasks)]
-    with suppress(NotMeasured):
-        parts.append(taught(suffix, tasks))
-    return "\n\n".join(parts)
+    return f"{seeds('', OTHER_TASKS)}\n\n{taught('', OTHER_TASKS)}"
 
 
 def complete_results(suffix: str, tasks: Sequence[str]) -> dict[str, dict[str, Any]]:
@@ -136,5 +123,4 @@ def _agent_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
 TABLES: dict[str, Callable[[], str]] = {
     "nes-seeds": seeds,
     "nes-taught": taught,
-    "nes-longer": longer,
 }

@@ -10,6 +10,7 @@ written one by one to `results/search_TASK.json`; the same command resumes.
 """
 
 import argparse
+import math
 import os
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -26,7 +27,6 @@ from benchmarks.machine import (
     write_result,
 )
 from benchmarks.nes.run import run_nes
-from benchmarks.search.outcomes import outcomes
 from bilevel.errors import OtherVersion, StorageFailure
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.hyperparameters import Hyperparameters, load_recipe
@@ -37,7 +37,7 @@ from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.search.validation import Plan, validate
 from cluster.bohb.study.brackets import Schedule, core_seconds_to_run
 from cluster.bohb.study.definition import Study
-from cluster.bohb.study.journal import Journal
+from cluster.bohb.study.journal import Journal, Origin
 from cluster.bohb.study.profiles import METHODS, get_profile, sized
 from cluster.bohb.study.rules import searched_space
 from cluster.nes.run import Pool
@@ -111,6 +111,25 @@ def run_in_process(
     if plan is not None:
         validate(study, journal, plan, pool, log, lambda spent, total: None, lambda: False)
     return StudySummary.of(journal, rungs)
+
+
+def outcomes(journal: Journal) -> dict[str, dict[str, list[tuple[float, int]]]]:
+    """Return objectives and numbers of confirmed SEs by budget and origin of configurations.
+
+    The objective of a failure is infinite. Results of the recipe itself do not count.
+    """
+    origins = (Origin.RANDOM, Origin.AROUND_RECIPE, Origin.MODEL)
+    budgets = sorted({line.budget for line in journal.results})
+    found: dict[str, dict[str, list[tuple[float, int]]]] = {
+        str(budget): {origin.value: [] for origin in origins} for budget in budgets
+    }
+    for line in journal.results:
+        origin = journal.proposals[line.id].origin
+        if origin is not Origin.RECIPE:
+            objective = math.inf if line.loss is None else line.loss
+            outcome = objective, line.info.get("confirmed", 0)
+            found[str(line.budget)][origin.value].append(outcome)
+    return found
 
 
 def search(task_id: str, method: str, seed: int, core_seconds: int, home: Path) -> dict[str, Any]:

@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.stats import fisher_exact, permutation_test
+from scipy.stats import permutation_test
 
 from benchmarks.machine import NotMeasured, read_result
 from benchmarks.markdown import table
 from benchmarks.nes.run import core_seconds_per_se
-from benchmarks.search.outcomes import at_largest, with_an_se
 from benchmarks.search.recipes import TASKS
-from cluster.bohb.study.journal import Origin
 from cluster.bohb.study.profiles import METHODS
 
 #: Names of results by their titles in tables. Earlier ones measured the scale of observations
@@ -63,65 +61,6 @@ def p_value(first: NDArray[np.float64], second: NDArray[np.float64]) -> float:
         n_resamples=np.inf,  # exact for any number of pairs
     )
     return float(result.pvalue)
-
-
-def largest_budget() -> str:
-    """Return the table of configurations that each method promoted to the largest budget.
-
-    It shows whether rungs choose better than chance, and whether the model proposes better
-    configurations than rungs alone.
-    """
-    head = (
-        "task",
-        "method",
-        "searches",
-        "configurations",
-        "found an SE",
-        "of those proposed by the model",
-        "with an SE, per search",
-        "p of the share against random search",
-        "p against Hyperband",
-    )
-    found = comparisons()
-    return table(
-        head, [row for title in found for row in largest_budget_rows(title, found[title]["rows"])]
-    )
-
-
-def largest_budget_rows(task: str, measured: Rows) -> list[tuple[str, ...]]:
-    """Return the rows of a task, from the seeds that all methods have searched."""
-    rows: list[tuple[str, ...]] = []
-    counts: dict[str, tuple[int, int]] = {}  # configurations with and without an SE
-    done = {(row["method"], row["seed"]) for row in measured.values() if "search" in row}
-    seeds = {seed for _, seed in done if all((method, seed) in done for method in METHODS)}
-    for method in ("random", "hyperband", "bohb") if seeds else ():
-        searches = [
-            at_largest(row["search"]["outcomes"])
-            for row in measured.values()
-            if row.get("method") == method and row["seed"] in seeds
-        ]
-        every = [one for search in searches for found in search.values() for one in found]
-        of_model = [one for search in searches for one in search[Origin.MODEL.value]]
-        found = with_an_se(every)
-        counts[method] = found, len(every) - found
-        rows.append(
-            (
-                task,
-                METHODS[method],
-                str(len(searches)),
-                str(len(every)),
-                str(found),
-                f"{with_an_se(of_model)} of {len(of_model)}" if of_model else "",
-                f"{found / len(searches):.1f}",
-                *(
-                    f"{fisher_exact([counts[other], counts[method]]).pvalue:.2g}"
-                    if other in counts and other != method
-                    else ""
-                    for other in ("random", "hyperband")
-                ),
-            )
-        )
-    return rows
 
 
 def methods() -> str:

@@ -25,6 +25,9 @@ from cluster.experiments.style import GUIDE, SERIES, column, styled
 
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 
+#: Names of the studies that are drawn.
+STUDIES = "bohb-local-core-default-seed0", "default-episodes"
+
 
 @styled()
 def compared(title: str, measured: dict[str, Any]) -> Figure:
@@ -61,9 +64,11 @@ def save_png(figure: Figure, path: Path, dpi: float) -> None:
 
 
 def main() -> None:
-    """Draw all pictures."""
+    """Draw the studies and the comparisons."""
     for study in committed():
         folder = study.journal.folder
+        if folder.name not in STUDIES:
+            continue
         task = get_task(folder.parent.name)
         points, validated = study.points(), study.validated_points()
         figure = objective_against_cost(points, validated, task, METHODS["bohb"])

@@ -1,4 +1,4 @@
-"""Tables of the recipes that searches started from and found, run over fresh seeds.
+"""The recipes that searches started from and found, run over fresh seeds.
 
 The runs are results of `benchmarks.nes.seeds`.
 """
@@ -11,7 +11,7 @@ import numpy as np
 from scipy.stats import fisher_exact, mannwhitneyu
 
 from benchmarks.machine import NotMeasured, read_result
-from benchmarks.markdown import mean_and_range, median_and_range, table
+from benchmarks.markdown import median_and_range, table
 from benchmarks.nes.run import core_seconds_per_se
 
 #: Recipes of a task in chronological order, and the suffixes of their results. Each is compared
@@ -67,34 +67,6 @@ def found() -> str:
         "p of solved",
     )
     return table(head, rows, *results)
-
-
-def found_taught() -> str:
-    """Return the tables of agents trained on the recipes' SEs, with a column per recipe.
-
-    Raises NotMeasured if no agents have been trained.
-    """
-    tables = []
-    for task in RECIPES:
-        by_recipe = {
-            title: [run["taught"] for run in result["runs"] if "taught" in run]
-            for title, result in measured(task).items()
-        }
-        by_recipe = {title: by_se for title, by_se in by_recipe.items() if by_se}
-        kinds = dict.fromkeys(k for by_se in by_recipe.values() for on_se in by_se for k in on_se)
-        rows = [
-            (task, kind, *(_scores(by_se, kind) for by_se in by_recipe.values())) for kind in kinds
-        ]
-        head = ["task", "agent", *(f"{title}: {len(ses)} SEs" for title, ses in by_recipe.items())]
-        tables += [table(head, rows)] if rows else []
-    if not tables:
-        raise NotMeasured("agents on the SEs of recipes of `benchmarks/search`")
-    return "\n\n".join(tables)
-
-
-def _scores(by_se: Runs, kind: str) -> str:
-    means = [float(np.mean(on_se[kind]["scores"])) for on_se in by_se if kind in on_se]
-    return mean_and_range(means) if means else "-"
 
 
 def p_values(first: Runs, second: Runs) -> tuple[str, str]:

@@ -11,8 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from benchmarks.machine import read_result, spread, write_result
-from benchmarks.markdown import format_spread, table
+from benchmarks.machine import spread, write_result
 from bilevel.kernels.jit import compiled
 from bilevel.kernels.products import tiles_of_rows, tiles_with_rows
 from bilevel.threads import one_blas_thread
@@ -71,21 +70,6 @@ def measure(tiles: Callable[..., Any], a: Any, b: Any) -> dict[str, Any]:
         "blas_us": spread([of_blas for _, of_blas in pairs]),
         "ratio": spread([of_blas / of_tiles for of_tiles, of_blas in pairs]),
     }
-
-
-def products() -> str:
-    """Return the table."""
-    result = read_result("products")
-    rows = [
-        (
-            label,
-            f"{case['tiles_us']['median']:.1f} µs",
-            f"{case['blas_us']['median']:.1f} µs",
-            format_spread(case["ratio"], ".1f"),
-        )
-        for label, case in result["results"].items()
-    ]
-    return table(("product", "tiles", "BLAS", "times as fast"), rows, result)
 
 
 def main() -> None:

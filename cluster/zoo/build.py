@@ -45,9 +45,11 @@ def build(command: BuildCommand) -> Card:
     run_nes(NESCommand(NESRun(task, hp, entry.seed, run_folder), context, workers))
     content = (run_folder / BEST_FILE).read_bytes()
     se = load_se(run_folder / BEST_FILE)
-    name, sources, agents = f"zoo-{entry.name}-agents", {entry.name: se}, default_agents(KINDS)
+    name, kinds = f"zoo-{entry.name}-agents", default_agents(KINDS)
     groups = run_evaluate(
-        EvaluateCommand(task, sources, agents, command.agents, "all", 0, name, context, workers)
+        EvaluateCommand(
+            task, {entry.name: se}, kinds, command.agents, "all", 0, name, context, workers
+        )
     )
     path = command.folder / f"{entry.name}.safetensors"
     card = Card(

@@ -1,5 +1,7 @@
+import math
 from argparse import Namespace
 from pathlib import Path
+from typing import Any
 
 import ConfigSpace as CS
 import pytest
@@ -15,6 +17,7 @@ from benchmarks.search.compare import (
     InProcess,
     brackets_of,
     fresh_run,
+    outcomes,
     run_in_process,
 )
 from bilevel.errors import StorageFailure
@@ -24,7 +27,7 @@ from bilevel.tasks import Task
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.search.validation import VALIDATION_FILE
 from cluster.bohb.study.brackets import core_seconds_to_run
-from cluster.bohb.study.journal import Journal
+from cluster.bohb.study.journal import ConfigLine, Journal, Origin, ResultLine
 from cluster.bohb.study.profiles import METHODS
 from cluster.nes.run import Pool
 from search_spaces.bohb import search_space
@@ -92,6 +95,25 @@ def test_a_full_disk_ends_the_search_which_resumes(
     assert [line.id for line in Journal(study.folder).results] == [(0, 0, 0)]
     found = run_in_process(study, 1, MadeUpPool(), ignore)
     assert all(line.loss is not None for line in found.journal.results)
+
+
+def test_outcomes_by_origin(tmp_path: Path) -> None:
+    """A failure counts as infinite, and the recipe's own result does not count."""
+    journal = Journal(tmp_path)
+    infos: list[dict[str, Any]] = [{"prior": "itself"}, {}, {"model_based_pick": True}, {}]
+    for number, info in enumerate(infos):
+        journal.add_config(ConfigLine((0, 0, number), {}, info))
+    stamps = {"submitted": 0.0, "started": 0.0, "finished": 1.0}
+    for number, budget, loss in ((0, 1, 9.0), (1, 1, None), (2, 1, 7.0), (3, 1, 8.0), (2, 3, 1.0)):
+        info = {"confirmed": 2} if loss == 8.0 else {}
+        journal.add_result(ResultLine((0, 0, number), budget, loss, info, stamps))
+    found = outcomes(journal)
+    assert found["3"][Origin.MODEL] == [(1.0, 0)]
+    assert found["1"] == {
+        Origin.RANDOM: [(math.inf, 0), (8.0, 2)],
+        Origin.AROUND_RECIPE: [],
+        Origin.MODEL: [(7.0, 0)],
+    }
 
 
 def test_in_process_evaluations_equal_those_of_nes(

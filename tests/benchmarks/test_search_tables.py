@@ -1,23 +1,18 @@
-import math
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.stats import mannwhitneyu
 
 from benchmarks import machine
 from benchmarks.machine import NotMeasured, read_result, write_result
-from benchmarks.search.comparison import largest_budget_rows, method_rows, methods, p_value
-from benchmarks.search.outcomes import at_smallest, outcomes, quartiles
+from benchmarks.search.comparison import method_rows, methods, p_value
 from benchmarks.search.recipes import RECIPES, TASKS, p_values, quality
-from benchmarks.search.studies import committed, cost, overrun, proposal_rows
+from benchmarks.search.studies import committed, cost, overrun
 from bilevel.hyperparameters import load_recipe
-from cluster.bohb.study.journal import ConfigLine, Journal, Origin, ResultLine
+from cluster.bohb.study.journal import ResultLine
 from cluster.bohb.study.profiles import METHODS
 from search_spaces.translation import of_hyperparameters
-
-STAMPS = {"submitted": 0.0, "started": 0.0, "finished": 1.0}
 
 
 def fresh(cost: float, solved: int = 2, of: int = 2) -> list[dict[str, Any]]:
@@ -59,63 +54,6 @@ def test_each_comparison_has_its_rows(tmp_path: Path, monkeypatch: pytest.Monkey
         ("| CartPole-v0, scale of 1000 steps", "40"),
         ("| CartPole-v0", "30"),
     ]
-
-
-def test_shares_at_the_largest_budget() -> None:
-    def searched(
-        method: str, seed: int, at_random: list[int], of_model: list[int]
-    ) -> dict[str, Any]:
-        outcomes = {
-            budget: {
-                Origin.RANDOM: [(9.0, confirmed) for confirmed in at_random],
-                Origin.AROUND_RECIPE: [],
-                Origin.MODEL: [(9.0, confirmed) for confirmed in of_model],
-            }
-            for budget in ("9", "27")
-        }
-        outcomes["9"][Origin.RANDOM].append((9.0, 1))  # was not promoted
-        return {"method": method, "seed": seed, "search": {"outcomes": outcomes}}
-
-    rows = [
-        searched("bohb", 0, [0], [1, 2, 1]),
-        searched("bohb", 1, [2], []),
-        searched("hyperband", 0, [0, 1], []),
-        searched("hyperband", 1, [0, 1], []),
-        searched("random", 0, [0, 0, 0, 0, 1], []),
-        searched("random", 1, [0], []),
-        searched("bohb", 2, [9, 9, 9], []),  # no random search has this seed
-        searched("hyperband", 2, [9, 9], []),
-    ]
-    measured = {"default": {"fresh": []}} | {f"{row['method']} {row['seed']}": row for row in rows}
-    random, hyperband, bohb = largest_budget_rows("CartPole-v0", measured)
-    assert random[1:] == ("random search", "2", "6", "1", "", "0.5", "", "")
-    assert hyperband[1:] == ("Hyperband", "2", "4", "2", "", "1.0", "0.5", "")
-    assert bohb[1:] == ("BOHB", "2", "5", "4", "3 of 3", "2.0", "0.08", "0.52")
-
-
-def test_outcomes_by_origin(tmp_path: Path) -> None:
-    """A failure counts as infinite, and the recipe's own result does not count."""
-    journal = Journal(tmp_path)
-    infos: list[dict[str, Any]] = [{"prior": "itself"}, {}, {"model_based_pick": True}, {}]
-    for number, info in enumerate(infos):
-        journal.add_config(ConfigLine((0, 0, number), {}, info))
-    for number, budget, loss in ((0, 1, 9.0), (1, 1, None), (2, 1, 7.0), (3, 1, 8.0), (2, 3, 1.0)):
-        info = {"confirmed": 2, "core_seconds": 2.0} if loss == 8.0 else {}
-        journal.add_result(ResultLine((0, 0, number), budget, loss, info, STAMPS))
-    found = outcomes(journal)
-    assert found["3"][Origin.MODEL] == [(1.0, 0)]
-    assert at_smallest(found) == {
-        Origin.RANDOM: [(math.inf, 0), (8.0, 2)],
-        Origin.AROUND_RECIPE: [],
-        Origin.MODEL: [(7.0, 0)],
-    }
-    scaled = at_smallest(outcomes(journal, at_budget=True))
-    assert scaled[Origin.RANDOM] == [(math.inf, 0), (4.0, 2)]
-
-
-def test_quartiles_of_failures() -> None:
-    assert quartiles([1.0, 2.0, 4.0, 8.0]) == "3 (2 to 5)"
-    assert quartiles([10.0, math.inf, math.inf, math.inf]) == "inf (10 to inf)"
 
 
 @pytest.mark.parametrize("task", RECIPES)
@@ -168,24 +106,3 @@ def test_cost_and_overrun_of_a_study() -> None:
     assert cost(4500, lines) == "1.2 core hours in 150 min"
     lines = [line(0, 1, budget, spent) for budget, spent in [(10, 11), (10, 13), (30, 60)]]
     assert overrun(lines) == "20%, 30%"
-
-
-def test_proposals_of_several_searches() -> None:
-    def searched(random: list[float], model: list[float]) -> dict[str, list[tuple[float, int]]]:
-        return {
-            Origin.RANDOM.value: [(one, 0) for one in random],
-            Origin.MODEL.value: [(one, 1) for one in model],
-        }
-
-    searches = [searched([3.0, 4.0], [1.0, 2.0])] * 4 + [searched([1.0], [2.0, 3.0, 4.0])]
-    random, model = proposal_rows("CartPole-v0", "five", searches)
-    assert random[2:4] == (Origin.RANDOM.value, "0 of 9")
-    assert model[3] == "11 of 11"
-    # Four of five searches are as extreme as possible, one in the other direction; 12 of 32 sign
-    # patterns are at least as extreme.
-    assert model[5:] == ("80%", "0.38")
-    ((_, *_, better, p),) = proposal_rows("CartPole-v0", "one", searches[:1])[1:]
-    assert better == "100%"
-    assert float(p) == pytest.approx(mannwhitneyu([1, 2], [3, 4]).pvalue, rel=0.1)
-    ((*_, better, p),) = proposal_rows("CartPole-v0", "none at random", [searched([], [1.0])])
-    assert better == p == ""
