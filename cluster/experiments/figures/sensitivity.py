@@ -12,7 +12,6 @@ from scipy.stats import spearmanr
 from bilevel.tasks import Task
 from cluster.experiments.agents import Evaluation, Plan, evaluations_on
 from cluster.experiments.experiment import Experiment, Findings, Material
-from cluster.experiments.figures.transfer import agent_data
 from cluster.experiments.style import SERIES, column, panels, solved_line
 from cluster.experiments.table import Row, standard_error
 
@@ -44,7 +43,7 @@ def grouped(values: Floats) -> list[NDArray[np.intp]]:
 
 
 def _findings(plan: Plan, material: Material) -> Findings:
-    data = agent_data(_evaluations(plan, material), material)
+    data = material.agents(_evaluations(plan, material))
     figures: dict[str, Figure] = {}
     summary: list[Row] = []
     metrics: dict[str, float] = {}
