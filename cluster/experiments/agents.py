@@ -129,7 +129,7 @@ Found = dict[str, EvaluationResult]
 
 
 class AgentResults:
-    """Results of an experiment's agents, durable as soon as they are added.
+    """Durable results of an experiment's agents.
 
     Raises InvalidInput for a damaged file.
     """

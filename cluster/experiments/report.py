@@ -66,7 +66,8 @@ def write_report(command: ExperimentCommand) -> Path:
 def report_of(command: ExperimentCommand) -> str:
     """Return the page. Raises InvalidInput if no experiment has findings, or if one has other
     values of the task."""
-    task, found, sections = command.task, {}, []
+    task, found = command.task, {}
+    sections: list[str] = []
     for name, experiment in EXPERIMENTS.items():
         folder = command.context.home.run_folder(task.id, command.name(name))
         findings = StoredFindings.read(folder)

@@ -32,7 +32,7 @@ class Look:
     hatch: str
 
     @property
-    def curve(self) -> dict[str, str]:
+    def curve(self) -> dict[str, Any]:
         """Arguments of `Axes.plot` and `Axes.errorbar`."""
         return {"color": self.colour, "ls": self.line, "marker": self.marker}
 

@@ -91,7 +91,7 @@ def scatter_plots(varied: pd.DataFrame, scores: Floats, task: Task, agent: str) 
             [float(np.exp(np.log(at[group]).mean())) for group in groups],
             [float(scores[group].mean()) for group in groups],
             # NaN draws no bar.
-            [standard_error(scores[g]) if len(g) > 1 else math.nan for g in groups],
+            [float(standard_error(scores[g])) if len(g) > 1 else math.nan for g in groups],
             **means.curve,
             mec="black",
             mew=0.5,
