@@ -21,8 +21,7 @@ from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
-from cluster.evaluate import pictures
-from cluster.evaluate.report import Group, as_json, as_table, groups_of
+from cluster.evaluate.report import Group, as_json, as_table, groups_of, picture
 from cluster.evaluate.run import KIND, PICTURE_FILE, REPORT_FILE, RESULTS_FILE
 from cluster.evaluate.view import EvaluationViews
 from cluster.pictures import png
@@ -135,7 +134,7 @@ def _report(command: EvaluateCommand, session: Session, groups: list[Group]) -> 
     report = json.dumps(as_json(groups), indent=2)
     write_aside(folder / REPORT_FILE, report.encode())
     title = f"fresh agents of the evaluation\n{folder.name}"
-    write_aside(folder / PICTURE_FILE, png(pictures.returns(groups, command.task, title)))
+    write_aside(folder / PICTURE_FILE, png(picture(groups, command.task, title)))
     # One metric per group, because MLflow shows every metric of any run as a column of all runs.
     metrics = {f"test_return/{g.agent}/{g.source}": float(g.test_returns.mean()) for g in groups}
     add_final(folder, Final(command.agents, time.time(), metrics))

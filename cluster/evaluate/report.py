@@ -1,4 +1,4 @@
-"""Statistics and table of an evaluation."""
+"""Statistics, table and picture of an evaluation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -7,9 +7,12 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationResult, comparable
+from bilevel.tasks import Task
+from cluster.pictures import BLUE, ORANGE
 
 
 @dataclass(frozen=True)
@@ -95,3 +98,26 @@ def _with_spread(summaries: pd.DataFrame, name: str, digits: int) -> pd.Series:
         summaries[f"{name}_{part}"].map(f"{{:.{digits}f}}".format) for part in ("mean", "std")
     )
     return mean + " ± " + spread
+
+
+def picture(groups: Sequence[Group], task: Task, title: str) -> Figure:
+    """Draw scores and, below, train steps by group: a point per agent, box plots and means."""
+    figure = Figure(figsize=(max(5.0, 1.9 * len(groups) + 1.5), 6), layout="constrained")
+    scores, steps = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1.4])
+    labels = [f"{g.agent}\non {g.source}\nn = {len(g.results)}" for g in groups]
+    for axes, values in (
+        (scores, [group.scores for group in groups]),
+        (steps, [group.train_steps for group in groups]),
+    ):
+        axes.boxplot(values, tick_labels=labels, showmeans=True, showfliers=False)
+        for x, of_group in enumerate(values, start=1):
+            # Offsets in the order of the agents, so that equal results have equal pictures.
+            offsets = np.linspace(-0.18, 0.18, len(of_group))
+            axes.scatter(x + offsets, of_group, s=14, color=BLUE, alpha=0.6, lw=0)
+        axes.spines[["top", "right"]].set_visible(False)
+    scores.axhline(task.solved_reward, color=ORANGE, ls="--", lw=1, label="solved")
+    scores.legend(frameon=False, fontsize="small", loc="lower left")
+    scores.set(ylabel=f"mean test return on {task.id}", title=title)
+    steps.set_ylabel("train steps (triangles: means)")
+    steps.set_ylim(bottom=0)
+    return figure

@@ -5,7 +5,7 @@ request, and experiments and sizes share them.
 """
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -129,7 +129,7 @@ Found = dict[str, EvaluationResult]
 
 
 class AgentResults:
-    """Results of an experiment's agents, durable as soon as they are added.
+    """Durable results of an experiment's agents.
 
     Raises InvalidInput for a damaged file.
     """
@@ -144,12 +144,13 @@ class AgentResults:
         self._log.append([key, asdict(result)])
         self.found[key] = result
 
-    def adopt(self, evaluations: Sequence[Evaluation]) -> None:
-        """Copy the results of these evaluations from other experiments of the task."""
-        missing = {evaluation.key for evaluation in evaluations} - self.found.keys()
-        others = {*self._folder.parent.glob(f"experiment-*/{RESULTS_FILE}")} - {self._log.path}
-        for path in sorted(others) if missing else ():
-            results = dict(JsonlLog(path).decoded(tuple[str, EvaluationResult]))
-            for key in missing & results.keys():
-                self.add(key, results[key])
-            missing -= results.keys()
+    def adopt(self, keys: Iterable[str]) -> None:
+        """Copy the results with these keys from other experiments of the task."""
+        missing = {*keys} - self.found.keys()
+        if not missing:
+            return
+        for path in sorted(self._folder.parent.glob(f"experiment-*/{RESULTS_FILE}")):
+            for key, result in JsonlLog(path).decoded(tuple[str, EvaluationResult]):
+                if key in missing:
+                    missing.remove(key)
+                    self.add(key, result)

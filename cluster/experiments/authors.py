@@ -70,7 +70,9 @@ def _with_default(row: Mapping[str, str]) -> dict[str, str] | None:
 def _ours(
     figure: AuthorsFigure, row: Mapping[str, str] | None, summaries: Mapping[str, Sequence[Row]]
 ) -> str:
-    for ours in summaries.get(figure.experiment, ()) if row else ():
-        if ours.items() >= row.items():
-            return with_spread(ours, figure.what)
-    return "-"
+    found = (
+        with_spread(ours, figure.what)
+        for ours in summaries.get(figure.experiment, ())
+        if row is not None and ours.items() >= row.items()
+    )
+    return next(found, "-")

@@ -153,7 +153,7 @@ class _Runner:
         while True:
             # Equal agents on equal SEs have the same key and are trained once.
             needed = {one.key: one for one in self.experiment.evaluations(self.plan, material)}
-            results.adopt([*needed.values()])
+            results.adopt(needed)
             missing = [one for key, one in needed.items() if key not in results.found]
             if not missing:
                 return

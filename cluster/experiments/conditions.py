@@ -34,12 +34,10 @@ class Condition:
     recipe: str
     title: str  # in pictures and tables
     vary: Variation | None = None  # None: the recipe's
-    vary_at_paper_size: Variation | None = None  # None: `vary`
 
     def vary_at(self, size: Size) -> Variation | None:
         """Return the variation of agents during NES."""
-        at_paper = self.vary_at_paper_size if size.name == "paper" else None
-        return at_paper or self.vary
+        return "all" if self.vary == "narrowed" and size.name == "paper" else self.vary
 
     def hyperparameters(self, task: Task, size: Size) -> Hyperparameters:
         """Return the hyperparameters of the NES runs."""
@@ -48,8 +46,7 @@ class Condition:
 
     def label(self, size: Size) -> str:
         """Return a part of the run names that differs wherever the hyperparameters do."""
-        varied = f"-{self.vary_at(size)}" if self.vary_at_paper_size else ""
-        return f"{self.name}{varied}"
+        return f"{self.name}-{self.vary_at(size)}" if self.vary == "narrowed" else self.name
 
     def run(self, task: Task, size: Size, seed: int, home: Home) -> NESRun:
         """Return the NES run with that seed, which all experiments of the task share."""
@@ -61,7 +58,7 @@ CONDITIONS = {
     condition.name: condition
     for condition in (
         Condition("default", "default", "SE, our recipe"),
-        Condition("varied", "default", "SE, HP varied", "narrowed", "all"),
+        Condition("varied", "default", "SE, HP varied", "narrowed"),
         Condition("fixed", "default", "SE, HP fixed", "no"),
         Condition("authors", "authors", "authors' rule"),
         Condition("paper", "paper", "Algorithm 1"),

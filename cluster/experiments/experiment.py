@@ -2,10 +2,12 @@
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import pandas as pd
 from matplotlib.figure import Figure
 
+from bilevel.agents.variation import VARIED
 from bilevel.evaluation import EvaluationResult, comparable
 from bilevel.tasks import Task
 from cluster.experiments.agents import Evaluation, Found, Plan, Source
@@ -52,6 +54,25 @@ class Material:
     def result(self, evaluation: Evaluation) -> EvaluationResult:
         """Return the result of an evaluation."""
         return self.found[evaluation.key]
+
+    def agents(self, evaluations: Sequence[Evaluation]) -> pd.DataFrame:
+        """Return a row per evaluation: source, position, hyperparameters and results."""
+        rows = []
+        for evaluation in evaluations:
+            result, hp, source = self.result(evaluation), evaluation.hp, evaluation.source
+            row: dict[str, Any] = {
+                "agent": hp.agent,
+                "source": source.condition,
+                "se": None if source.se is None else source.number,
+                "position": evaluation.position,
+                **{name: getattr(hp, name, None) for name in VARIED},
+                "score": result.score,
+                "train_steps": result.train_steps,
+                "train_episodes": result.train_episodes,
+                "core_seconds": result.cost,
+            }
+            rows.append(row | {f"return_{i}": value for i, value in enumerate(result.test_returns)})
+        return pd.DataFrame(rows, dtype=object)  # integers stay integers next to missing values
 
 
 @dataclass(frozen=True)

@@ -5,13 +5,15 @@ The page embeds its pictures and loads no other file.
 
 import base64
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import asdict
 from html import escape
 from pathlib import Path
 
+import pandas as pd
+
 from bilevel.durable import write_aside
-from bilevel.errors import InvalidInput, first_line
+from bilevel.errors import InvalidInput
 from cluster.experiments.authors import comparison, titled
 from cluster.experiments.command import ExperimentCommand
 from cluster.experiments.conditions import title_of
@@ -21,6 +23,18 @@ from cluster.experiments.run import REPORT, REPORT_FILE, StoredFindings
 from cluster.experiments.table import Row, table
 from cluster.experiments.view import ExperimentViews
 from cluster.storage.run_folder import Final, add_final, check_settings
+
+_INTRODUCTION = """
+The experiments of Ferreira, Nierhoff and Hutter, Learning Synthetic Environments for Reinforcement
+Learning with Evolution Strategies (2021). Authors' rule: NES as in the authors' code. Algorithm 1:
+NES with the step divided by n_p sigma, which only the paper's text has; the authors tuned the step
+size for the undivided rule, and the recipe compares scores with agents trained on the unperturbed
+SE. HP varied and HP fixed: whether NES varied its agents' hyperparameters, otherwise with our
+default recipe. Except in the size paper, varied agents are narrowed: a large network is replaced by
+a narrow one that learns at the same pace. Values are mean ± standard deviation. The authors'
+figures are from the paper, or from constants, plots and curves in its repository,
+automl/learning_environments.
+"""
 
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; max-width: 62em; margin: 2em auto; }
@@ -52,7 +66,8 @@ def write_report(command: ExperimentCommand) -> Path:
 def report_of(command: ExperimentCommand) -> str:
     """Return the page. Raises InvalidInput if no experiment has findings, or if one has other
     values of the task."""
-    task, found, sections = command.task, {}, []
+    task, found = command.task, {}
+    sections: list[str] = []
     for name, experiment in EXPERIMENTS.items():
         folder = command.context.home.run_folder(task.id, command.name(name))
         findings = StoredFindings.read(folder)
@@ -69,7 +84,9 @@ def report_of(command: ExperimentCommand) -> str:
         )
     compared = comparison(task.id, {name: one.summary for name, one in found.items()})
     title = f"Synthetic environments for {task.id}"
-    parts = [f"<h1>{escape(title)}</h1>", *_introduction(command, found)]
+    missing = ", ".join(name for name in EXPERIMENTS if name not in found) or "none"
+    parts = [f"<h1>{escape(title)}</h1>", _paragraph(_INTRODUCTION)]
+    parts += [_paragraph(f"Size: {command.size.name}. Missing experiments: {missing}.")]
     if compared:
         parts += ["<h2>The paper's figures and ours</h2>", _html(compared)]
     return (
@@ -81,7 +98,8 @@ def report_of(command: ExperimentCommand) -> str:
 
 
 def _html(rows: list[Row]) -> str:
-    html: str = table(rows).to_html(index=False, border=0)
+    with pd.option_context("display.max_colwidth", None):
+        html: str = table(rows).to_html(index=False, border=0)
     return html
 
 
@@ -89,46 +107,18 @@ def _paragraph(text: str) -> str:
     return f"<p>{escape(text)}</p>"
 
 
-def _introduction(command: ExperimentCommand, found: Mapping[str, StoredFindings]) -> Iterator[str]:
-    task = command.task
-    yield _paragraph(
-        "The experiments of Ferreira, Nierhoff and Hutter, Learning Synthetic Environments for "
-        f"Reinforcement Learning with Evolution Strategies (2021), on {task.id} (episodes of at "
-        f"most {task.step_limit} steps, solved at a mean return of {task.solved_reward:g})."
-    )
-    yield _paragraph(
-        "Authors' rule: NES as in the authors' code. Algorithm 1: NES with the step divided by "
-        "n_p sigma, which only the paper's text has; the authors tuned the step size for the "
-        "undivided rule, and the recipe compares scores with agents trained on the unperturbed "
-        "SE. HP varied and HP fixed: whether NES varied its agents' hyperparameters, otherwise "
-        "with our default recipe. Except in the size paper, varied agents are narrowed: a large "
-        "network is replaced by a narrow one that learns at the same pace. Values are mean ± "
-        "standard deviation. The authors' figures are from the paper, or from constants, plots "
-        "and curves in its repository, automl/learning_environments."
-    )
-    if command.size.quick:
-        yield _paragraph("Size smoke: this page is a test, and its numbers mean nothing.")
-    if missing := [name for name in EXPERIMENTS if name not in found]:
-        yield _paragraph(f"Not run yet: {', '.join(missing)}.")
-
-
 def _section(experiment: Experiment, findings: StoredFindings, folder: Path) -> Iterator[str]:
     yield f"<h2>{escape(experiment.title)}</h2>"
     yield _paragraph(experiment.explanation)
     for name in findings.pictures:
-        try:
-            svg = (folder / Path(name).name).read_bytes()
-        except OSError as error:
-            raise InvalidInput(f"cannot read {str(folder / name)!r}: {first_line(error)}") from None
-        data = base64.b64encode(svg).decode()
+        data = base64.b64encode((folder / Path(name).name).read_bytes()).decode()
         yield f'<img alt="{escape(name)}" src="data:image/svg+xml;base64,{data}">'
     yield _html([titled(row) for row in findings.summary])
-    facts = {
-        "command": findings.command,
-        "commit": findings.commit,
-        "size": ", ".join(f"{name} {value}" for name, value in asdict(findings.size).items()),
-        "NES runs": ", ".join(f"{title_of(name)} {n}" for name, n in findings.runs.items()),
-        "versions": ", ".join(f"{name} {number}" for name, number in findings.versions.items()),
-    }
-    yield from (_paragraph(note) for note in findings.notes)
-    yield from (_paragraph(f"{name}: {value}") for name, value in facts.items())
+    versions = ", ".join(f"{name} {number}" for name, number in findings.versions.items())
+    runs = ", ".join(f"{title_of(name)} {number}" for name, number in findings.runs.items())
+    for text in (
+        *findings.notes,
+        f"Size {findings.size.name}; NES runs: {runs}.",
+        f"Command: {findings.command} (commit {findings.commit}; {versions}).",
+    ):
+        yield _paragraph(text)

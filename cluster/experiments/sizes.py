@@ -23,7 +23,7 @@ class Size:
     runs: int  # NES runs of our recipe (success)
     authors_runs: int  # NES runs of each of the recipes `authors` and `paper` (success)
     curve_ses: int  # SEs per condition (sample-efficiency)
-    curve_agents: int  # on each of them; as many on the real task as on all SEs of a condition
+    curve_agents: int  # on each of them; on the real task curve_ses * curve_agents
     varied_agents: int  # on one SE (sensitivity)
     behaviour_agents: int  # on one SE (behaviour)
     quick: bool = False  # cut NES and training short: a smoke test, not a measurement
@@ -73,7 +73,7 @@ class Size:
         )
 
 
-#: By name, in the order of the fields of `Size`.
+#: Sizes by name; the values are in the order of the fields.
 SIZES = {
     "smoke": Size("smoke", 1, 2, 2, 1, 1, 1, 2, 4, 2, quick=True),
     "local": Size("local", 10, AGENTS, 30, 10, 8, 10, AGENTS, 60, 10),

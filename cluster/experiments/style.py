@@ -32,12 +32,12 @@ class Look:
     hatch: str
 
     @property
-    def curve(self) -> dict[str, str]:
+    def curve(self) -> dict[str, Any]:
         """Arguments of `Axes.plot` and `Axes.errorbar`."""
         return {"color": self.colour, "ls": self.line, "marker": self.marker}
 
 
-#: By source and condition; series of one picture differ in lightness.
+#: Looks by source or condition; series of one picture differ in lightness.
 LOOKS = {
     "real": Look("#2b2b2b", "--", "s", ""),
     "default": Look("#e0622a", "-", "o", "//"),
@@ -47,7 +47,7 @@ LOOKS = {
     "paper": Look("#7cc4c6", ":", "v", "xx"),
 }
 
-#: Any other series, in order.
+#: Looks of other series, in order.
 SERIES = (
     Look("#1f4e9c", "-", "o", "//"),
     Look("#e0872e", "--", "s", ".."),

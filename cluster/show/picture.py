@@ -85,7 +85,8 @@ def _real_rewards(axes: Axes, portrait: Portrait) -> None:
     if np.ptp(real.rewards) == 0:
         title += f": always {real.rewards[0]:g}"
     else:
-        points = axes.scatter(*real.states[:, portrait.indices].T, c=real.rewards, s=9)
+        across, up = real.states[:, portrait.indices].T
+        points = axes.scatter(across, up, c=real.rewards, s=9)
         axes.figure.colorbar(points, ax=axes, shrink=0.8, label="reward")
     axes.set_title(title, fontsize="medium")
 
@@ -140,6 +141,6 @@ def _episodes(axes: Axes, portrait: Portrait, episodes: list[Episode], title: st
     for episode in episodes:
         path = episode.states[:, portrait.indices]
         axes.plot(*path.T, color=GREY, lw=0.6, alpha=0.6)
-        axes.scatter(*path[:-1].T, c=colours[episode.actions], s=6, zorder=3)
+        axes.scatter(path[:-1, 0], path[:-1, 1], c=colours[episode.actions], s=6, zorder=3)
         axes.plot(*path[0], **_START, zorder=4)
     axes.set_title(title, fontsize="medium")

@@ -4,6 +4,7 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
@@ -38,7 +39,8 @@ class Episode:
     @classmethod
     def of(cls, state: Floats, step: Step, limit: int) -> "Episode":
         """Run an episode of at most `limit` steps from an initial state (S,)."""
-        states, actions, total, over = [state], [], 0.0, False
+        states, total, over = [state], 0.0, False
+        actions: list[int] = []
         while not over and len(actions) < limit:
             action, state, reward, over = step(state)
             states.append(state)
@@ -126,13 +128,16 @@ class Portrait:
         with closing(task.make()) as env:
             first = env.action_space.start  # type: ignore[attr-defined]
 
+            def as_state(observation: Any) -> Floats:
+                return np.asarray(observation, np.float32)
+
             def step(state: Floats) -> tuple[int, Floats, float, bool]:
                 action = self._rewarded(state)[0]
                 following, reward, terminated, truncated, _ = env.step(np.int64(first + action))
-                return action, np.float32(following), float(reward), terminated or truncated
+                return action, as_state(following), float(reward), terminated or truncated
 
             return [
-                Episode.of(np.float32(env.reset(seed=seed)[0]), step, task.step_limit)
+                Episode.of(as_state(env.reset(seed=seed)[0]), step, task.step_limit)
                 for seed in range(EPISODES)
             ]
 

@@ -4,6 +4,7 @@ import json
 import os
 import re
 import signal
+import time
 from pathlib import Path
 from typing import Any
 
@@ -51,6 +52,7 @@ def test_agents_on_an_se_and_on_the_real_task(tmp_path: Path, se_file: Path, add
     ) as process:
         while not path.exists() or path.read_bytes().count(b"\n") < 2:
             assert process.poll() is None
+            time.sleep(0.1)
         os.killpg(process.pid, signal.SIGKILL)
     with path.open("ab") as file:
         file.write(b'["se", "ddqn", 7, {"test_ret')  # an unfinished line

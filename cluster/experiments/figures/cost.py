@@ -9,7 +9,6 @@ from matplotlib.ticker import LogLocator, NullLocator
 from cluster.experiments.agents import Evaluation, Plan, evaluations_on
 from cluster.experiments.conditions import REAL
 from cluster.experiments.experiment import Experiment, Findings, Material
-from cluster.experiments.figures.transfer import agent_data
 from cluster.experiments.style import LOOKS, column, legend_below
 
 
@@ -25,7 +24,7 @@ def break_even(cost: float, saved: float) -> float | None:
 
 
 def _findings(plan: Plan, material: Material) -> Findings:
-    agents = agent_data(_evaluations(plan, material), material)
+    agents = material.agents(_evaluations(plan, material))
     columns = ["train_steps", "core_seconds", "score"]
     on_real = agents[agents["source"] == REAL][columns].mean()
     on_ses = agents[agents["source"] != REAL].groupby("se", sort=False)
@@ -110,8 +109,8 @@ def _panel(axes: Axes, costs: pd.Series, paid: pd.Series, marginal: pd.Series, r
 COST = Experiment(
     "cost",
     "Cost of an SE",
-    "Real environment steps and core time of making an SE, compared with those of training agents "
-    "on the real task.",
+    "Real environment steps and core time of making an SE, compared with the training of agents on "
+    "the real task.",
     lambda size: {"default": size.ses},
     _findings,
     _evaluations,

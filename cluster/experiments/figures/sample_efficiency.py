@@ -102,8 +102,8 @@ def _findings(plan: Plan, material: Material) -> Findings:
         {f"final_return/{row['source']}": float(row["return_at_stop"] or 0) for row in summary},
         (
             "Agents train until their stopping rule holds, and keep their last return in the "
-            "means. Their hyperparameters are drawn from the paper's ranges. Standard errors are "
-            "over SEs, and on the real task over agents.",
+            "means. Their hyperparameters are drawn from the paper's ranges. Standard errors use "
+            "SEs, and on the real task agents, as samples.",
         ),
     )
 

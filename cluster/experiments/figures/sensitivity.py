@@ -12,7 +12,6 @@ from scipy.stats import spearmanr
 from bilevel.tasks import Task
 from cluster.experiments.agents import Evaluation, Plan, evaluations_on
 from cluster.experiments.experiment import Experiment, Findings, Material
-from cluster.experiments.figures.transfer import agent_data
 from cluster.experiments.style import SERIES, column, panels, solved_line
 from cluster.experiments.table import Row, standard_error
 
@@ -44,7 +43,7 @@ def grouped(values: Floats) -> list[NDArray[np.intp]]:
 
 
 def _findings(plan: Plan, material: Material) -> Findings:
-    data = agent_data(_evaluations(plan, material), material)
+    data = material.agents(_evaluations(plan, material))
     figures: dict[str, Figure] = {}
     summary: list[Row] = []
     metrics: dict[str, float] = {}
@@ -92,7 +91,7 @@ def scatter_plots(varied: pd.DataFrame, scores: Floats, task: Task, agent: str) 
             [float(np.exp(np.log(at[group]).mean())) for group in groups],
             [float(scores[group].mean()) for group in groups],
             # NaN draws no bar.
-            [standard_error(scores[g]) if len(g) > 1 else math.nan for g in groups],
+            [float(standard_error(scores[g])) if len(g) > 1 else math.nan for g in groups],
             **means.curve,
             mec="black",
             mew=0.5,

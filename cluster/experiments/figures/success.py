@@ -83,7 +83,7 @@ def findings_of(data: pd.DataFrame, ends: pd.DataFrame, task: Task) -> Findings:
             "on NES's coordinates of them and not comparable with the other two.",
             "Algorithm 1 divides the step by n_p sigma. Only the paper's text has this division; "
             "the authors tuned the step size for the undivided rule. The recipe compares scores "
-            "with those of agents trained on the unperturbed SE.",
+            "with the score of agents trained on the unperturbed SE.",
         ),
     )
 

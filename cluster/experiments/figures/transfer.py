@@ -4,13 +4,11 @@ See the paper's figures on evaluation performance and on transfer.
 """
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 import pandas as pd
 from matplotlib.figure import Figure
 
-from bilevel.agents.variation import VARIED
 from bilevel.tasks import Task
 from cluster.evaluate.report import Group
 from cluster.experiments.agents import Evaluation, Plan, evaluations_on
@@ -33,29 +31,9 @@ def _evaluations(plan: Plan, material: Material) -> list[Evaluation]:
     return evaluations_on(plan, sources, plan.kinds, size.agents, size.real_agents)
 
 
-def agent_data(evaluations: Sequence[Evaluation], material: Material) -> pd.DataFrame:
-    """Return a row per agent: source, position, hyperparameters and results."""
-    rows = []
-    for evaluation in evaluations:
-        result, hp, source = material.result(evaluation), evaluation.hp, evaluation.source
-        row: dict[str, Any] = {
-            "agent": hp.agent,
-            "source": source.condition,
-            "se": None if source.se is None else source.number,
-            "position": evaluation.position,
-            **{name: getattr(hp, name, None) for name in VARIED},
-            "score": result.score,
-            "train_steps": result.train_steps,
-            "train_episodes": result.train_episodes,
-            "core_seconds": result.cost,
-        }
-        rows.append(row | {f"return_{i}": value for i, value in enumerate(result.test_returns)})
-    return pd.DataFrame(rows, dtype=object)  # columns of integers keep their missing values
-
-
 def _findings(plan: Plan, material: Material) -> Findings:
     evaluations = _evaluations(plan, material)
-    data = agent_data(evaluations, material)
+    data = material.agents(evaluations)
     results = [material.result(evaluation) for evaluation in evaluations]
     groups, summary = [], []
     for (agent, source), rows in data.groupby(["agent", "source"], sort=False):

@@ -93,7 +93,7 @@ def test_experiments_share_results(tmp_path: Path, evaluations: list[Evaluation]
     )
     for one in evaluations[:2]:
         transfer.add(one.key, result_of(one))
-    cost.adopt(evaluations[1:])
+    cost.adopt(one.key for one in evaluations[1:])
     assert set(cost.found) == {evaluations[1].key}
     assert AgentResults(tmp_path / "experiment-cost").found == cost.found
 
