@@ -9,21 +9,9 @@ from pathlib import Path
 
 from bilevel.errors import InvalidInput, StorageFailure
 
-#: Errors of a full, read-only, broken, foreign or unreachable disk. Other files on it cannot be
-#: written either.
-_DISK_ERRORS = {
-    errno.ENOSPC,
-    errno.EDQUOT,
-    errno.EFBIG,
-    errno.EROFS,
-    errno.EIO,
-    errno.EACCES,
-    errno.EPERM,
-    errno.ESTALE,
-    errno.ETIMEDOUT,
-    errno.ENOTCONN,
-    errno.EHOSTDOWN,
-}
+#: Errors of a single path. After any other error, the disk cannot store other files either.
+_PATH_ERRORS = {errno.EEXIST, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG}
+_PATH_ERRORS |= {errno.ELOOP, errno.EINVAL}
 
 
 def write_aside(path: Path, data: bytes) -> None:
@@ -44,7 +32,7 @@ def write_aside(path: Path, data: bytes) -> None:
     except BaseException as error:  # also KeyboardInterrupt
         with contextlib.suppress(OSError):
             temporary.unlink()
-        if isinstance(error, OSError) and error.errno in _DISK_ERRORS:
+        if isinstance(error, OSError) and error.errno not in _PATH_ERRORS:
             raise StorageFailure.of(path, error) from None
         raise
 

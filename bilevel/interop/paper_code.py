@@ -70,16 +70,8 @@ def read_paper_se(path: Path | str, task_id: str | None = None) -> StoredSE:
         found.activation_fn,
         found.max_steps,
     )
-    if psi.size != architecture.parameter_count:
-        raise InvalidInput(
-            f"{str(path)!r} has {psi.size} parameters: an SE of {task.id} with "
-            f"{found.hidden_layer} hidden layer(s) of {found.hidden_size} units has "
-            f"{architecture.parameter_count}"
-        )
-    se = SE(architecture, psi)
-    if not se.finite:
-        raise InvalidInput(f"{str(path)!r} has parameters that are not finite")
     info = {"imported_from": path.name}
+    se = SE(architecture, psi)
     return StoredSE(se, task.id, task.step_limit, found.solved_reward, info)
 
 

@@ -23,11 +23,11 @@ def load(address: str | Path) -> StoredSE:
 
     - the path of an SE file, `best_se.safetensors`
     - the name of an SE of the zoo, `CartPole-v0` (`./CartPole-v0` is a path)
-    - a registered model in MLflow, `models:/NAME@ALIAS` or `models:/NAME/VERSION`
+    - a model in MLflow's registry, `models:/NAME@ALIAS` or `models:/NAME/VERSION`
     - an artifact of a run in MLflow, `runs:/ID/best_se.safetensors`
 
-    MLflow is the one at MLFLOW_TRACKING_URI, or as set by `mlflow.set_tracking_uri`. Loading an SE
-    never executes code from its file.
+    The environment variable MLFLOW_TRACKING_URI or `mlflow.set_tracking_uri` selects MLflow's
+    server. Loading never executes code from the file.
 
     Raises InvalidInput if there is no SE at the address, or if its file is damaged.
     """
@@ -37,8 +37,7 @@ def load(address: str | Path) -> StoredSE:
 def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
     """Return the SE file at an address (see `load`); files in MLflow are downloaded.
 
-    Raises InvalidInput if there is none, and if neither `tracking_uri` nor MLflow's configuration
-    names a server or database.
+    Raises InvalidInput if there is none.
     """
     if not isinstance(address, str | os.PathLike):
         raise InvalidInput(

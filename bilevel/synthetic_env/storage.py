@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Final, Literal, Self
 
 import numpy as np
 import safetensors.numpy
@@ -25,13 +25,13 @@ from bilevel.networks import layer_biases, layer_weights
 from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi, StepLimit
 from bilevel.tasks import Task, get_task
 
+FORMAT: Final = "bilevel-synthetic-environment"
+
 
 @dataclass(frozen=True)
 class StoredSE:
-    """An SE with the id, step limit and solved reward of the real task that it replaces.
-
-    `info` is any JSON mapping, such as hyperparameters, scores and versions.
-    """
+    """An SE, with the id, step limit and solved reward of the real task that it replaces, and any
+    other JSON values (`info`), such as hyperparameters and scores."""
 
     se: SE
     task_id: str
@@ -52,21 +52,16 @@ class StoredSE:
     def task(self) -> Task:
         """Return the real task, on which agents trained on the SE are tested.
 
-        If the task's id names a module (`MODULE:ID`), import the module first: a file must not
-        cause imports. Raises InvalidInput if gymnasium does not know the task, or if its sizes
-        differ from the SE's.
+        Raises InvalidInput if gymnasium does not know the task, if its sizes differ from the SE's,
+        or if its id names a module (`MODULE:ID`) that is not imported.
         """
-        module, _, name = self.task_id.rpartition(":")
-        imported = not module or module in sys.modules
-        try:
-            task = get_task(self.task_id if imported else name, self.solved_reward, self.step_limit)
-        except InvalidInput as error:
-            if imported:
-                raise
+        module = self.task_id.rpartition(":")[0]
+        if module and module not in sys.modules:  # a file must not cause imports
             raise InvalidInput(
-                f"the SE's task is registered by the module {module!r}, which is not imported: "
-                f"import it first, or give --task {self.task_id} on the command line"
-            ) from error
+                f"the SE's task needs the module {module!r}, which is not imported: import it "
+                f"first, or give --task {self.task_id} on the command line"
+            )
+        task = get_task(self.task_id, self.solved_reward, self.step_limit)
         self.architecture.check_fits(task)
         return task
 
@@ -82,10 +77,16 @@ class _Header:
     solved_reward: FiniteFloat
     architecture: Architecture
     reading: dict[str, Any]  # constants that readers need in addition to the architecture
-    info: dict[str, Any]
+    info: Mapping[str, Any]
 
     @classmethod
-    def checked(cls, values: Any) -> "_Header":
+    def of(cls, se: StoredSE) -> Self:
+        limit, solved = int(se.step_limit), float(se.solved_reward)
+        reading = _reading(se.architecture)
+        return cls(FORMAT, 1, se.task_id, limit, solved, se.architecture, reading, se.info)
+
+    @classmethod
+    def checked(cls, values: Any) -> Self:
         """Decode a header. Raises InvalidInput."""
         header = decode(cls, values, "header")
         if header.reading != (expected := _reading(header.architecture)):
@@ -112,21 +113,10 @@ def save_se(se: StoredSE, path: Path | str) -> None:
 
 
 def se_bytes(se: StoredSE) -> bytes:
-    """Return the content of an SE file; equal SEs give equal bytes. Raises InvalidInput as
-    `save_se` does."""
+    """Return the content of an SE file; equal SEs give equal bytes. Raises InvalidInput."""
     require(StoredSE, se, "an SE", "as `learn` and `load` return it")
-    values: dict[str, Any] = {
-        "format": "bilevel-synthetic-environment",
-        "version": 1,
-        "task": se.task_id,
-        "step_limit": int(se.step_limit),
-        "solved_reward": float(se.solved_reward),
-        "architecture": asdict(se.architecture),
-        "reading": _reading(se.architecture),
-        "info": se.info,
-    }
     try:
-        header = json.loads(json.dumps(values))  # the values that a reader gets
+        header = json.loads(json.dumps(asdict(_Header.of(se))))  # the values that a reader gets
     except (TypeError, ValueError, RecursionError) as error:
         raise InvalidInput(f"the info of an SE must be JSON values: {error}") from None
     _Header.checked(header)
@@ -161,13 +151,8 @@ def load_se(path: Path | str) -> StoredSE:
             raise InvalidInput("its checksum is wrong")
     except InvalidInput as error:
         raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {error}") from None
-    return StoredSE(
-        SE(header.architecture, psi),
-        header.task,
-        header.step_limit,
-        header.solved_reward,
-        header.info,
-    )
+    se = SE(header.architecture, psi)
+    return StoredSE(se, header.task, header.step_limit, header.solved_reward, header.info)
 
 
 def _checksum(header: Mapping[str, Any], psi: Psi) -> str:
@@ -187,15 +172,14 @@ def _tensors(architecture: Architecture, psi: Psi) -> dict[str, Psi]:
 
 def _flat(architecture: Architecture, tensors: Mapping[str, NDArray[Any]]) -> Psi:
     """Concatenate tensors to psi. Raises InvalidInput for tensors that do not fit."""
-    found = sum(tensor.size for tensor in tensors.values())
-    if found != architecture.parameter_count:  # before memory is allocated
-        raise InvalidInput(f"it has {found} parameters instead of {architecture.parameter_count}")
+    if sum(tensor.size for tensor in tensors.values()) != architecture.parameter_count:
+        raise InvalidInput("the number of its parameters does not fit its architecture")
     psi = np.zeros(architecture.parameter_count, np.float32)
     for name, view in _tensors(architecture, psi).items():
-        tensor = tensors.get(name, np.zeros(0))
-        if tensor.dtype != np.float32 or tensor.shape != view.shape:
-            raise InvalidInput(f"tensor {name} is {tensor.dtype}{list(tensor.shape)}")
-        if not np.isfinite(tensor).all():
-            raise InvalidInput(f"tensor {name} has values that are not finite")
+        tensor = tensors.get(name)
+        if tensor is None or tensor.dtype != np.float32 or tensor.shape != view.shape:
+            raise InvalidInput(f"tensor {name} must be float32{list(view.shape)}")
         view[...] = tensor
+    if not np.isfinite(psi).all():
+        raise InvalidInput("psi has values that are not finite")
     return psi

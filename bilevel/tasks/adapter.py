@@ -17,25 +17,17 @@ RealEnv = gymnasium.Env[NDArray[np.float32], np.int64]
 
 
 def make_env(
-    task_id: str,
-    step_limit: int | None = None,
-    render_mode: str | None = None,
-    checked: bool = False,
+    task_id: str, step_limit: int | None = None, render_mode: str | None = None
 ) -> RealEnv:
-    """Create a task's environment.
-
-    `checked` enables gymnasium's environment checker, which repeats its warnings for every
-    environment. Raises gymnasium's errors, and those of the environment's constructor.
-    """
+    """Create a task's environment. Raises gymnasium's errors and those of its constructor."""
     # A task without rendering need not accept the argument.
     kwargs: dict[str, Any] = {} if render_mode is None else {"render_mode": render_mode}
     with warnings.catch_warnings():
         # The paper's CartPole-v0 is not the latest version.
         for category in (DeprecationWarning, UserWarning):
             warnings.filterwarnings("ignore", ".*(out of date|latest versioned)", category)
-        return gymnasium.make(
-            task_id, step_limit, disable_env_checker=None if checked else True, **kwargs
-        )
+        # The environment checker repeats its warnings for every environment.
+        return gymnasium.make(task_id, step_limit, disable_env_checker=True, **kwargs)
 
 
 def checked_action(action: Any, n_actions: int, first: int = 0) -> int:

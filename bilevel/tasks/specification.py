@@ -2,6 +2,7 @@
 
 import math
 from contextlib import closing
+from dataclasses import fields
 
 import gymnasium
 import numpy as np
@@ -14,16 +15,9 @@ from bilevel.tasks.adapter import CheckedEnv, RealEnv, make_env
 from bilevel.tasks.task import COMPILED, MAX_STEP_LIMIT, Task
 from bilevel.user_code import as_mistake
 
+#: Tasks with the paper's values by id.
 BUILT_IN_TASKS = {
-    task.id: Task(
-        task.id,
-        task.state_size,
-        task.n_actions,
-        task.step_limit,
-        task.solved_reward,
-        task.worst_score,
-        task.dynamics,
-    )
+    task.id: Task(**{field.name: getattr(task, field.name) for field in fields(Task)})
     for task in COMPILED.values()
 }
 
@@ -60,13 +54,12 @@ def get_task(
     state_size, n_actions = _sizes(task_id, observations, actions)
     solved = spec.reward_threshold if solved_reward is None else solved_reward
     limit = spec.max_episode_steps if step_limit is None else step_limit
-    for name, value in (("solved_reward", solved), ("step_limit", limit)):
-        if value is None:
-            option = name.replace("_", "-")
-            raise InvalidInput(
-                f"{task_id} does not specify its {name.replace('_', ' ')}: give --{option}, in "
-                f"Python bilevel.get_task({task_id!r}, {name}=...)"
-            )
+    if solved is None or limit is None:
+        missing = "solved-reward" if solved is None else "step-limit"
+        raise InvalidInput(
+            f"{task_id} does not specify its {missing.replace('-', ' ')}: give --{missing}, or "
+            f"{missing.replace('-', '_')}=... to bilevel.get_task"
+        )
     if not is_number(solved) or not math.isfinite(solved):
         raise InvalidInput(f"{task_id}: solved reward must be a finite number; got {solved!r}")
     if not isinstance(limit, int | np.integer) or not 1 <= limit <= MAX_STEP_LIMIT:
@@ -98,27 +91,21 @@ def _inspect(task_id: str) -> tuple[EnvSpec, Space, Space]:
     spec = env.spec
     assert spec is not None
     if spec.id != task_id.rpartition(":")[2]:  # gymnasium adds the latest version
-        raise InvalidInput(f"task {task_id!r} has no version: the latest is {spec.id!r}")
+        versions = {name for name in BUILT_IN_TASKS if name.startswith(f"{task_id}-v")} | {spec.id}
+        allowed = ", ".join(sorted(versions))
+        raise InvalidInput(f"task {task_id!r} has no version: allowed are {allowed}")
     return spec, observations, actions
 
 
 def _make(task_id: str) -> RealEnv:
     try:
         return make_env(task_id)
-    except gymnasium.error.DependencyNotInstalled as error:
-        raise InvalidInput(f"task {task_id!r} needs a package: {first_line(error)}") from None
     except gymnasium.error.Error as error:
         raise InvalidInput(
             f"unknown task {task_id!r}: allowed are {', '.join(BUILT_IN_TASKS)} "
             f"and gymnasium ids with a flat Box and Discrete actions ({first_line(error)})"
         ) from None
-    except (Exception, SystemExit) as error:  # raised by the environment
-        module = task_id.rpartition(":")[0]
-        if isinstance(error, ImportError) and f"No module named {module!r}" in str(error):
-            raise InvalidInput(
-                f"task {task_id!r} needs the module {module!r}, which cannot be found: its folder "
-                "must be on PYTHONPATH"
-            ) from None
+    except (Exception, SystemExit):  # raised by the environment, or by the import of its module
         with as_mistake(f"task {task_id!r}", None, "is made"):
             raise
 
@@ -130,8 +117,6 @@ def _sizes(task_id: str, observations: Space, actions: Space) -> tuple[int, int]
             f"{task_id} has observations {observations}: allowed is a Box of one dimension; "
             "gymnasium.wrappers.FlattenObservation converts other spaces"
         )
-    if not observations.shape[0]:
-        raise InvalidInput(f"{task_id} has observations without components: {observations}")
     if not isinstance(actions, Discrete):
         raise InvalidInput(
             f"{task_id} has actions {actions}: allowed is Discrete; a gymnasium.ActionWrapper can "

@@ -73,12 +73,8 @@ class Task:
         return env if self.compiled else CheckedEnv(env, self.id)
 
     def try_out(self) -> None:
-        """Reset the environment of a task that is not compiled, and take each action once, with
-        gymnasium's checks. Raises Mistake."""
-        if self.compiled:
-            return
-        env = make_env(self.id, self.step_limit, checked=True)
-        with closing(CheckedEnv(env, self.id)) as env:
+        """Reset the environment and take each action once. Raises Mistake."""
+        with closing(self.make()) as env:
             first = int(env.action_space.start)  # type: ignore[attr-defined]
             for action in range(self.n_actions):
                 env.reset(seed=0)

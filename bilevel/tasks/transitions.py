@@ -42,11 +42,6 @@ class Transitions:
                 next_state, reward, terminated, truncated, _ = env.step(first + action)
                 rows.append((state, action, next_state, reward, terminated))
                 state = None if terminated or truncated else next_state
-        states, actions, next_states, rewards, ends = zip(*rows, strict=True)
-        return cls(
-            np.array(states, np.float32),
-            np.array(actions, np.int64),
-            np.array(next_states, np.float32),
-            np.array(rewards, np.float32),
-            np.array(ends, np.float32),
-        )
+        types = (np.float32, np.int64, np.float32, np.float32, np.float32)
+        columns = zip(*rows, strict=True)
+        return cls(*(np.array(c, kind) for c, kind in zip(columns, types, strict=True)))
