@@ -13,38 +13,22 @@ from bilevel.gym.rendering import MODES, Renderer, draws_its_state
 
 
 class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
-    """A learned synthetic environment (SE), for training agents with any library.
+    """A learned synthetic environment (SE). Agents that train on it are tested on the real task.
 
-    An agent that is trained on this environment is tested on the real task, which the SE replaces
-    in training only.
-
-    ## Action space
-    `Discrete(A)`, the actions of the real task.
-
-    ## Observation space
-    `Box(-inf, inf, (S,), float32)`, with the observations of the real task in the same order. The
-    bounds of the real task do not hold.
-
-    ## Rewards
-    The output of the SE's reward network. Its sum over an episode is not comparable to returns on
-    the real task.
-
-    ## Starting state
-    A draw from the real task's reset distribution. Gymnasium must know the real task.
-
-    ## Episode end
-    - Terminated: the output of the done network exceeds 0.5. `info["done"]` is the raw output.
+    - Actions: `Discrete(A)`, the actions of the real task.
+    - Observations: `Box(-inf, inf, (S,), float32)`, as in the real task, without its bounds.
+    - Rewards: the output of the reward network. Returns do not compare to the real task's returns.
+    - Initial states: drawn from the real task's reset distribution.
+    - Terminated: the output of the done network, `info["done"]`, exceeds 0.5.
     - Truncated: the episode reaches the SE's step limit.
 
-    ## Arguments
-    ```python
-    >>> import bilevel, gymnasium
-    >>> env = gymnasium.make("bilevel/Synthetic-CartPole-v0")  # an SE of the zoo
-    >>> env = gymnasium.make("bilevel/SyntheticEnv-v0", path="best_se.safetensors")
-    >>> env = gymnasium.make("bilevel/SyntheticEnv-v0", path="models:/SE-CartPole-v0@best")
-    ```
-    `path` is a file, a name of the zoo or an MLflow address, as in `bilevel.load`. With the
-    `render_mode` "human" or "rgb_array", the real task's renderer draws the SE's states.
+    `path` is an address as in `bilevel.load`::
+
+        env = gymnasium.make("bilevel/Synthetic-CartPole-v0")  # an SE of the zoo
+        env = gymnasium.make("bilevel/SyntheticEnv-v0", path="best_se.safetensors")
+        env = gymnasium.make("bilevel/SyntheticEnv-v0", path="models:/SE-CartPole-v0@best")
+
+    With the `render_mode` "human" or "rgb_array", the real task's renderer draws the SE's states.
 
     Raises InvalidInput if there is no SE at `path`, if gymnasium does not know its task, or if the
     task cannot draw a given state.

@@ -134,7 +134,7 @@ class SE:
 
     @property
     def finite(self) -> bool:
-        """Whether all parameters are finite."""
+        """True if all parameters are finite."""
         return bool(np.isfinite(self.psi).all())
 
     @property

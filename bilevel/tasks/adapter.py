@@ -1,4 +1,4 @@
-"""Gymnasium environments of real tasks, with checks of what users' environments return."""
+"""Gymnasium environments of real tasks, with validation of actions and returned values."""
 
 import operator
 import warnings
@@ -19,7 +19,7 @@ RealEnv = gymnasium.Env[NDArray[np.float32], np.int64]
 def make_env(
     task_id: str, step_limit: int | None = None, render_mode: str | None = None
 ) -> RealEnv:
-    """Create a task's environment. Raises gymnasium's errors and those of its constructor."""
+    """Create a task's environment. Raises gymnasium's and the environment's errors."""
     # A task without rendering need not accept the argument.
     kwargs: dict[str, Any] = {} if render_mode is None else {"render_mode": render_mode}
     with warnings.catch_warnings():

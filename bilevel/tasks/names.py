@@ -3,7 +3,7 @@
 from bilevel.tasks.compiled import Labels
 from bilevel.tasks.task import COMPILED
 
-#: By the task's id without its version.
+#: Labels by the task's id without its version.
 _LABELS = {task.id.partition("-")[0]: task.labels for task in COMPILED.values()} | {
     "MountainCar": Labels(("position", "velocity"), ("push left", "no push", "push right"))
 }

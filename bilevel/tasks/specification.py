@@ -3,6 +3,7 @@
 import math
 from contextlib import closing
 from dataclasses import fields
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -82,7 +83,7 @@ def _default_worst_score(solved_reward: float, step_limit: int) -> float:
     return -float(step_limit) if -step_limit < solved_reward else 2 * float(solved_reward)
 
 
-def _inspect(task_id: str) -> tuple[EnvSpec, Space, Space]:
+def _inspect(task_id: str) -> tuple[EnvSpec, Space[Any], Space[Any]]:
     """Return spec, observation space and action space of a task. Raises InvalidInput."""
     env = CheckedEnv(_make(task_id), task_id)
     code = type(env.unwrapped)
@@ -110,7 +111,7 @@ def _make(task_id: str) -> RealEnv:
             raise
 
 
-def _sizes(task_id: str, observations: Space, actions: Space) -> tuple[int, int]:
+def _sizes(task_id: str, observations: Space[Any], actions: Space[Any]) -> tuple[int, int]:
     """Return the number of observations and of actions. Raises InvalidInput for other spaces."""
     if not isinstance(observations, Box) or len(observations.shape) != 1:
         raise InvalidInput(

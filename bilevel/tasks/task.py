@@ -56,7 +56,7 @@ class Task:
 
     @property
     def compiled(self) -> bool:
-        """Whether the task's dynamics are compiled."""
+        """True if the task's dynamics are compiled."""
         return self.dynamics != dynamics.OBSERVED
 
     @property

@@ -1,6 +1,5 @@
 """An SE as a gymnasium environment."""
 
-import sys
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -70,16 +69,6 @@ def test_mlflow_must_be_configured(tmp_path: Path, monkeypatch: pytest.MonkeyPat
     with pytest.raises(InvalidInput, match="needs MLflow: set MLFLOW_TRACKING_URI"):
         gymnasium.make(ENV, path="models:/SE-CartPole-v0@best")
     assert not list(tmp_path.iterdir())
-
-
-def test_a_file_does_not_cause_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "bomb_of_an_se.py").write_text("raise SystemExit('executed')")
-    se = replace(make_se(get_task("CartPole-v0")), task_id="bomb_of_an_se:Bomb-v0")
-    save_se(se, tmp_path / "se.safetensors")
-    monkeypatch.syspath_prepend(tmp_path)
-    with pytest.raises(InvalidInput, match=r"module 'bomb_of_an_se'.* is not imported"):
-        gymnasium.make(ENV, path=tmp_path / "se.safetensors")
-    assert "bomb_of_an_se" not in sys.modules
 
 
 def test_steps_follow_the_se(se_file: Path) -> None:

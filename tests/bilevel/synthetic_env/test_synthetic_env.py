@@ -22,7 +22,6 @@ from bilevel.kernels.synthetic_env import step
 from bilevel.synthetic_env import SE, load_se, save_se, se_bytes
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import Task, get_task
-from bilevel.zoo import ENTRIES, env_id, zoo_file
 from tests.documents import documented_code
 from tests.ses import make_se
 
@@ -214,7 +213,7 @@ def test_an_se_must_fit_its_task() -> None:
         se.task()
 
 
-def test_the_task_of_an_imported_module(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_file_does_not_cause_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "poles.py").write_text(
         "import gymnasium\n"
         "entry = gymnasium.spec('CartPole-v1').entry_point\n"
@@ -224,6 +223,7 @@ def test_the_task_of_an_imported_module(tmp_path: Path, monkeypatch: pytest.Monk
     se = replace(make_se(get_task("CartPole-v0")), task_id="poles:Pole-v0")
     with pytest.raises(InvalidInput, match=r"'poles'.*not imported.*give --task poles:Pole-v0"):
         se.task()
+    assert "poles" not in sys.modules
     importlib.import_module("poles")
     try:
         assert se.task().id == "poles:Pole-v0"
@@ -231,29 +231,19 @@ def test_the_task_of_an_imported_module(tmp_path: Path, monkeypatch: pytest.Monk
         del sys.modules["poles"], gymnasium.registry["Pole-v0"]
 
 
-@pytest.fixture
-def documented_reader(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[[bytes], Any]:
-    """The reader in docs/se-files.md, applied to the content of an SE file."""
-    monkeypatch.chdir(tmp_path)
-
-    def read(content: bytes) -> dict[str, Any]:
-        (tmp_path / "best_se.safetensors").write_bytes(content)
-        code: dict[str, Any] = {}
-        exec(documented_code("se-files.md"), code)
-        return code
-
-    return read
-
-
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 @pytest.mark.parametrize("layers", [1, 2])
 def test_the_documented_reader_equals_the_torch_module(
-    activation: Any, layers: int, documented_reader: Callable[[bytes], Any]
+    activation: Any, layers: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    """The reader in docs/se-files.md."""
     task, rng = get_task("Acrobot-v1"), np.random.default_rng(0)
     small = make_se(task, layers, activation)
     se = replace(small, se=replace(small.se, psi=2 * small.psi))  # so that some episodes end
-    code = documented_reader(se_bytes(se))
+    save_se(se, tmp_path / "best_se.safetensors")
+    monkeypatch.chdir(tmp_path)
+    code: dict[str, Any] = {}
+    exec(documented_code("se-files.md"), code)
     states = rng.standard_normal((40, task.state_size)).astype(np.float32)
     actions = rng.integers(task.n_actions, size=40)
     expected = SEModule(se)(torch.from_numpy(states), torch.from_numpy(actions))
@@ -263,19 +253,3 @@ def test_the_documented_reader_equals_the_torch_module(
     clear = np.abs(expected[2].numpy() - 0.5) > 1e-3
     ends = np.array([f[2] for f in found])
     np.testing.assert_array_equal(ends[clear], expected[2].numpy()[clear] > 0.5)
-
-
-@pytest.mark.filterwarnings("ignore:.*out of date")  # the paper's CartPole-v0
-@pytest.mark.parametrize("name", ENTRIES)
-def test_the_documented_reader_equals_the_environment(
-    name: str, documented_reader: Callable[[bytes], Any]
-) -> None:
-    code = documented_reader(zoo_file(name).read_bytes())
-    env, rng = gymnasium.make(env_id(name)), np.random.default_rng(0)
-    state, _ = env.reset(seed=0)
-    for action in rng.integers(code["n_actions"], size=200):
-        next_state, reward, terminated, truncated, _ = env.step(action)
-        found = code["step"](state, action)
-        np.testing.assert_allclose(found[0], next_state, atol=1e-4)
-        assert abs(found[1] - float(reward)) < 1e-3
-        state = env.reset()[0] if terminated or truncated else next_state
