@@ -49,27 +49,23 @@ def read_paper_se(path: Path | str, task_id: str | None = None) -> StoredSE:
         content = _load(path)
         config, model = content["config"], content["model"]
         name = str(config["env_name"])
-        settings = {k: v for k, v in config["envs"][name].items() if k in _Settings.model_fields}
+        settings = {
+            # Searched hyperparameters are lists: lowest value, value, highest.
+            key: value[1] if isinstance(value, list) else value
+            for key, value in config["envs"][name].items()
+            if key in _Settings.model_fields
+        }
         psi = np.concatenate([_flat(path, model, prefix) for prefix in _NETWORKS])
     except (LookupError, TypeError, AttributeError):
         raise InvalidInput(
-            f"{str(path)!r} is not an SE file of the paper's code: model or config is missing"
+            f"{str(path)!r} is no SE of the paper's code: model or config is missing"
         ) from None
-    for key, value in settings.items():
-        if isinstance(value, list):  # a searched hyperparameter: lowest value, value, highest
-            settings[key] = value[1]
-        if value == "leakyrelu":
-            settings[key] = "lrelu"
+    if settings.get("activation_fn") == "leakyrelu":
+        settings["activation_fn"] = "lrelu"
     found = decode(_Settings, settings, f"{str(path)!r}, settings of {name}")
     task = get_task(task_id or name)
-    architecture = Architecture(
-        task.state_size,
-        task.n_actions,
-        found.hidden_layer,
-        found.hidden_size,
-        found.activation_fn,
-        found.max_steps,
-    )
+    sizes = task.state_size, task.n_actions, found.hidden_layer, found.hidden_size
+    architecture = Architecture(*sizes, found.activation_fn, found.max_steps)
     info = {"imported_from": path.name}
     se = SE(architecture, psi)
     return StoredSE(se, task.id, task.step_limit, found.solved_reward, info)
@@ -85,8 +81,7 @@ def _load(path: Path) -> Any:
             return torch.load(path, map_location="cpu", weights_only=True)
     except Exception as error:  # torch raises many types
         raise InvalidInput(
-            f"{str(path)!r} is not an SE file of the paper's code: torch raised "
-            f"{type(error).__name__}"
+            f"{str(path)!r} is no SE of the paper's code: torch raised {type(error).__name__}"
         ) from None
 
 

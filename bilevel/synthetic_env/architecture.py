@@ -4,10 +4,7 @@ Three MLPs with equal hidden layers (next state, reward, done) read the same inp
 concat(one_hot(action), state). psi concatenates their parameters, in the layout of
 `bilevel.networks`.
 
-symbol   meaning
-------   ---------------------------------------
-S, A     state size, number of actions
-P        length of psi
+S and A are the state size and the number of actions, P is the length of psi.
 """
 
 import json
@@ -57,14 +54,8 @@ class Architecture:
     @classmethod
     def of(cls, task: Task, hp: SEHyperparameters) -> "Architecture":
         """Return the architecture of an SE for `task`."""
-        return cls(
-            task.state_size,
-            task.n_actions,
-            hp.hidden_layers,
-            hp.hidden_size,
-            hp.activation,
-            hp.step_limit or task.step_limit,
-        )
+        sizes = task.state_size, task.n_actions, hp.hidden_layers, hp.hidden_size
+        return cls(*sizes, hp.activation, hp.step_limit or task.step_limit)
 
     def check_fits(self, task: Task) -> None:
         """Raise InvalidInput unless the task has the same numbers of states and actions."""

@@ -49,7 +49,7 @@ def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
         return _downloaded(str(address), tracking_uri)
     if not os.path.exists(address):  # noqa: PTH110 (Path.exists raises if the name is too long)
         raise InvalidInput(
-            f"no SE file at {str(address)!r}: give a path, an MLflow address (runs:/..., "
+            f"no SE file at {str(address)!r}: give a path, MLflow's address (runs:/..., "
             f"models:/...) or a name of the zoo, {' or '.join(ENTRIES)}"
         )
     return Path(address)

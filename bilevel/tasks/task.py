@@ -1,7 +1,7 @@
 """A real task: a gymnasium environment and the values that the method needs.
 
-CartPole-v0 and Acrobot-v1 have compiled dynamics. Gymnasium runs the
-dynamics of all other tasks: in tests, for initial states, and in training on the real task.
+CartPole-v0 and Acrobot-v1 have compiled dynamics. Gymnasium runs the dynamics of all other tasks:
+in tests, for initial states, and in training on the real task.
 """
 
 from contextlib import closing, nullcontext

@@ -157,19 +157,16 @@ def test_arguments_of_another_type() -> None:
     name: Any = "CartPole-v0"
     task, hp = bilevel.get_task(name), small(name)
     request = bilevel.NES(task, hp).ask(bilevel.NES(task, hp).init())[0]
-    executor: Any = ThreadPoolExecutor
-    for call, message in (
-        (lambda: bilevel.NES(name, hp), r"must be a Task, as .*get_task.*; got 'CartPo"),
-        (lambda: bilevel.NES(task, name), r"must be a Hyperparameters, as .*load_recipe"),
-        (lambda: bilevel.evaluate(name, None, request), r"of an evaluation must be a Task"),
-        (lambda: bilevel.evaluate(task, None, request), r"training on .* needs .*on=RealTask\(\)"),
-        (
-            lambda: bilevel.evaluate(task, None, replace(request, agent=name)),
-            r"agent of a request must be an AgentHyper",
-        ),
-        (lambda: bilevel.learn(task.make()), r"task to learn must be a Task, as .*get_task"),  # type: ignore[arg-type]
-        (lambda: bilevel.learn(task, hp, executor=executor), r"ThreadPoolExecutor, not the class"),
-        (lambda: bilevel.load(3), r"in the zoo or an MLflow address; got 3"),  # type: ignore[arg-type]
-    ):
+    env, executor, number = task.make(), ThreadPoolExecutor, 3
+    calls: dict[str, Any] = {
+        r"must be a Task, as .*get_task.*; got 'CartPo": lambda: bilevel.NES(name, hp),
+        "must be a Hyperparameters, as .*load_recipe": lambda: bilevel.NES(task, name),
+        "of an evaluation must be a Task": lambda: bilevel.evaluate(name, None, request),
+        "training on .* needs .*RealTask": lambda: bilevel.evaluate(task, None, request),
+        "task to learn must be a Task": lambda: bilevel.learn(env),  # type: ignore[arg-type]
+        "not the class": lambda: bilevel.learn(task, hp, executor=executor),  # type: ignore[arg-type]
+        "an MLflow address; got 3": lambda: bilevel.load(number),  # type: ignore[arg-type]
+    }
+    for message, call in calls.items():
         with pytest.raises(InvalidInput, match=message):
             call()

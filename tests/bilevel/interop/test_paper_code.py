@@ -123,6 +123,6 @@ def test_other_files(content: bytes | None, tmp_path: Path) -> None:
         torch.save({"model": {}, "config": Bomb(tmp_path / "executed")}, path)
     else:
         path.write_bytes(content)
-    with pytest.raises(InvalidInput, match="is not an SE file of the paper's code"):
+    with pytest.raises(InvalidInput, match="is no SE of the paper's code"):
         read_paper_se(path)
     assert not (tmp_path / "executed").exists()
