@@ -45,21 +45,23 @@ def read_paper_se(path: Path | str, task_id: str | None = None) -> StoredSE:
     normalisation, a PReLU with a learned slope).
     """
     path = Path(path)
+    if not path.is_file():
+        raise InvalidInput(f"no file at {str(path)!r}")
     try:
-        content = _load(path)
-        config, model = content["config"], content["model"]
-        name = str(config["env_name"])
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # about pickles of other versions
+            content = torch.load(path, map_location="cpu", weights_only=True)
+        name = str(content["config"]["env_name"])
         settings = {
             # Searched hyperparameters are lists: lowest value, value, highest.
             key: value[1] if isinstance(value, list) else value
-            for key, value in config["envs"][name].items()
+            for key, value in content["config"]["envs"][name].items()
             if key in _Settings.model_fields
         }
-        psi = np.concatenate([_flat(path, model, prefix) for prefix in _NETWORKS])
-    except (LookupError, TypeError, AttributeError):
-        raise InvalidInput(
-            f"{str(path)!r} is no SE of the paper's code: model or config is missing"
-        ) from None
+        psi = np.concatenate([_flat(content["model"], prefix) for prefix in _NETWORKS])
+    except Exception as error:  # torch raises many types
+        reason = error if isinstance(error, InvalidInput) else type(error).__name__
+        raise InvalidInput(f"{str(path)!r} is no SE of the paper's code: {reason}") from None
     if settings.get("activation_fn") == "leakyrelu":
         settings["activation_fn"] = "lrelu"
     found = decode(_Settings, settings, f"{str(path)!r}, settings of {name}")
@@ -71,21 +73,7 @@ def read_paper_se(path: Path | str, task_id: str | None = None) -> StoredSE:
     return StoredSE(se, task.id, task.step_limit, found.solved_reward, info)
 
 
-def _load(path: Path) -> Any:
-    """Load the content of a file without executing code. Raises InvalidInput."""
-    if not path.is_file():
-        raise InvalidInput(f"no file at {str(path)!r}")
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # about pickles of other versions
-            return torch.load(path, map_location="cpu", weights_only=True)
-    except Exception as error:  # torch raises many types
-        raise InvalidInput(
-            f"{str(path)!r} is no SE of the paper's code: torch raised {type(error).__name__}"
-        ) from None
-
-
-def _flat(path: Path, model: Mapping[str, Any], prefix: str) -> Psi:
+def _flat(model: Mapping[str, Any], prefix: str) -> Psi:
     """Concatenate weights and biases of a network. Raises InvalidInput."""
     tensors = []
     for name, tensor in model.items():
@@ -95,10 +83,8 @@ def _flat(path: Path, model: Mapping[str, Any], prefix: str) -> Psi:
             if tensor.numel() == 1 and float(tensor) == PRELU_INITIAL_SLOPE:
                 continue
             raise InvalidInput(
-                f"{str(path)!r}: {name} belongs to an unsupported layer (layer normalisation, or "
-                "a PReLU with a learned slope)"
+                f"{name} belongs to an unsupported layer (layer normalisation, or a PReLU with a "
+                "learned slope)"
             )
-        tensors.append(tensor.detach().to(torch.float32).flatten())
-    if not tensors:
-        raise LookupError(prefix)
+        tensors.append(tensor.to(torch.float32).flatten())
     return np.asarray(torch.cat(tensors))

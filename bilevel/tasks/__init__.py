@@ -1,9 +1,8 @@
 """Real tasks, on which agents are tested."""
 
 from bilevel.tasks.adapter import checked_action
-from bilevel.tasks.scale import ObservationScale
 from bilevel.tasks.specification import BUILT_IN_TASKS, get_task
-from bilevel.tasks.task import MAX_STEP_LIMIT, Task
+from bilevel.tasks.task import MAX_STEP_LIMIT, ObservationScale, Task
 
 __all__ = [
     "BUILT_IN_TASKS",

@@ -7,6 +7,7 @@ in tests, for initial states, and in training on the real task.
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
 from functools import cache
+from typing import Self
 
 import gymnasium
 import numpy as np
@@ -19,7 +20,6 @@ from bilevel.tasks.adapter import CheckedEnv, make_env
 from bilevel.tasks.adapter import RealEnv as RealEnv
 from bilevel.tasks.cartpole import CARTPOLE
 from bilevel.tasks.compiled import CompiledTask
-from bilevel.tasks.scale import ObservationScale
 from bilevel.user_code import digest_of
 
 #: All compiled tasks by the code of their dynamics.
@@ -36,6 +36,29 @@ MAX_STEP_LIMIT = 1_000_000
 #: gymnasium runs, whose steps may be slow. With 1000 steps some runs on CartPole take several times
 #: as long as with 100 000 (docs/nes.md).
 SCALE_STEPS, GYMNASIUM_SCALE_STEPS = 100_000, 10_000
+
+
+#: Range of an observation, relative to its mean, up to which it counts as constant.
+_CONSTANT = 1e-6
+
+
+@dataclass(frozen=True)
+class ObservationScale:
+    """Mean and standard deviation (S,) of a task's observations under random actions."""
+
+    mean: NDArray[np.float32]
+    deviation: NDArray[np.float32]
+    real_env_steps: int  # steps that measured them
+
+    @classmethod
+    def of(cls, observations: NDArray[np.float32]) -> Self:
+        """Return the scale of observations (n, S); a constant one has standard deviation 1."""
+        seen = observations.astype(np.float64)
+        mean, deviation = seen.mean(axis=0), seen.std(axis=0)
+        # Rounding errors: the computed deviation of a constant is not always 0.
+        constant = np.ptp(seen, axis=0) <= _CONSTANT * np.maximum(np.abs(mean), 1.0)
+        deviation = np.where(constant, 1.0, deviation)
+        return cls(mean.astype(np.float32), deviation.astype(np.float32), len(seen))
 
 
 @dataclass(frozen=True)
