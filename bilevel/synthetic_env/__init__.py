@@ -1,4 +1,4 @@
-"""Synthetic environments (SEs): three networks that stand in for a real task."""
+"""Synthetic environments (SEs): three networks that replace a real task in training."""
 
 from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi
 from bilevel.synthetic_env.distribution import SEDistribution
