@@ -23,17 +23,6 @@ if TYPE_CHECKING:
 #: Random configurations that a check tries.
 _SAMPLES = 256
 
-#: Exceptions of ConfigSpace and YAML for invalid content.
-_PARSE_ERRORS = (
-    AttributeError,
-    IndexError,
-    KeyError,
-    RecursionError,
-    TypeError,
-    ValueError,
-    yaml.YAMLError,
-)
-
 
 @dataclass(frozen=True)
 class Space:
@@ -58,7 +47,7 @@ class Space:
         except OSError as error:
             reason = error.strerror or str(error)
             raise InvalidInput(f"cannot read the search space {given!r}: {reason}") from None
-        except _PARSE_ERRORS as error:
+        except Exception as error:  # ConfigSpace and YAML have no common exception
             raise InvalidInput(f"search space {given!r}: {_one_line(error)}") from None
         space = cls(path.stem, content if content is not None else {})
         space.build()
@@ -78,7 +67,7 @@ class Space:
         try:
             # from_serialized_dict removes entries from its argument.
             space = CS.ConfigurationSpace.from_serialized_dict(deepcopy(self.content))
-        except _PARSE_ERRORS as error:
+        except Exception as error:
             raise InvalidInput(
                 f"search space {self.name!r} is not a ConfigSpace file: {_one_line(error)}"
             ) from None

@@ -131,13 +131,17 @@ class _Runner:
     def run(self) -> int:
         """Run the study to its end; return the exit code."""
         self._introduce()
-        views = StudyViews(self.command.study, self.session.identity, live=True)
+        command = self.command
+        views = StudyViews(command.study, self.session.identity, live=True)
         resume_hint = "run the same command again to resume"
         with self.session.live(views, self.brackets, resume_hint) as mirror:
             try:
-                deadline, end = deadlines(self.terminal.started, self.command.time_budget)
+                deadline, end = deadlines(self.terminal.started, command.time_budget)
                 self._search(views, mirror, deadline)
-                found = self._finish(end)
+                with EvaluationPool(command.workers_per_trial * command.trials) as pool:
+                    found = self.end.finish(
+                        pool, command.final_agents, lambda: time.monotonic() > end
+                    )
             except KeyboardInterrupt:
                 with suppress(StorageFailure):
                     self.end.export_recipe()
@@ -183,12 +187,7 @@ class _Runner:
         if searcher.stopped_by is not None:
             raise searcher.stopped_by
         if searcher.time_is_up and not self.search.finished:
-            log("the time for the search is over; run the same command again to resume it")
+            log("the search has reached its time limit; run the same command again to resume it")
         if searcher.core_utilisation > 0:
             log(f"core utilisation by evaluations: {searcher.core_utilisation:.0%}")
         mirror.mark([views.parent])
-
-    def _finish(self, end: float) -> bool:
-        command = self.command
-        with EvaluationPool(command.workers_per_trial * command.trials) as pool:
-            return self.end.finish(pool, command.final_agents, lambda: time.monotonic() > end)

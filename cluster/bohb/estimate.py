@@ -108,8 +108,8 @@ def _print_brackets(schedule: Schedule, brackets: int, terminal: Terminal) -> No
 
 
 def measured_speed(study: Study, cores: int, terminal: Terminal) -> float:
-    """Time evaluations of random configurations with as many cores busy as the study would use;
-    return the seconds that an estimated core second takes on this machine."""
+    """Return the measured seconds of an estimated core second, from evaluations of random
+    configurations on the cores that the study would use."""
     samples = study.space.build(study.agents, study.seed % 2**32).sample_configuration(_SAMPLES)
     jobs = []
     for number, sample in enumerate(samples):

@@ -43,7 +43,7 @@ class StudyEnd:
         score it with fresh agents; return whether there is one. Raises StorageFailure."""
         study, log = self.study, self.session.terminal.log
         self._validate(pool, is_over)
-        self.export_recipe()
+        exported = self.export_recipe()
         runs = list(all_runs(study, self.journal, pool, log))
         contenders = contenders_of(runs)
         if not contenders:
@@ -61,17 +61,19 @@ class StudyEnd:
         path, real_steps = export_best(best.se, score, study.folder, step, learned, tests)
         log(str(score))
         log(f"{real_steps} steps on the real task in all runs, the scale of observations included")
-        options = f"{task_options(study.task)}{agent_options()}"
-        call = self.session.home.hint(f"nes {study.task.id} --recipe {study.name}{options}")
-        log(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE by it with {call}")
+        if exported:
+            options = f"{task_options(study.task)}{agent_options()}"
+            call = self.session.home.hint(f"nes {study.task.id} --recipe {study.name}{options}")
+            log(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE with it by {call}")
         model = model_address(study.task.id, "newest")
         log(f"best SE: {path}  ({model} in MLflow's model registry)")
         log(f"results: {self.session.shown_at(self.session.identity.uuid)}")
         log("run the same command again to add brackets")
         return True
 
-    def export_recipe(self) -> None:
-        """Report the incumbent, if there is one, and write its recipe. Raises StorageFailure."""
+    def export_recipe(self) -> bool:
+        """Report the incumbent and write its recipe; return whether there is one. Raises
+        StorageFailure."""
         log, journal = self.session.terminal.log, self.journal
         summary = StudySummary.of(journal)
         log(
@@ -81,7 +83,7 @@ class StudyEnd:
         )
         incumbent = summary.incumbent
         if incumbent is None:
-            return
+            return False
         proposal = journal.proposals[incumbent.id]
         log(
             f"incumbent {configuration_name(incumbent.id)} ({proposal.origin}): "
@@ -91,6 +93,7 @@ class StudyEnd:
         write_aside(self.study.folder / RECIPE_FILE, text.encode())
         for name, value in proposal.configuration.items():
             log(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")
+        return True
 
     def _validate(self, pool: EvaluationPool, is_over: Callable[[], bool]) -> None:
         terminal, before = self.session.terminal, Validation.load(self.study.folder)

@@ -1,11 +1,9 @@
 """`bilevel bohb` on real Ray and MLflow."""
 
 import os
-import pty
 import re
 import shutil
 import signal
-import subprocess
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,10 +16,10 @@ from bilevel.synthetic_env import load_se
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.search.validation import Validation
 from cluster.bohb.study.definition import RECIPE_FILE, SPACE_FILE, Study, configuration_name
-from cluster.bohb.study.journal import Journal, Origin
-from cluster.storage.run_folder import BEST_FILE
+from cluster.bohb.study.journal import Journal
+from cluster.storage.run_folder import BEST_FILE, LAST_FILE
 from search_spaces.bohb import search_space
-from tests.commands import BILEVEL, run_bilevel
+from tests.commands import run_bilevel
 from tests.faults.stage import ONE_BY_ONE
 from tests.system.conftest import client, run_until
 
@@ -72,79 +70,37 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     assert f"{counted} steps on the real task in all runs" in output
 
 
-def test_the_progress_bar_appears_before_the_first_generation_ends(
-    study_home: tuple[Path, str], tmp_home: Path, address: str
-) -> None:
-    """The study is complete, so that the command adds brackets."""
-    home = tmp_home
-    shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
-    controller, terminal = pty.openpty()
-    process = subprocess.Popen(
-        [BILEVEL, *SMOKE, "--home", str(home), "--address", address],
-        stdout=terminal,
-        stderr=terminal,
-        start_new_session=True,
-    )
-    os.close(terminal)
-    shown = b""
-    while b"001-0-00" not in shown and process.poll() is None:
-        shown += os.read(controller, 4096)
-    os.killpg(process.pid, signal.SIGKILL)
-    process.wait()
-    os.close(controller)
-    text = re.sub(r"\x1b\[[0-9;?]*[A-Za-z]", "", shown.decode(errors="ignore"))
-    assert re.search(r"searching .* 4/6 results .* 001-0-00", text)
-
-
 def test_mlflow_has_a_parent_run_and_a_child_per_configuration(
     study_home: tuple[Path, str],
 ) -> None:
     home, _ = study_home
     mlflow_client, runs = client(home), tracked_runs(home)
-    assert {r.info.status for r in runs} == {"FINISHED"}
-    (parent,) = [r for r in runs if "mlflow.parentRunId" not in r.data.tags]
-    children = [r for r in runs if r is not parent]
+    assert {run.info.status for run in runs} == {"FINISHED"}
+    (parent,) = [run for run in runs if "mlflow.parentRunId" not in run.data.tags]
+    children = [run for run in runs if run is not parent]
     assert len(children) == 3
-    assert {r.data.tags["mlflow.parentRunId"] for r in children} == {parent.info.run_id}
     assert parent.data.metrics["final_score_mean"] > 0
-    assert 0 < parent.data.metrics["core_utilisation"] < 1
-    names = {file.path for file in mlflow_client.list_artifacts(parent.info.run_id)}
-    assert {
-        "objective_against_cost.png",
-        "brackets.md",
-        "incumbent.json",
-        "recipe.toml",
-        "journal",
-        "best_se.safetensors",
-    } <= names
-    assert sum(name.startswith("model-") for name in names) == 1
-    for child in children:
-        budget = int(child.data.metrics["budget"])
-        steps = mlflow_client.get_metric_history(child.info.run_id, "real_env_steps")
-        counts = [metric.value for metric in steps]
-        assert counts == sorted(set(counts))  # it grows by generation
-        history = mlflow_client.get_metric_history(child.info.run_id, "score_mean")
-        assert [metric.step for metric in history] == list(range(len(history)))
-        assert child.data.metrics["core_seconds"] == pytest.approx(budget, abs=1)
-        confirmed, half = child.data.metrics["confirmed"], child.data.metrics["progress"] / 2
-        successes = confirmed + max(half, 0.005)
-        expected = pytest.approx(child.data.metrics["core_seconds"] / successes, rel=0.02)
-        assert child.data.metrics["objective"] == expected
-        names = {file.path for file in mlflow_client.list_artifacts(child.info.run_id)}
-        assert names == {
-            "best_se.safetensors",
-            "configuration.json",
-            "last_se.safetensors",
-            "learning_curve.png",
-        }
-        assert child.data.tags["mlflow.source.name"] == parent.data.tags["mlflow.source.name"]
-        assert child.data.tags["bilevel.origin"] == Origin.RANDOM  # of a smoke study
-        tuned = set(search_space("core", ("ddqn",)))
-        assert set(child.data.params) == tuned
-    assert {child.info.run_name for child in children} >= {"000-0-000", "000-0-001"}
     assert parent.data.params["base.nes.centre_agents"] == "2"
+    names = {file.path for file in mlflow_client.list_artifacts(parent.info.run_id)}
+    tables = {"objective_against_cost.png", "brackets.md", "incumbent.json", "results.csv"}
+    assert {*tables, RECIPE_FILE, BEST_FILE, "journal"} <= names
     best = mlflow_client.get_model_version_by_alias("SE-CartPole-v0", "best")
     assert best.run_id == parent.info.run_id
+    for child in children:
+        data, id = child.data, child.info.run_id
+        assert data.tags["mlflow.parentRunId"] == parent.info.run_id
+        assert set(data.params) == set(search_space("core"))
+        history = mlflow_client.get_metric_history(id, "score_mean")
+        assert [metric.step for metric in history] == list(range(len(history)))
+        counts = [metric.value for metric in mlflow_client.get_metric_history(id, "real_env_steps")]
+        assert counts == sorted(set(counts))
+        metrics = data.metrics
+        assert metrics["core_seconds"] == pytest.approx(metrics["budget"], abs=1)
+        successes = metrics["confirmed"] + max(metrics["progress"] / 2, 0.005)
+        expected = pytest.approx(metrics["core_seconds"] / successes, rel=0.02)
+        assert metrics["objective"] == expected
+        files = {file.path for file in mlflow_client.list_artifacts(id)}
+        assert files >= {BEST_FILE, LAST_FILE, "configuration.json", "learning_curve.png"}
 
 
 def test_the_same_command_adds_brackets(
@@ -197,14 +153,11 @@ def test_a_study_resumes_after_ctrl_c_with_the_same_results(
     assert process.returncode == 130
     assert "run the same command again to resume" in rest
     assert "incumbent 00" in rest
-    assert re.search(r"MLflow http://127.0.0.1:5000/#/experiments/\d+/runs/\w{32}\?", rest)
     assert (tmp_home / "CartPole-v0" / "smoke" / RECIPE_FILE).exists()
     assert 1 <= len(results(tmp_home)) < 4
     runs = tracked_runs(tmp_home)
     assert "RUNNING" not in {r.info.status for r in runs}
     assert "KILLED" in {r.info.status for r in runs}
-    (parent,) = [r for r in runs if "mlflow.parentRunId" not in r.data.tags]
-    assert parent.data.tags["mlflow.note.content"].startswith("**Stopped, and nothing is lost:**")
 
     args = ("--workers-per-trial", "2", *ONE_BY_ONE, "--address", address)
     result = run_bilevel(*SMOKE, *args, "--home", tmp_home)
@@ -228,14 +181,11 @@ def test_time_budget_ends_the_search(
     args = ("--brackets", "99", "--time-budget", "10s", "--address", address)
     result = run_bilevel(*SMOKE, *args, "--home", tmp_home)
     assert "resuming 3 configurations from checkpoints" in result.stdout
-    assert "the time for the search is over" in result.stdout
+    assert "the search has reached its time limit" in result.stdout
     assert "/99" not in result.stdout  # brackets that the study will not reach
     scored = "fresh agents trained on the best SE" in result.stdout
     nothing = "no configuration finished a generation" in result.stdout
     assert scored != nothing
-    if results(tmp_home):
-        assert result.returncode == 0, result.stderr
-        assert re.search(r"; \S+ left$", result.stdout, re.MULTILINE)
     assert result.returncode == (0 if scored else 1), result.stderr
     assert "Traceback" not in result.stderr
 

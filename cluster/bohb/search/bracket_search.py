@@ -102,12 +102,12 @@ class BracketSearch:
 
     @property
     def finished(self) -> bool:
-        """Whether every bracket has all results."""
+        """True once every bracket has all results."""
         return not self._interrupted and all(bracket.is_finished for bracket in self._brackets)
 
     @property
     def succeeded(self) -> bool:
-        """Whether any job has succeeded."""
+        """True once a job has succeeded."""
         return bool(self._journal.successes)
 
     def next_job(self) -> Job | None:

@@ -82,8 +82,8 @@ class Plan:
 
     @classmethod
     def of(cls, journal: Journal, before: Validation | None, largest: int) -> Self | None:
-        """Plan a validation that takes SHARE of the study's core time, with as many finalists as
-        get the `largest` budget of the schedule each.
+        """Plan a validation that takes SHARE of the study's core time and gives each finalist the
+        `largest` budget of the schedule if possible.
 
         The winner of the validation `before` is always a finalist; without results since then, all
         of its finalists are. Returns None if there is nothing to compare, or if two finalists would

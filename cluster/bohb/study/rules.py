@@ -47,7 +47,7 @@ def searched_space(
     for name in (f"{agent}.{field}" for agent in agents for field in VARIED):
         if name in searched and base.vary_agent != "no":
             raise InvalidInput(
-                f"{name} is searched in the space {space.name!r}, but runs draw it anew for each "
+                f"{name} is searched in the space {space.name!r}, but runs draw it for each "
                 f"agent (--vary-hp {base.vary_agent}): give --vary-hp no, or another space"
             )
     space.check(base, SET_BY_SEARCH, lambda hp: NES(task, hp))

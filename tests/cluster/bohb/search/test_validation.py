@@ -1,4 +1,4 @@
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,26 +18,19 @@ TIMES = {"submitted": 0.0, "started": 0.0, "finished": 1.0}
 LARGEST = 3
 
 
+def result(number: int, loss: float | None, budget: int = LARGEST) -> ResultLine:
+    return ResultLine((0, 0, number), budget, loss, {}, TIMES)
+
+
 def journal_of(
-    folder: Path, losses: dict[int, float | None], budgets: dict[int, int] | None = None
+    folder: Path, losses: Sequence[float | None], smaller: Collection[int] = ()
 ) -> Journal:
-    """A journal of numbered configurations. Their budgets are LARGEST by default."""
+    """A journal of numbered configurations at LARGEST, or at the budget 1 if they are `smaller`."""
     journal = Journal(folder)
-    for number, loss in losses.items():
+    for number, loss in enumerate(losses):
         journal.add_config(ConfigLine((0, 0, number), {}, {}))
-        budget = (budgets or {}).get(number, LARGEST)
-        journal.add_result(ResultLine((0, 0, number), budget, loss, {}, TIMES))
+        journal.add_result(result(number, loss, 1 if number in smaller else LARGEST))
     return journal
-
-
-def equal_losses(count: int, **losses: float | None) -> dict[int, float | None]:
-    """Equal losses except for the given ones, as `_3=20.0`."""
-    changed = {int(name[1:]): loss for name, loss in losses.items()}
-    return {**dict.fromkeys(range(count), 90.0), **changed}
-
-
-def result(number: int, loss: float = 9.0) -> ResultLine:
-    return ResultLine((0, 0, number), 5, loss, {}, TIMES)
 
 
 def finalists(journal: Journal, before: Validation | None = None) -> list[int]:
@@ -45,54 +38,48 @@ def finalists(journal: Journal, before: Validation | None = None) -> list[int]:
     return [] if plan is None else [number for _, _, number in plan.finalists]
 
 
-class TestPlan:
-    def test_the_best_at_the_largest_budget(self, tmp_path: Path) -> None:
-        losses = equal_losses(11, _1=20.0, _2=None, _3=40.0, _4=30.0, _10=1.0)
-        assert finalists(journal_of(tmp_path, losses, {10: 1})) == [1, 3, 4]
+@pytest.mark.parametrize(
+    ("losses", "smaller", "expected"),
+    [
+        ([90, 20, None, 40, 30, 90, 90, 90, 90, 90, 1], [10], [1, 3, 4]),  # the best
+        ([90] * 7 + [2, 1] + [90] * 20, range(1, 29), [0, 7, 8]),  # smaller budgets come last
+        ([90] * 2, [], []),  # too short
+        ([90] * 3, [], [0, 1]),  # each gets half of the largest budget
+        ([90] * 8, [], [0, 1]),
+        ([90] * 9, [], [0, 1, 2]),  # each gets the largest budget
+        ([90] * 30, [], [0, 1, 2]),
+        ([90] + [None] * 29, [], []),  # nothing to compare
+        ([], [], []),
+    ],
+)
+def test_finalists_are_the_best_configurations(
+    losses: list[float | None], smaller: Collection[int], expected: list[int], tmp_path: Path
+) -> None:
+    assert finalists(journal_of(tmp_path, losses, smaller)) == expected
 
-    def test_smaller_budgets_where_the_largest_has_too_few_results(self, tmp_path: Path) -> None:
-        budgets = dict.fromkeys(range(1, 30), 1)
-        assert finalists(journal_of(tmp_path, equal_losses(30, _7=2.0, _9=1.0), budgets)) == [
-            0,
-            7,
-            9,
-        ]
 
-    def test_the_recipe_is_always_a_finalist(self, tmp_path: Path) -> None:
-        journal = journal_of(tmp_path, equal_losses(10, _0=99.0, _1=20.0, _2=30.0))
-        journal.configs[0] = journal.configs[0]._replace(info={"prior": "itself"})
-        assert finalists(journal) == [0, 1, 2]
+def test_the_recipe_is_always_a_finalist(tmp_path: Path) -> None:
+    journal = journal_of(tmp_path, [99.0, 20.0, 30.0, *[50.0] * 7])
+    journal.configs[0] = journal.configs[0]._replace(info={"prior": "itself"})
+    assert finalists(journal) == [0, 1, 2]
 
-    def test_the_last_winner_is_an_additional_finalist(self, tmp_path: Path) -> None:
-        journal = journal_of(tmp_path, equal_losses(12, _1=20.0, _2=30.0, _3=40.0))
-        before = Validation(2, (result(0),))
-        assert finalists(journal, before) == [0, 1, 2, 3]
-        first, second = Plan.of(journal, None, LARGEST), Plan.of(journal, before, LARGEST)
-        assert first is not None
-        assert second is not None
-        assert first.core_seconds == second.core_seconds
 
-    def test_without_new_results_the_finalists_stay(self, tmp_path: Path) -> None:
-        journal = journal_of(tmp_path, equal_losses(10, _1=20.0))
-        assert finalists(journal, Validation(10, (result(5), result(7)))) == [5, 7]
+def test_the_last_winner_is_an_additional_finalist(tmp_path: Path) -> None:
+    journal = journal_of(tmp_path, [99.0, 20.0, 30.0, 40.0, *[50.0] * 8])
+    before = Validation(2, (result(0, 9.0), result(9, 10.0)))
+    assert finalists(journal, before) == [0, 1, 2, 3]
+    first, second = Plan.of(journal, None, LARGEST), Plan.of(journal, before, LARGEST)
+    assert first is not None
+    assert second is not None
+    assert first.core_seconds == second.core_seconds
+    assert finalists(journal, replace(before, results=12)) == [0, 9]  # no results since then
 
-    @pytest.mark.parametrize(("searched", "number"), [(2, 0), (3, 2), (6, 2), (8, 2), (9, 3)])
-    def test_the_number_of_finalists_depends_on_the_core_time(
-        self, searched: int, number: int, tmp_path: Path
-    ) -> None:
-        """Each gets the largest budget; two may get half of it."""
-        assert len(finalists(journal_of(tmp_path, equal_losses(searched)))) == number
 
-    def test_nothing_to_compare(self, tmp_path: Path) -> None:
-        failures = dict.fromkeys(range(1, 30))
-        assert not finalists(journal_of(tmp_path, {0: 90.0, **failures}))
-        assert not finalists(Journal(tmp_path / "empty"))
-
-    def test_validation_takes_its_share_of_the_core_time(self, tmp_path: Path) -> None:
-        plan = Plan.of(journal_of(tmp_path, equal_losses(30)), None, LARGEST)
-        assert plan is not None
-        searched, validated = 30 * LARGEST, len(plan.finalists) * plan.core_seconds
-        assert validated == pytest.approx(SHARE * (searched + validated), rel=0.05)
+def test_validation_takes_its_share_of_the_core_time(tmp_path: Path) -> None:
+    plan = Plan.of(journal_of(tmp_path, [90.0] * 30), None, LARGEST)
+    assert plan is not None
+    searched, validated = 30 * LARGEST, len(plan.finalists) * plan.core_seconds
+    assert validated == pytest.approx(SHARE * (searched + validated), rel=0.05)
 
 
 @pytest.fixture
@@ -163,7 +150,7 @@ def test_the_finalist_that_has_spent_least_advances(
 def test_too_little_time_keeps_the_last_validation(study: Study) -> None:
     assert run_validation(study, lambda: True) is None
     assert not (study.folder / VALIDATION_FILE).exists()
-    last = Validation(1, (result(0), result(1)))
+    last = Validation(1, (result(0, 1.0), result(1, 2.0)))
     last.save(study.folder)
     assert run_validation(study, lambda: True) is None
     assert Validation.load(study.folder) == last
