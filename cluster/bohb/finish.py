@@ -44,8 +44,8 @@ class StudyEnd:
         study, log = self.study, self.session.terminal.log
         self._validate(pool, is_over)
         exported = self.export_recipe()
-        runs = list(all_runs(study, self.journal, pool, log))
-        contenders = contenders_of(runs)
+        configurations = list(all_runs(study, self.journal, pool, log))
+        contenders = contenders_of(configurations)
         if not contenders:
             log(
                 "no configuration finished a generation: see the errors above, or use more time, "
@@ -56,7 +56,8 @@ class StudyEnd:
         best = self._retest(contenders, pool, race(final_agents), is_over)
         score = evaluate_holdout(study.task, best, final_agents, seed, pool)
         tests = pool.real_env_steps - before
-        learned = sum(state.real_env_steps for one in runs for state in one.states)
+        states = [state for runs in configurations for state in runs.states]
+        learned = sum(state.real_env_steps for state in states)
         step = len(self.journal.results)
         path, real_steps = export_best(best.se, score, study.folder, step, learned, tests)
         log(str(score))
@@ -158,10 +159,10 @@ def all_runs(
             yield from (runs, validated)
 
 
-def contenders_of(every: Sequence[ConfigurationRuns]) -> list[Contender]:
+def contenders_of(configurations: Sequence[ConfigurationRuns]) -> list[Contender]:
     """Return the confirmed SEs, and then the SEs with the highest scores in their own runs."""
     ranked = []
-    for runs in every:
+    for runs in configurations:
         hp = runs.run(0).hp
         for state in runs.states:
             ses = [state.best] if state.confirmed else state.candidates

@@ -1,6 +1,5 @@
 """Search spaces from users' files."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -55,14 +54,6 @@ def test_unsuitable_spaces_are_refused(dimension: Any, message: str, tmp_path: P
         )
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
-
-
-def test_a_built_in_space_may_not_suit_the_recipe() -> None:
-    full, hp = Space.of("full"), load_recipe("paper", "CartPole-v0", agents=("ddqn", "td3"))
-    full.check(hp)
-    short = tuple(replace(agent, max_episodes=20) for agent in hp.agents)
-    with pytest.raises(InvalidInput, match=r"'full': ddqn\.init_episodes must be below ddqn\."):
-        full.check(replace(hp, agents=short))
 
 
 def test_forbidden_values_are_not_tried(tmp_path: Path) -> None:

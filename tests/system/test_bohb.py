@@ -63,8 +63,8 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     journal = Journal(study.folder)
     assert all(0 < line.info["core_utilisation"] < 1 for line in journal.results)
     runs = [ConfigurationRuns.read(study, line.id, line.configuration) for line in journal.configs]
-    assert sorted(round(one.tally.cost) for one in runs) == [1, 1, 3]
-    learned = sum(state.real_env_steps for one in runs for state in one.states)
+    assert sorted(round(each.tally.cost) for each in runs) == [1, 1, 3]
+    learned = sum(state.real_env_steps for each in runs for state in each.states)
     counted = load_se(study.folder / BEST_FILE).info["real_env_steps"]
     assert counted > learned > 0  # with the retests
     assert f"{counted} steps on the real task in all runs" in output
@@ -124,7 +124,7 @@ def test_the_same_command_adds_brackets(
     assert validation is not None
     assert validation.results == 6
     winner = configuration_name(validation.winner.id)
-    assert f"incumbent {winner}: " in output
+    assert f"incumbent {winner} (" in output
     assert f"configuration {winner}\n" in (study.folder / RECIPE_FILE).read_text()
     (parent,) = [r for r in tracked_runs(home) if "mlflow.parentRunId" not in r.data.tags]
     assert parent.data.metrics["validated_objective"] == validation.winner.loss

@@ -16,7 +16,7 @@ would give each finalist less than half of its largest budget is not validated.
 import json
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -126,37 +126,36 @@ def validate(
     OtherVersion.
     """
     each, proposals = plan.core_seconds, journal.proposals
-    runs = [
+    finalists = [
         ConfigurationRuns.open(study, id, proposals[id].configuration, log, validation=True)
         for id in plan.finalists
     ]
     started = time.time()
-    while (unfinished := [one for one in runs if not one.spent(each)]) and not is_over():
-        progress(sum(min(one.tally.cost, each) for one in runs), float(each * len(runs)))
-        behind = min(unfinished, key=lambda one: one.tally.cost)
+    while (unfinished := [runs for runs in finalists if not runs.spent(each)]) and not is_over():
+        spent = sum(min(runs.tally.cost, each) for runs in finalists)
+        progress(spent, float(each * len(finalists)))
+        behind = min(unfinished, key=lambda runs: runs.tally.cost)
         try:
             behind.advance(pool)
         except (StorageFailure, OtherVersion):
             raise
         except Exception as error:  # as in the search, other configurations may succeed
-            runs.remove(behind)
+            finalists.remove(behind)
             log(f"{configuration_name(behind.id)} failed with new seeds: {last_line(str(error))}")
     enough = min(_ENOUGH * each, study.schedule.budgets[-1])
-    if not runs or min(one.tally.cost for one in runs) < enough:
+    if not finalists or min(runs.tally.cost for runs in finalists) < enough:
         return None
-    validation = Validation(len(journal.results), _ranked(runs, started))
+    times = {"submitted": started, "started": started, "finished": time.time()}
+    tallies = sorted(((runs.id, runs.tally) for runs in finalists), key=lambda t: t[1].objective)
+    validation = Validation(
+        len(journal.results),
+        tuple(
+            ResultLine(id, round(tally.cost), tally.objective, tally.info, times)
+            for id, tally in tallies
+        ),
+    )
     before = Validation.load(study.folder)
     if before is not None and before.outcome == validation.outcome:
         return before  # nothing was run: keep its times
     validation.save(study.folder)
     return validation
-
-
-def _ranked(runs: Sequence[ConfigurationRuns], started: float) -> tuple[ResultLine, ...]:
-    times = {"submitted": started, "started": started, "finished": time.time()}
-    tallies = [(one.id, one.tally) for one in runs]
-    lines = [
-        ResultLine(id, round(tally.cost), tally.objective, tally.info, times)
-        for id, tally in tallies
-    ]
-    return tuple(sorted(lines, key=lambda line: line.objective))

@@ -41,14 +41,16 @@ def test_the_runs_of_a_validation_are_included(tmp_path: Path) -> None:
     assert plan is not None
     validate(study, journal, plan, pool, print, lambda spent, total: None, lambda: False)
     runs = list(all_runs(study, journal, pool, print))
-    assert {one.id for one in runs if one.validation and one.states} == set(plan.finalists)
-    assert {one.id for one in runs if not one.validation} == {line.id for line in journal.configs}
+    assert {found.id for found in runs if found.validation and found.states} == set(plan.finalists)
+    assert {found.id for found in runs if not found.validation} == {
+        line.id for line in journal.configs
+    }
 
 
 def test_lost_runs_are_recomputed(tmp_path: Path) -> None:
     study = make_study(tmp_path)
     journal, pool = Journal(study.folder), MadeUpPool()
-    before = [one.tally for one in all_runs(study, journal, pool, print)]
+    before = [runs.tally for runs in all_runs(study, journal, pool, print)]
     for path in study.folder.glob("configurations/*-0-001/run-*/*"):
         path.unlink()
-    assert [one.tally for one in all_runs(study, journal, pool, print)] == before
+    assert [runs.tally for runs in all_runs(study, journal, pool, print)] == before

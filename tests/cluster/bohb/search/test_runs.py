@@ -26,7 +26,7 @@ def opened(study: Study, budget: float = 0.0) -> ConfigurationRuns:
 
 def test_seeds_depend_on_study_configuration_and_number(study: Study) -> None:
     runs = [ConfigurationRuns(study, (0, 0, number), {}) for number in range(3)]
-    seeds = [one.run(number).seed for one in runs for number in range(2)]
+    seeds = [each.run(number).seed for each in runs for number in range(2)]
     assert len(set(seeds)) == 6
     assert ConfigurationRuns(study, (0, 0, 1), CONFIGURATION).run(0).seed == seeds[2]
     assert ConfigurationRuns(replace(study, seed=4), (0, 0, 1), {}).run(0).seed not in seeds

@@ -168,7 +168,7 @@ def test_the_largest_budget_is_enough_at_the_deadline(
             ConfigurationRuns.read(study, id, proposals[id].configuration, True)
             for id in plan.finalists
         ]
-        return min(one.tally.cost for one in runs) >= share * largest
+        return min(each.tally.cost for each in runs) >= share * largest
 
     found = run_validation(study, is_over, replace(plan, core_seconds=100 * largest))
     assert (found is not None) == enough

@@ -10,22 +10,6 @@ from cluster.bohb.study.journal import Journal
 from tests.searches import new_search, run_to_end
 
 
-@given(cut=st.integers(1, 60))
-@settings(max_examples=30)
-def test_a_truncated_last_line_is_dropped(
-    cut: int, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    folder = tmp_path_factory.mktemp("journal")
-    run_to_end(new_search(folder, brackets=1))
-    path = folder / "results.json"
-    content = path.read_bytes()
-    last = content[:-1].rfind(b"\n") + 1
-    path.write_bytes(content[: max(len(content) - cut, last)])
-    assert len(Journal(folder).results) == 12
-    run_to_end(new_search(folder, brackets=1))
-    assert len(Journal(folder).results) == 13
-
-
 @pytest.mark.parametrize("line", ["{}", "[1]", '[[0,0,0],"x",{},{}]', "nonsense", "[[0,0,0]]"])
 def test_a_damaged_line_is_reported(line: str, tmp_path: Path) -> None:
     run_to_end(new_search(tmp_path, brackets=1))
