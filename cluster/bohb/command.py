@@ -10,7 +10,7 @@ from bilevel.errors import StorageFailure
 from cluster.bohb.finish import StudyEnd
 from cluster.bohb.search.bracket_search import BracketSearch
 from cluster.bohb.search.validation import SHARE
-from cluster.bohb.study.brackets import Schedule, configurations_to_begin
+from cluster.bohb.study.brackets import Schedule, initial_configurations
 from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import Journal
 from cluster.bohb.study.prior import check_prior, copy_prior
@@ -52,7 +52,7 @@ class StudyCommand:
     def cores_wanted(self) -> int:
         """Cores that the study can use while it starts one cycle of brackets."""
         rungs = self.study.schedule.brackets(min(self.brackets, self.study.schedule.cycle))
-        trials = self.concurrent_trials or configurations_to_begin(rungs)
+        trials = self.concurrent_trials or initial_configurations(rungs)
         return trials * max(self.workers_per_trial, 1)
 
     def placed(self, capacity: Capacity) -> Self:
@@ -60,7 +60,7 @@ class StudyCommand:
         configurations than there are cores."""
         if self.workers_per_trial:
             return self
-        started = configurations_to_begin(self.study.schedule.brackets(self.brackets))
+        started = initial_configurations(self.study.schedule.brackets(self.brackets))
         trials = min(self.concurrent_trials or started, started)
         workers = min(capacity.fair_share(trials), _largest_generation(self.study))
         return replace(self, workers_per_trial=workers)

@@ -12,7 +12,7 @@ from bilevel.evaluation import evaluate
 from bilevel.nes import NES
 from cluster.bohb.command import StudyCommand
 from cluster.bohb.search.validation import validation_seconds
-from cluster.bohb.study.brackets import Schedule, configurations_to_begin, core_seconds_to_run
+from cluster.bohb.study.brackets import Schedule, core_seconds_to_run, initial_configurations
 from cluster.bohb.study.definition import Study
 from cluster.bohb.study.prior import check_prior
 from cluster.session.terminal import Terminal, count, duration
@@ -52,7 +52,7 @@ class Estimate:
         return replace(self, brackets=max(fit, 1))
 
     def __str__(self) -> str:
-        configurations = configurations_to_begin(self.schedule.brackets(self.brackets))
+        configurations = initial_configurations(self.schedule.brackets(self.brackets))
         searched, validated = self.core_seconds
         return (
             f"{count(self.brackets, 'bracket')}: {configurations} configurations, "

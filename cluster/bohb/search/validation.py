@@ -6,7 +6,7 @@ with, run NES with new seeds, each for the same core time:
 
     finalists <- the recipe, the last winner, and the best results at the largest budgets
     while there is time and some finalist has not spent its core seconds:
-        advance the finalist that has spent least by a generation
+        advance the finalist with the lowest cost by a generation
     incumbent <- the lowest objective over these runs
 
 A resumed search is validated again, and the runs of earlier finalists are reused. A search that

@@ -82,7 +82,7 @@ class Schedule:
         return [rung for number in range(count) for rung in self.bracket(number)]
 
 
-def configurations_to_begin(rungs: Sequence[Rung]) -> int:
+def initial_configurations(rungs: Sequence[Rung]) -> int:
     """Return the number of configurations in the lowest rung of each bracket."""
     first = {rung.bracket: rung.configurations for rung in reversed(rungs)}
     return sum(first.values())

@@ -7,8 +7,8 @@ from bilevel import InvalidInput
 from cluster.bohb.study.brackets import (
     Schedule,
     budget_ladder,
-    configurations_to_begin,
     core_seconds_to_run,
+    initial_configurations,
 )
 from tests.searches import LADDER
 
@@ -72,7 +72,7 @@ def test_with_a_cycle_of_one_all_brackets_start_at_the_smallest_budget() -> None
 
 
 def test_promoted_configurations_count_once() -> None:
-    begun = [configurations_to_begin(LADDER.brackets(count)) for count in range(1, 5)]
+    begun = [initial_configurations(LADDER.brackets(count)) for count in range(1, 5)]
     assert begun == [9, 12, 15, 24]
     rungs = Schedule((2, 6, 18), 3).brackets(3)
     assert core_seconds_to_run(rungs) == (9 * 2 + 3 * 4 + 12) + (3 * 6 + 12) + 3 * 18
