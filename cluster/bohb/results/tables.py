@@ -11,17 +11,6 @@ from cluster.bohb.study.journal import ResultLine
 #: Values of `Tally.info`, from which the objective is computed.
 TALLIED = ("core_seconds", "runs", "confirmed", "progress")
 
-_COLUMNS = (
-    "configuration",
-    "bracket",
-    "budget",  # core seconds
-    "objective",  # core seconds per SE; empty for a failure
-    *TALLIED,
-    "origin",
-    "started",  # seconds since the first job was submitted
-    "finished",
-)
-
 
 def results_csv(summary: StudySummary) -> str:
     """Return all results in order, with the values of their configurations."""
@@ -36,21 +25,22 @@ def leaders_csv(summary: StudySummary) -> str:
 def _csv(summary: StudySummary, results: Sequence[ResultLine]) -> str:
     configs, began = summary.journal.proposals, summary.journal.began
     names = sorted({name for line in configs.values() for name in line.configuration})
+    rows = [
+        {
+            "configuration": configuration_name(line.id),
+            "bracket": line.id[0],
+            "budget": line.budget,  # core seconds
+            "objective": line.loss,  # core seconds per SE; a failure's cell is empty
+            **{name: line.info.get(name) for name in TALLIED},
+            "origin": configs[line.id].origin,
+            "started": round(line.timestamps["started"] - began, 3),  # seconds
+            "finished": round(line.finished - began, 3),
+            **{name: configs[line.id].configuration.get(name) for name in names},
+        }
+        for line in results
+    ]
     text = io.StringIO()
-    writer = csv.DictWriter(text, [*_COLUMNS, *names], restval="", lineterminator="\n")
+    writer = csv.DictWriter(text, rows[0] if rows else (), lineterminator="\n")
     writer.writeheader()
-    for line in results:
-        writer.writerow(
-            {
-                "configuration": configuration_name(line.id),
-                "bracket": line.id[0],
-                "budget": line.budget,
-                "objective": line.loss,  # None is written as an empty cell
-                **{name: line.info[name] for name in TALLIED if name in line.info},
-                "origin": configs[line.id].origin,
-                "started": round(line.timestamps["started"] - began, 3),
-                "finished": round(line.finished - began, 3),
-                **configs[line.id].configuration,
-            }
-        )
+    writer.writerows(rows)
     return text.getvalue()

@@ -11,8 +11,8 @@ A proposal depends only on the seed, its number and the earlier results in the j
 
 import time
 from collections import defaultdict, deque
-from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, Self
 
 import ConfigSpace as CS
@@ -141,31 +141,26 @@ class BracketSearch:
             HPB_iter=number,
             num_configs=[rung.configurations for rung in rungs],
             budgets=[rung.budget for rung in rungs],
-            config_sampler=self._sampler(number),
+            config_sampler=partial(self._sample, number),
         )
 
-    def _sampler(self, number: int) -> Callable[[float], tuple[Configuration, dict[str, Any]]]:
-        """Return the function that hpbandster calls for a bracket's next configuration: on the
-        lowest rung, and on higher ones to replace failures."""
-
-        def sample(budget: float) -> tuple[Configuration, dict[str, Any]]:
-            bracket = self._brackets[number]
-            place = (number, bracket.stage, bracket.actual_num_configs[bracket.stage])
-            if self._recorded[number]:
-                line = self._recorded[number].popleft()
-                if line.id != place:
-                    raise self._damaged(f"the proposal {line.id} should be {place}")
-                try:
-                    CS.Configuration(self._space, values=line.configuration)
-                except (ValueError, KeyError, TypeError) as error:
-                    raise self._damaged(f"configuration {place}: {error}") from None
-            else:
-                proposal = self._generator.propose(len(self._journal.configs), budget)
-                line = ConfigLine(place, *proposal)
-                self._journal.add_config(line)
+    def _sample(self, number: int, budget: float) -> tuple[Configuration, dict[str, Any]]:
+        """Return the next configuration of a bracket. hpbandster calls this on the lowest rung, and
+        on higher ones to replace failures."""
+        bracket, recorded = self._brackets[number], self._recorded[number]
+        place = (number, bracket.stage, bracket.actual_num_configs[bracket.stage])
+        if not recorded:
+            line = ConfigLine(place, *self._generator.propose(len(self._journal.configs), budget))
+            self._journal.add_config(line)
             return line.configuration, line.info
-
-        return sample
+        line = recorded.popleft()
+        if line.id != place:
+            raise self._damaged(f"the proposal {line.id} should be {place}")
+        try:
+            CS.Configuration(self._space, values=line.configuration)
+        except (ValueError, KeyError, TypeError) as error:
+            raise self._damaged(f"configuration {place}: {error}") from None
+        return line.configuration, line.info
 
     def _next_job(self, bracket: SuccessiveHalving) -> Job | None:
         run = bracket.get_next_run()
