@@ -59,7 +59,7 @@ class MadeUpPool(EvaluationPool):
 
 
 def run_job(study: Study, job: Job) -> Tally:
-    """Run NES up to the job's budget; return what it came to."""
+    """Run NES up to the job's budget; return its tally."""
     runs = ConfigurationRuns.open(study, job.id, job.configuration)
     runs.spend(job.budget, MadeUpPool())
     return runs.tally

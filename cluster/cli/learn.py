@@ -158,7 +158,6 @@ def bohb(
     schedule = Schedule.of(method, size.smallest_budget, size.largest_budget, size.cycle)
     defined = Study(folder, task, common.seed, searched, schedule, hp, method, size.prior)
     context.home.run_folder(task.id, size.prior)  # raises for a name that is not allowed
-    defined.check_prior()
     command = StudyCommand(
         defined,
         context,

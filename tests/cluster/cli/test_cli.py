@@ -164,7 +164,7 @@ def test_help(command: list[str], tmp_path: Path) -> None:
         ),
         (
             ["bohb", "CartPole-v0", "--space", "full", "--recipe", "authors", "--vary-hp", "all"],
-            "ddqn.learning_rate is searched in the space 'full', but runs draw it anew",
+            "ddqn.learning_rate is searched in the space 'full', but runs draw it for",
         ),
         (
             ["bohb", "CartPole-v0", "--profile", "smoke", "--population", "4"],
