@@ -149,7 +149,7 @@ class _Runner:
         """Run to the end; return the exit code."""
         study = self.command.study
         self._introduce()
-        views = StudyViews(study, self.session.identity, live=True)
+        views = StudyViews(study, self.session.identity, live=True, journal=self.journal)
         resume_hint = "run the same command again to resume"
         with self.session.live(views, self.brackets, resume_hint) as mirror:
             try:

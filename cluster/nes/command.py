@@ -27,6 +27,7 @@ from cluster.session.context import Driver, RunContext
 from cluster.session.session import Session
 from cluster.session.terminal import count, duration
 from cluster.storage.run_folder import LAST_FILE
+from cluster.tracking import Point
 from cluster.tracking.registry import model_address
 
 #: Steps of an average episode below which the terminal says that agents see little in it.
@@ -82,7 +83,10 @@ class _Runner:
         views = NESViews(run, self.session.identity, live=True)
         resume_hint = "run the same command again to resume after the last finished generation"
         with self.session.live(views, nes.generations, resume_hint) as mirror:
-            state = self._run_generations(self._open(), lambda: mirror.mark(views.keys()))
+            key = self.session.identity.uuid
+            state = self._run_generations(
+                self._open(), lambda record: mirror.append(key, [Point.of(record)])
+            )
             self._finish(state)
             return state
 
@@ -94,7 +98,9 @@ class _Runner:
             self.terminal.log(f"resuming after generation {state.generation - 1}")
         return state
 
-    def _run_generations(self, state: NESState, changed: Callable[[], None]) -> NESState:
+    def _run_generations(
+        self, state: NESState, track: Callable[[GenerationRecord], None]
+    ) -> NESState:
         """Run start, generations and confirmations until the state is finished."""
         nes = self.run.hp.nes
         started, first = time.monotonic(), state.generation
@@ -111,8 +117,8 @@ class _Runner:
                 title = f"generation {state.generation}"
                 self.terminal.bar(title, 0, nes.evaluations, "evaluations", note)
                 state = self._advance(state)
-                changed()
                 record = state.records[-1]
+                track(record)
                 self.terminal.log(generation_line(record, state.best_score))
                 if told := of_short_episodes(record):
                     self.terminal.log(told)

@@ -69,7 +69,7 @@ def mlflow_imported_meanwhile() -> Iterator[None]:
 def _import_mlflow() -> None:
     with _IMPORT, warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        import mlflow
+        import mlflow  # noqa: F401
         import sqlalchemy.orm  # noqa: F401
 
 

@@ -61,7 +61,7 @@ class Tracker:
         """Path of the UI's page of the run with that key, or of all runs of the task."""
         run_id = None
         if key is not None:
-            with suppress(Exception):  # MLflow is unreachable or lacks the run
+            with suppress(Exception):  # MLflow is unreachable
                 run_id = self._run_id(key)
         return runs_page(self.experiment_id, run_id)
 
@@ -128,17 +128,18 @@ class Tracker:
     def _create(self, view: RunView) -> Any:
         tags = {KEY: view.key, **_authorship(view.identity), **view.tags, NOTE: view.note}
         if view.parent is not None:
-            tags["mlflow.parentRunId"] = self._run_id(view.parent)
+            parent = self._run_id(view.parent)
+            if parent is None:
+                raise Incomplete(f"{view.name}: MLflow lacks its parent run")
+            tags["mlflow.parentRunId"] = parent
         began = int(view.lifetime.began * 1000)
         return self._client.create_run(self.experiment_id, began, tags, run_name=view.name)
 
-    def _run_id(self, key: str) -> str:
+    def _run_id(self, key: str) -> str | None:
         if key in self._runs:
             return self._runs[key].id
-        runs = self._client.search_runs([self.experiment_id], f"tags.`{KEY}` = '{key}'")
-        if not runs:
-            raise LookupError(f"MLflow has no run {key} yet")
-        return str(runs[0].info.run_id)
+        found = self._client.search_runs([self.experiment_id], f"tags.`{KEY}` = '{key}'")
+        return str(found[0].info.run_id) if found else None
 
 
 def _rejected(error: Any) -> bool:
