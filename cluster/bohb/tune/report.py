@@ -9,12 +9,13 @@ from typing import Any
 
 from ray.tune import Callback
 
+from bilevel.errors import StorageFailure
 from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.search.bracket_search import Job
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.study.definition import configuration_name
 from cluster.bohb.study.journal import Journal
-from cluster.bohb.tune.searcher import BohbSearcher, DriverOnly
+from cluster.bohb.tune.searcher import MAX_CRASHES, BohbSearcher, DriverOnly
 from cluster.bohb.tune.trial import REPORT, TrialReport
 from cluster.bohb.view import StudyViews, study_points
 from cluster.session.terminal import Terminal, count, duration, last_line
@@ -84,12 +85,13 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         """Show a job that is complete, stopped or failed; the journal already has its result."""
         job = self._close(trial.trial_id)
         report: TrialReport = (trial.last_result or {}).get(REPORT, TrialReport())
-        if job is not None and self._has_result(job):
-            if report.tally is not None and report.budget_reached:
-                self._log_result(job, report.tally)
-            elif report.error is not None:
-                self._log_failure(job, str(report.error))
-            self._show_result()
+        if job is None or isinstance(report.error, StorageFailure):
+            return
+        if report.error is not None:
+            self._log_failure(job, str(report.error))
+        elif report.tally is not None and report.budget_reached:
+            self._log_result(job, report.tally)
+        self._show_result()
 
     def on_trial_recover(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
         """Show that Tune restarts a trial."""
@@ -99,8 +101,8 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     def on_trial_error(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
         """Show that a trial's process died too often."""
         job = self._close(trial.trial_id)
-        if job is not None and self._has_result(job):
-            self._log_failure(job, self._journal.results[-1].exception or "")
+        if job is not None:
+            self._log_failure(job, f"the trial's process died {MAX_CRASHES} times")
 
     # -- MLflow ------------------------------------------------------------------
 
@@ -111,10 +113,6 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             self._views.running.discard(name)
             self._mirror.mark([self._views.key(name)])
         return job
-
-    def _has_result(self, job: Job) -> bool:
-        last = self._journal.results[-1] if self._journal.results else None
-        return last is not None and (last.id, last.budget) == (job.id, job.budget)
 
     def _show_result(self) -> None:
         """Add the last result to the study's own run, and sometimes update its pictures."""
