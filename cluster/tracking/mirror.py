@@ -48,7 +48,7 @@ class Mirror:
         self._thread.start()
 
     def mark(self, keys: Iterable[str]) -> None:
-        """Show runs completely, as they are on disk."""
+        """Show runs completely, from their files."""
         with self._changed:
             self._pending.update(dict.fromkeys(keys))
             self._changed.notify()
@@ -71,7 +71,13 @@ class Mirror:
             self._thread.join(0.1)
             waited = time.monotonic() - started
             self._timed_out = waited > self._timeouts[self._unreachable]
-        return len({*self._pending, *self._writing, *self._incomplete})
+        return len(self.waiting | self._incomplete)
+
+    @property
+    def waiting(self) -> set[str]:
+        """Keys of the runs with changes that are not written yet."""
+        with self._changed:
+            return {*self._pending, *self._writing}
 
     def _run(self) -> None:
         delay = _FIRST_RETRY

@@ -239,8 +239,7 @@ def test_a_restarted_server_gets_everything_once(folder: Path, server: Server) -
     log: list[str] = []
     mirror, keys = mirror_of(folder, server.uri, log.append)
     mirror.mark(keys[:2])
-    page = mirror.tracker.page()
-    wait_for(lambda: mirror.tracker.page(keys[0]) != page)
+    wait_for(lambda: keys[0] not in mirror.waiting)
     server.kill()
     mirror.mark(keys)
     wait_for(lambda: bool(log))

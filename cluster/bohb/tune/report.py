@@ -21,13 +21,13 @@ from cluster.bohb.view import StudyViews, study_points
 from cluster.session.terminal import Terminal, count, duration, last_line
 from cluster.tracking import Mirror, Point
 
-#: Seconds, and relative growth of the number of results, between updates of the study's pictures
-#: and tables. They take longer the more results there are.
-_PICTURES_EVERY, _PICTURES_GROWTH = 20.0, 1.1
-
 
 class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     """Follows the trials of one study."""
+
+    #: Seconds, and relative growth of the number of results, between updates of the study's
+    #: pictures and tables. Updates take longer the more results there are.
+    PICTURES_EVERY, PICTURES_GROWTH = 20.0, 1.1
 
     def __init__(
         self,
@@ -118,7 +118,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         """Add the last result to the study's own run, and sometimes update its pictures."""
         number, now = len(self._journal.results), time.monotonic()
         drawn_at, drawn = self._pictures
-        if now - drawn_at >= _PICTURES_EVERY and number >= _PICTURES_GROWTH * drawn:
+        if now - drawn_at >= self.PICTURES_EVERY and number >= self.PICTURES_GROWTH * drawn:
             self._pictures = now, number
             self._mirror.mark([self._views.parent])
         else:
