@@ -15,7 +15,7 @@ from cluster.bohb.search.bracket_search import Job
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.study.definition import configuration_name
 from cluster.bohb.study.journal import Journal
-from cluster.bohb.tune.searcher import MAX_CRASHES, BohbSearcher, DriverOnly
+from cluster.bohb.tune.searcher import BohbSearcher, DriverOnly
 from cluster.bohb.tune.trial import REPORT, TrialReport
 from cluster.bohb.view import StudyViews, study_points
 from cluster.session.terminal import Terminal, count, duration, last_line
@@ -93,16 +93,17 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             self._log_result(job, report.tally)
         self._show_result()
 
-    def on_trial_recover(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
-        """Show that Tune restarts a trial."""
-        name = configuration_name(self._searcher.jobs[trial.trial_id].id)
-        self._terminal.log(f"{name}: the trial's process died; it is restarted")
-
     def on_trial_error(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
-        """Show that a trial's process died too often."""
+        """Show that a trial's process died: its job runs again, or failed after many crashes."""
         job = self._close(trial.trial_id)
-        if job is not None:
-            self._log_failure(job, f"the trial's process died {MAX_CRASHES} times")
+        if job is None:
+            return
+        last = self._journal.results[-1] if self._journal.results else None
+        if last is not None and (last.id, last.budget) == (job.id, job.budget):
+            self._log_failure(job, last.exception or "")
+        else:
+            name = configuration_name(job.id)
+            self._terminal.log(f"{name}: the trial's process died; it is restarted")
 
     # -- MLflow ------------------------------------------------------------------
 

@@ -6,6 +6,7 @@ continues from the checkpoints of its lower rung.
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -14,9 +15,10 @@ from ray.tune.search import Searcher
 from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.user_code import Mistake
 from cluster.bohb.search.bracket_search import BracketSearch, Job
+from cluster.bohb.study.journal import ConfigId
 from cluster.bohb.tune.trial import JOB, REPORT, TrialReport
 
-#: Crashes of a trial's process or node after which Tune gives up, and the configuration fails.
+#: Crashes of a job's process or node after which the configuration counts as failed.
 MAX_CRASHES = 20
 
 
@@ -53,6 +55,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         self._core_seconds = 0.0  # available core time until then
         self._evaluation_seconds: dict[str, float] = {}  # by trial
         self.jobs: dict[str, Job] = {}  # of the live trials
+        self._crashes: Counter[tuple[ConfigId, int]] = Counter()  # by job
         self.stopped_by: InvalidInput | None = None
 
     @property
@@ -95,7 +98,8 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
     def on_trial_complete(
         self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False
     ) -> None:
-        """Register the trial's result, or put back the job of a trial that was stopped.
+        """Register the trial's result, or put back a job that was stopped or whose process or node
+        crashed: it resumes from its checkpoints.
 
         Errors are stored in `stopped_by`, because Tune would count a raised one as the trial's.
         """
@@ -104,8 +108,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
             return
         try:
             if error:
-                crashed = f"the trial's process died {MAX_CRASHES} times"
-                self._search.register(job, None, exception=crashed)
+                self._crashed(job)
             elif result is None or REPORT not in result:
                 self._search.put_back(job)
             else:
@@ -114,6 +117,15 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         except InvalidInput as reason:
             self.stopped_by = reason
             self._search.put_back(job)
+
+    def _crashed(self, job: Job) -> None:
+        key = job.id, job.budget
+        self._crashes[key] += 1
+        if self._crashes[key] < MAX_CRASHES:
+            self._search.put_back(job)
+        else:
+            crashed = f"the trial's process died {MAX_CRASHES} times"
+            self._search.register(job, None, exception=crashed)
 
     def _register(self, job: Job, report: TrialReport) -> None:
         if isinstance(report.error, StorageFailure):

@@ -1,9 +1,9 @@
 """One trial: the NES runs of a configuration up to a budget, with their own actor pool.
 
 Tune places the trial and its pool in one placement group: an empty bundle for the trial itself,
-which mostly waits, and a core for each worker. A trial whose process or node dies is restarted by
-Tune and resumes from its checkpoints. An error in the run is retried here and then reported, so
-that the searcher can distinguish it from a crash.
+which mostly waits, and a core for each worker. The job of a trial whose process or node dies is
+suggested again and resumes from its checkpoints. An error in the run is retried here and then
+reported, so that the searcher can distinguish it from a crash.
 """
 
 import socket

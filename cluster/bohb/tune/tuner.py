@@ -8,7 +8,7 @@ from ray import tune
 
 from cluster.bohb.study.definition import Study
 from cluster.bohb.tune.report import StudyReport
-from cluster.bohb.tune.searcher import MAX_CRASHES, BohbSearcher
+from cluster.bohb.tune.searcher import BohbSearcher
 from cluster.bohb.tune.stopping import StudyStopper
 from cluster.bohb.tune.trial import NESTrial
 from cluster.ray.environment import environment_kept
@@ -47,7 +47,7 @@ def run_trials(
                 callbacks=[report],
                 stop=stopper,
                 checkpoint_config=tune.CheckpointConfig(checkpoint_at_end=False),
-                failure_config=tune.FailureConfig(max_failures=MAX_CRASHES - 1),
+                failure_config=tune.FailureConfig(max_failures=0),
                 verbose=0,
             ),
         ).fit()

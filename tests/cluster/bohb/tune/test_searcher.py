@@ -53,20 +53,34 @@ def test_the_number_of_concurrent_jobs_is_limited(searcher: BohbSearcher) -> Non
     suggested(searcher, "c")
 
 
+def test_the_job_of_a_crashed_process_is_suggested_again_until_it_fails(
+    searcher: BohbSearcher, journal: Journal
+) -> None:
+    first = suggested(searcher, "0")
+    for number in range(1, MAX_CRASHES):
+        searcher.on_trial_complete(str(number - 1), None, error=True)
+        assert suggested(searcher, str(number)) == first
+    assert journal.results == []
+    searcher.on_trial_complete(str(MAX_CRASHES - 1), None, error=True)
+    (line,) = journal.results
+    assert line.loss is None
+    assert line.exception == f"the trial's process died {MAX_CRASHES} times"
+    assert suggested(searcher, "other") != first
+
+
 @pytest.mark.parametrize(
     ("last", "message"),
     [
         ({REPORT: TrialReport(error=StepFailed("Traceback\nValueError: no"))}, "ValueError: no"),
         (result(math.nan, budget_reached=True), "the objective is nan"),
         (result(math.inf, budget_reached=True), "the objective is inf"),
-        (None, f"died {MAX_CRASHES} times"),
     ],
 )
-def test_a_job_fails_for_good(
-    last: dict[str, Any] | None, message: str, searcher: BohbSearcher, journal: Journal
+def test_a_job_without_a_finite_objective_fails(
+    last: dict[str, Any], message: str, searcher: BohbSearcher, journal: Journal
 ) -> None:
     first = suggested(searcher, "a")
-    searcher.on_trial_complete("a", last, error=last is None)
+    searcher.on_trial_complete("a", last)
     (line,) = journal.results
     assert line.loss is None
     assert message in (line.exception or "")
