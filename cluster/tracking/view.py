@@ -119,7 +119,7 @@ class RunView:
         whether users' code has changed."""
         paragraphs = [self.description]
         if self.lifetime.status == "KILLED":
-            paragraphs.insert(0, "**Stopped.** The same command resumes the run.")
+            paragraphs.insert(0, "**Stopped.** Run the same command again to resume.")
         if self.identity is not None and self.identity.author is not None:
             paragraphs.append(f"Command: `{self.identity.author.command}`")
         if self.identity is not None and self.identity.mixture:

@@ -29,8 +29,8 @@ pytestmark = [
 
 @pytest.fixture
 def postgresql(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of an empty database in a new server. PostgreSQL refuses to run as root, so that root
-    runs it as the user `nobody`."""
+    """Address of an empty database in a new server. PostgreSQL does not run as root, so root starts
+    it as another user."""
     folder = tmp_path_factory.mktemp("postgresql")
     data, port = folder / "data", free_port()
     as_user: list[str] = []

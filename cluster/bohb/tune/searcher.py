@@ -60,7 +60,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
 
     @property
     def time_is_up(self) -> bool:
-        """Whether the deadline has passed."""
+        """True after the deadline."""
         return time.monotonic() >= self._deadline
 
     @property

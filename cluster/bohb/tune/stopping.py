@@ -16,10 +16,10 @@ class StudyStopper(DriverOnly, tune.Stopper):  # type: ignore[misc]
         self._guard = guard
 
     def __call__(self, trial_id: str, result: dict[str, Any]) -> bool:
-        """Stop no trial alone."""
+        """Never stop a single trial."""
         return False
 
     def stop_all(self) -> bool:
-        """Whether to stop all trials."""
+        """Return True at the deadline, after an error, or after Ctrl-C."""
         searcher = self._searcher
         return self._guard.interrupted or searcher.time_is_up or searcher.stopped_by is not None

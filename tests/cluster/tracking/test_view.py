@@ -37,9 +37,9 @@ def test_notes_contain_the_command_and_whether_it_resumes_the_run(folder: Path) 
     author = RunIdentity.read(folder).author
     assert author is not None
     assert all(f"`{author.command}`" in view.note for view in views(folder))
-    assert "resumes" not in views(folder)[0].note
+    assert "resume" not in views(folder)[0].note
     RunStatus("KILLED", 0.0, 4).save(folder)
-    assert "The same command resumes the run." in views(folder)[0].note
+    assert "Run the same command again to resume." in views(folder)[0].note
 
 
 @pytest.mark.parametrize("versions", [1, 2])
