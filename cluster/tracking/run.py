@@ -1,4 +1,4 @@
-"""One run in MLflow: its content, and the writes that complete it.
+"""One run in MLflow, and the writes that complete it.
 
 Repeating a write changes nothing. A point carries the time of its event, and MLflow's database
 keeps one row per metric, step, time and value.
@@ -24,13 +24,10 @@ _BATCH = 40
 
 @dataclass
 class MLflowRun:
-    """Content of a run in MLflow; each write adds to it."""
+    """The points and documents of a run in MLflow; each write adds to them."""
 
     client: Any
     id: str
-    status: str
-    params: set[str]
-    tags: dict[str, str]
     documents: dict[str, str]  # versions by path
     times: dict[tuple[str, int], set[int]]  # milliseconds by position of a point
 
@@ -42,10 +39,8 @@ class MLflowRun:
         for name in {point.position[0] for point in points} & set(run.data.metrics):
             for metric in client.get_metric_history(run.info.run_id, name):
                 times.setdefault((name, metric.step), set()).add(metric.timestamp)
-        tags = dict(run.data.tags)
-        documents = {} if thorough else json.loads(tags.get(_DOCUMENTS, "{}"))
-        info, params = run.info, set(run.data.params)
-        return cls(client, info.run_id, info.status, params, tags, documents, times)
+        documents = {} if thorough else json.loads(run.data.tags.get(_DOCUMENTS, "{}"))
+        return cls(client, run.info.run_id, documents, times)
 
     def contradicts(self, points: Sequence[Point]) -> bool:
         """Whether generations were repeated after a damaged checkpoint: the scores are the same,
@@ -53,22 +48,23 @@ class MLflowRun:
         return any(p.unique and p.position in self.times and self._lacks(p) for p in points)
 
     def complete(self, view: RunView) -> list[str]:
-        """Write the parts of the view that the run lacks; return a line for each part that cannot
-        be created. Raises MLflow's exceptions."""
-        from mlflow.entities import Param
+        """Write a view; return a line for each part that cannot be created. Raises MLflow's
+        exceptions."""
+        from mlflow.entities import Param, RunTag
 
-        missing = {k: v for k, v in flatten(view.params).items() if k not in self.params}
-        if missing:
-            params = [Param(name, str(value)) for name, value in missing.items()]
-            self.client.log_batch(self.id, params=params)
-            self.params |= set(missing)
-        self.add(view.points)
         failed = self._add_documents(view)
-        for name, value in {**view.tags, NOTE: view.note}.items():
-            if self.tags.get(name) != value:
-                self.client.set_tag(self.id, name, value)
-                self.tags[name] = value
-        self._set_status(view)
+        tags = {**view.tags, NOTE: view.note, _DOCUMENTS: json.dumps(self.documents)}
+        self.client.log_batch(
+            self.id,
+            params=[Param(name, str(value)) for name, value in flatten(view.params).items()],
+            tags=[RunTag(name, value) for name, value in tags.items()],
+        )
+        self.add(view.points)
+        status, ended = view.lifetime.status, view.lifetime.ended
+        if ended is None:
+            self.client.update_run(self.id, status=status)
+        else:
+            self.client.set_terminated(self.id, status, int(ended * 1000))
         return failed
 
     def add(self, points: Sequence[Point]) -> None:
@@ -104,7 +100,7 @@ class MLflowRun:
         if view.model is not None and self.documents.get("model") != view.model.version:
             try:
                 register_se(self.client, self.id, view.model)
-                self._note("model", view.model.version)
+                self.documents["model"] = view.model.version
             except InvalidInput as error:  # a damaged file
                 failed.append(f"its SE as a model ({error})")
         return failed
@@ -115,21 +111,7 @@ class MLflowRun:
             path = Path(folder) / name
             path.write_bytes(content)
             self.client.log_artifact(self.id, str(path), parent or None)
-        self._note(document.path, document.version)
-
-    def _note(self, path: str, version: str) -> None:
-        self.documents[path] = version
-        self.client.set_tag(self.id, _DOCUMENTS, json.dumps(self.documents))
-
-    def _set_status(self, view: RunView) -> None:
-        status, ended = view.lifetime.status, view.lifetime.ended
-        if status == self.status:
-            return
-        if ended is None:
-            self.client.update_run(self.id, status=status)
-        else:
-            self.client.set_terminated(self.id, status, int(ended * 1000))
-        self.status = status
+        self.documents[document.path] = document.version
 
 
 def flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
