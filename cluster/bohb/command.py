@@ -132,7 +132,8 @@ class _Runner:
         """Run the study to its end; return the exit code."""
         self._introduce()
         command = self.command
-        views = StudyViews(command.study, self.session.identity, live=True)
+        identity = self.session.identity
+        views = StudyViews(command.study, identity, live=True, journal=self.journal)
         resume_hint = "run the same command again to resume"
         with self.session.live(views, self.brackets, resume_hint) as mirror:
             try:

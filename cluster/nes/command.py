@@ -27,6 +27,7 @@ from cluster.session.context import Driver, RunContext
 from cluster.session.session import Session
 from cluster.session.terminal import count, duration
 from cluster.storage.run_folder import LAST_FILE
+from cluster.tracking import Point
 from cluster.tracking.registry import model_address
 
 #: Mean steps of an episode below which the terminal prints a warning.
@@ -84,13 +85,14 @@ class _Runner:
             state = run.open(self.terminal.log)
             if state.generation > 0:
                 self.terminal.log(f"resuming after generation {state.generation - 1}")
-            state = self._run_phases(state, lambda: mirror.mark(views.keys()))
+            key = self.session.identity.uuid
+            state = self._run_phases(state, lambda record: mirror.append(key, [Point.of(record)]))
             self._finish(state)
             return state
 
     # -- phases --------------------------------------------------------------------------
 
-    def _run_phases(self, state: NESState, changed: Callable[[], None]) -> NESState:
+    def _run_phases(self, state: NESState, track: Callable[[GenerationRecord], None]) -> NESState:
         started, first, attempt = time.monotonic(), state.generation, state.attempt
         while not state.finished:
             self.session.guard.check()
@@ -109,7 +111,7 @@ class _Runner:
                     done = state.generation - first
                     pace = (time.monotonic() - started) / done if done else 0.0
                     state = self._run_generation(state, pace)
-                    changed()
+                    track(state.records[-1])
         return state
 
     def _advance(
