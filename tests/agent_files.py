@@ -1,4 +1,4 @@
-"""Agent files that a test loads."""
+"""Agent files in tests."""
 
 import sys
 from collections.abc import Iterator
@@ -9,9 +9,8 @@ import pytest
 
 @contextmanager
 def forgotten_afterwards() -> Iterator[None]:
-    """Within the block, files may be loaded that imports find no more after it."""
+    """Restore the import path and the list of agent files after the block."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(sys, "path", [*sys.path])
-        patch.setattr(sys, "meta_path", [*sys.meta_path])
-        patch.setattr("cluster.ray.agent_files._FILES", [])
+        patch.setattr("cluster.ray.agent_files.LOADED", [])
         yield

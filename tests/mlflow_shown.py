@@ -3,7 +3,6 @@
 import os
 import shutil
 import subprocess
-import sys
 import time
 from pathlib import Path
 
@@ -11,13 +10,12 @@ import mlflow
 import psutil
 
 from cluster.catalog.kinds import views_of
-from cluster.services.mlflow_server import mlflow_server
-from cluster.services.ports import free_port
+from cluster.cli.ui import mlflow_server
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunIdentity
 from cluster.tracking import RunView
 from cluster.tracking.tracker import KEY
-from tests.commands import listening
+from tests.commands import free_port, listening
 from tests.ends import kill_family
 
 
@@ -96,7 +94,7 @@ class Server:
             command += ["--artifacts-destination", str(self._home.artifacts)]
         with (self._home.folder / "server.log").open("a") as log:
             self._process = psutil.Popen(
-                [str(Path(sys.executable).with_name(command[0])), *command[1:]],
+                command,
                 stdout=log,
                 stderr=subprocess.STDOUT,
                 env={**os.environ, **environment},

@@ -130,7 +130,7 @@ def actor_mebibytes() -> dict[str, float]:
         "CartPole, optimized": (optimized, 4),
         "CartPole, 3 x 384, batch 384": (replace(large, agents=(widest,)), 1),
     }
-    with ray_cluster("local"):
+    with ray_cluster(None):
         peaks = {}
         for name, (hp, seeds) in cases.items():
             actor = ray.remote(_Actor).options(num_cpus=1).remote()

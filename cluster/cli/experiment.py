@@ -4,7 +4,8 @@ from typing import Any
 
 import click
 
-from cluster.cli.options import RunOptions, common_options, workers_option
+from cluster.cli.decorators import common_options, workers_option
+from cluster.cli.options import RunOptions
 from cluster.cli.parameters import WholeNumber
 
 
@@ -46,11 +47,11 @@ def experiment(
     workers: int | None,
     **options: Any,
 ) -> None:
-    """Run the paper's experiment NAME on TASK, or write the report of all that have been run.
+    """Run the paper's experiment NAME on TASK, or write a report of all finished experiments.
 
-    NAME is success, transfer, behaviour, sample-efficiency, sensitivity, cost, all or report. SEs
-    are learned by NES runs in the same home, which all experiments of a task share. The same
-    command resumes, and a larger size adds to what is there (docs/experiments.md).
+    NAME is success, transfer, behaviour, sample-efficiency, sensitivity, cost, all or report. NES
+    runs in the same home learn the SEs, and all experiments of a task share them. The same command
+    resumes, and a larger size extends earlier results (docs/experiments.md).
     """
     from cluster.experiments.sizes import get_size
 

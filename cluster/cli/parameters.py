@@ -2,7 +2,6 @@
 
 import json
 import re
-from pathlib import Path
 from typing import Any
 
 import click
@@ -11,7 +10,7 @@ _SECONDS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
 
 
 class Duration(click.ParamType[float]):
-    """Parses `90s`, `45m`, `2h` or plain seconds into a float of seconds."""
+    """Parse `90s`, `45m`, `2h` or plain seconds into seconds."""
 
     name = "duration"
 
@@ -38,28 +37,17 @@ class WholeNumber(click.IntRange):
 
 
 class Setting(click.ParamType[tuple[str, Any]]):
-    """Parses `section.field=value` into the name and a number, bool or string."""
+    """Parse `section.field=value` into the name and a number, bool or string."""
 
     name = "section.field=value"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[str, Any]:
-        name, equals, text = str(value).partition("=")
-        if not (name and equals and text):
+        name, _, text = str(value).partition("=")
+        if not (name and text):
             self.fail(f"{value!r} is not a setting: it has the form nes.std_dev=0.03")
         try:
             return name, json.loads(text)
         except ValueError:
             return name, text
-
-
-class Folder(click.ParamType[Path]):
-    """Parses the path of a folder, which need not exist."""
-
-    name = "folder"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        if not str(value):
-            self.fail("'' is not a folder: give its path")
-        return Path(value)

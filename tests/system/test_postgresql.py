@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from cluster.catalog.sync import sync
-from cluster.services.ports import free_port
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
+from tests.commands import free_port
 from tests.mlflow_shown import Server, disagreements
 from tests.studies import make_study
 

@@ -15,8 +15,6 @@ from cluster.bohb.study.definition import Study
 from cluster.evaluate.run import EvaluationSettings
 from cluster.evaluate.view import EvaluationViews
 from cluster.nes.run import NESRun
-from cluster.services.background import services
-from cluster.storage.home import Home
 from cluster.storage.run_folder import finals, locked_settings
 from tests.studies import new_study
 
@@ -99,11 +97,3 @@ def test_damaged_ends_are_told(line: str, tmp_path: Path) -> None:
     (tmp_path / "finals.jsonl").write_text(line + "\n")
     with pytest.raises(InvalidInput, match=r"finals.jsonl', line 1: "):
         finals(tmp_path)
-
-
-@pytest.mark.parametrize("content", ["", "{}", "[1]", '[{"name": "ray"}]'])
-def test_damaged_services_are_told(content: str, tmp_path: Path) -> None:
-    assert services(Home(tmp_path)) == []
-    (tmp_path / "services.json").write_text(content)
-    with pytest.raises(InvalidInput, match=r"^damaged '.*services.json': [^\n]+$"):
-        services(Home(tmp_path))
