@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from cluster.cli.parameters import Setting, WholeNumber
+from cluster.cli.parameters import POSITIVE, Setting, WholeNumber
 from cluster.storage.home import DEFAULT_HOME
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -35,14 +35,13 @@ tracking_option = click.option(
     "--tracking-uri",
     is_eager=True,
     envvar="MLFLOW_TRACKING_URI",
-    help="URI of an MLflow server or database (default: $MLFLOW_TRACKING_URI, else a SQLite "
-    "database in --home).",
+    help="MLflow server or database (default: $MLFLOW_TRACKING_URI, else SQLite in --home).",
 )
 address_option = click.option(
     "--address",
     envvar="RAY_ADDRESS",
-    help="Ray cluster to join, which has a node on this machine: host:port, auto, or local for a "
-    "new one (default: $RAY_ADDRESS, else local).",
+    help="Ray cluster with a node on this machine: host:port, auto, or local for a new one "
+    "(default: $RAY_ADDRESS, else local).",
 )
 agent_file_option = click.option(
     "--agent-file",
@@ -68,18 +67,12 @@ vary_option = click.option(
     "the same learning pace instead of large ones) (default: the recipe's; in evaluate: no).",
 )
 workers_option = click.option(
-    "--workers", type=WholeNumber(min=1), help="Actors (default: one per core of the run's share)."
+    "--workers", type=POSITIVE, help="Actors (default: one per core of the run's share)."
 )
 
 #: Options of all commands that train agents.
 common_options = combined(
-    click.option(
-        "--seed",
-        type=WholeNumber(min=0),
-        default=0,
-        show_default=True,
-        help="Seed of all random numbers.",
-    ),
+    click.option("--seed", type=WholeNumber(min=0), default=0, show_default=True, help="Seed."),
     click.option(
         "--agent",
         "agents",
@@ -94,14 +87,12 @@ common_options = combined(
     click.option(
         "--solved-reward",
         type=float,
-        help="Mean return at which the task counts as solved (default: the task's; in `evaluate` "
-        "only with --real).",
+        help="Mean return at which the task counts as solved (default: the task's).",
     ),
     click.option(
         "--step-limit",
-        type=WholeNumber(min=1),
-        help="Maximum number of steps per episode of the real task (default: the task's; in "
-        "`evaluate` only with --real).",
+        type=POSITIVE,
+        help="Maximum number of steps per episode of the real task (default: the task's).",
     ),
 )
 
@@ -110,22 +101,22 @@ run_options = combined(
     click.argument("task"),
     click.option(
         "--recipe",
-        help="All hyperparameters of a run: default, paper, authors, the path of a recipe file "
-        "(*.toml), or the name of a study, for its incumbent's (default: default; for the profile "
-        "paper: authors).",
+        help="All hyperparameters of a run: default, paper, authors, a recipe file (*.toml), or "
+        "the name of a study, for its incumbent's (default: default; for the profile paper: "
+        "authors).",
     ),
     set_option,
     vary_option,
     click.option(
         "--population",
-        type=WholeNumber(min=1),
+        type=POSITIVE,
         help="NES members per generation, n_p (default: the recipe's).",
     ),
     click.option(
         "--worst-score",
         type=float,
-        help="Approximate lower bound of the mean return: the score of a diverged agent, and the "
-        "origin from which a search measures progress (default: the task's).",
+        help="Approximate lower bound of the mean return, which a diverged agent scores (default: "
+        "the task's).",
     ),
     common_options,
 )

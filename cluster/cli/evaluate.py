@@ -9,7 +9,7 @@ from bilevel.errors import InvalidInput, one_of
 from bilevel.tasks import Task
 from cluster.cli.decorators import common_options, set_option, vary_option, workers_option
 from cluster.cli.options import RunOptions, once
-from cluster.cli.parameters import WholeNumber
+from cluster.cli.parameters import POSITIVE
 from cluster.cli.ses import GivenSE, SEAddress, load_se_of, task_option
 from cluster.storage.home import LONGEST_NAME, plain_name
 
@@ -20,14 +20,12 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("given", metavar="[SE]...", nargs=-1, type=SEAddress())
-@click.option(
-    "--real", metavar="TASK", help="Also train on this real task (gymnasium id), as the baseline."
-)
+@click.option("--real", metavar="TASK", help="Also train on this real task, as the baseline.")
 @task_option
 @click.option(
     "--agents",
     "count",
-    type=WholeNumber(min=1),
+    type=POSITIVE,
     default=10,
     show_default=True,
     help="Fresh agents of each kind trained on each source.",
@@ -39,16 +37,12 @@ if TYPE_CHECKING:
     help="Recipe of the agents' hyperparameters: paper, authors, default or a file (default: the "
     "paper's table of default hyperparameters).",
 )
-@click.option(
-    "--max-episodes",
-    type=WholeNumber(min=1),
-    help="Maximum number of training episodes (default: the recipe's).",
-)
+@click.option("--max-episodes", type=POSITIVE, help="Of training (default: the recipe's).")
 @workers_option
 @click.option(
     "--name",
-    help="Name of the evaluation and its folder; an existing name resumes (default: made of "
-    "sources, agents and seed).",
+    help="Name of the evaluation and its folder; an existing name resumes (default: from sources, "
+    "agents and seed).",
 )
 @common_options
 def evaluate(

@@ -8,6 +8,8 @@ from cluster.cli.decorators import common_options, workers_option
 from cluster.cli.options import RunOptions
 from cluster.cli.parameters import WholeNumber
 
+_AGENTS = WholeNumber(1, 100_000)
+
 
 @click.command()
 @click.argument("name")
@@ -21,20 +23,13 @@ from cluster.cli.parameters import WholeNumber
 )
 @click.option(
     "--ses",
-    type=WholeNumber(min=1, max=1000),
+    type=WholeNumber(1, 1000),
     help="SEs per condition, and NES runs per recipe in success (default: the size's).",
 )
 @click.option(
-    "--agents",
-    "per_se",
-    type=WholeNumber(min=1, max=100_000),
-    help="Fresh agents of each kind trained on each SE (default: the size's).",
+    "--agents", "per_se", type=_AGENTS, help="Fresh agents of each kind trained on each SE."
 )
-@click.option(
-    "--real-agents",
-    type=WholeNumber(min=1, max=100_000),
-    help="Agents of each kind trained on the real task (default: the size's).",
-)
+@click.option("--real-agents", type=_AGENTS, help="Agents of each kind trained on the real task.")
 @workers_option
 @common_options
 def experiment(

@@ -8,28 +8,24 @@ import click
 
 from cluster.cli.decorators import run_options, workers_option
 from cluster.cli.options import RunOptions
-from cluster.cli.parameters import Duration, WholeNumber
+from cluster.cli.parameters import POSITIVE, Duration, WholeNumber
 from cluster.storage.home import plain_name
 
 
 @click.command()
 @run_options
-@click.option(
-    "--generations",
-    type=WholeNumber(min=1),
-    help="Maximum number of generations (default: the recipe's).",
-)
+@click.option("--generations", type=POSITIVE, help="Maximum number (default: the recipe's).")
 @workers_option
 @click.option(
     "--solved-for",
-    type=WholeNumber(min=1),
+    type=POSITIVE,
     help="Stop once the mean of this many generations solves the task and fresh agents confirm it "
     "(default: the recipe's; paper and authors never stop early).",
 )
 @click.option(
     "--name",
-    help="Name of the run and its folder; an existing name resumes (default: made of recipe, "
-    "agents and seed, as nes-default-seed0).",
+    help="Name of the run and its folder; an existing name resumes (default: from recipe, agents "
+    "and seed, as nes-default-seed0).",
 )
 def nes(
     generations: int | None,
@@ -63,7 +59,7 @@ def nes(
 @run_options
 @click.option(
     "--study",
-    help="Name of the study and its folder; an existing name resumes (default: made of method, "
+    help="Name of the study and its folder; an existing name resumes (default: from method, "
     "profile, space, recipe, agents and seed, as bohb-local-core-default-seed0).",
 )
 @click.option(
@@ -75,13 +71,9 @@ def nes(
 @click.option(
     "--space",
     help="Search space: full (the paper's 18 hyperparameters), core (eight of NES and the SE), or "
-    "the path of a file that ConfigSpace has written, *.json or *.yaml (default: the profile's).",
+    "a file of ConfigSpace, *.json or *.yaml (default: the profile's).",
 )
-@click.option(
-    "--brackets",
-    type=WholeNumber(min=1, max=1000),
-    help="Number of brackets, at most 1000 (default: the profile's).",
-)
+@click.option("--brackets", type=WholeNumber(1, 1000), help="Number (default: the profile's).")
 @click.option(
     "--time-budget",
     type=Duration(),
@@ -89,21 +81,19 @@ def nes(
 )
 @click.option(
     "--workers-per-trial",
-    type=WholeNumber(min=1),
-    help="Actors, of one core each, per trial (default: 1, or more where there are more cores than "
-    "configurations).",
+    type=POSITIVE,
+    help="Actors per trial (default: 1, or more if there are more cores than configurations).",
 )
 @click.option(
     "--concurrent-trials",
-    type=WholeNumber(min=1),
-    help="Concurrent trials (default: all that fit into this study's share of the cores).",
+    type=POSITIVE,
+    help="Default: all that fit into this study's share of the cores.",
 )
 @click.option(
     "--method",
     default="bohb",
     show_default=True,
-    help="bohb, hyperband (the same brackets without BOHB's model) or random (random search at the "
-    "largest budget).",
+    help="bohb, hyperband (brackets without a model) or random (search at the largest budget).",
 )
 @click.option(
     "--prior",
@@ -111,9 +101,7 @@ def nes(
     "random configurations around it; or the name of a study on the task, to start the model with "
     "its results (default: recipe in the profile local, else none).",
 )
-@click.option(
-    "--dry-run", is_flag=True, help="Print brackets, cost and estimated time without running."
-)
+@click.option("--dry-run", is_flag=True, help="Only print brackets, cost and estimated time.")
 def bohb(
     study: str | None,
     profile: str,

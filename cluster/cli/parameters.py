@@ -36,6 +36,10 @@ class WholeNumber(click.IntRange):
         return number
 
 
+#: A number of at least 1.
+POSITIVE = WholeNumber(min=1)
+
+
 class Setting(click.ParamType[tuple[str, Any]]):
     """Parse `section.field=value` into the name and a number, bool or string."""
 

@@ -7,7 +7,7 @@ import click
 
 from cluster.cli.decorators import address_option, home_option, tracking_option, workers_option
 from cluster.cli.options import the_context
-from cluster.cli.parameters import WholeNumber
+from cluster.cli.parameters import POSITIVE
 
 
 @click.group(invoke_without_command=True)
@@ -30,14 +30,14 @@ def zoo(context: click.Context) -> None:
     type=click.Path(path_type=Path),
     default=".",
     show_default=True,
-    help="Folder in which NAME.safetensors and its card NAME.json are written.",
+    help="Folder for NAME.safetensors and its card NAME.json.",
 )
 @click.option(
     "--agents",
-    type=WholeNumber(min=1),
+    type=POSITIVE,
     default=50,
     show_default=True,
-    help="Fresh agents of each kind that are trained on it for the card.",
+    help="Fresh agents of each kind for the card.",
 )
 @workers_option
 @address_option
