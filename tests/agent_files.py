@@ -4,13 +4,15 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import pytest
+from cluster.ray.agent_files import LOADED
 
 
 @contextmanager
 def forgotten_afterwards() -> Iterator[None]:
-    """Restore the import path and the list of agent files after the block."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "path", [*sys.path])
-        patch.setattr("cluster.ray.agent_files.LOADED", [])
+    """Start without agent files, and restore them and the import path after the block."""
+    files, path = [*LOADED], [*sys.path]
+    LOADED.clear()
+    try:
         yield
+    finally:
+        LOADED[:], sys.path[:] = files, path

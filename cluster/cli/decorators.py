@@ -6,7 +6,7 @@ from typing import Any
 
 import click
 
-from cluster.cli.parameters import POSITIVE, Setting, WholeNumber
+from cluster.cli.parameters import POSITIVE, Setting
 from cluster.storage.home import DEFAULT_HOME
 
 Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
@@ -72,7 +72,7 @@ workers_option = click.option(
 
 #: Options of all commands that train agents.
 common_options = combined(
-    click.option("--seed", type=WholeNumber(min=0), default=0, show_default=True, help="Seed."),
+    click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed."),
     click.option(
         "--agent",
         "agents",

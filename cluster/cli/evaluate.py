@@ -37,7 +37,9 @@ if TYPE_CHECKING:
     help="Recipe of the agents' hyperparameters: paper, authors, default or a file (default: the "
     "paper's table of default hyperparameters).",
 )
-@click.option("--max-episodes", type=POSITIVE, help="Of training (default: the recipe's).")
+@click.option(
+    "--max-episodes", type=POSITIVE, help="Training episodes at most (default: the recipe's)."
+)
 @workers_option
 @click.option(
     "--name",

@@ -6,9 +6,8 @@ import click
 
 from cluster.cli.decorators import common_options, workers_option
 from cluster.cli.options import RunOptions
-from cluster.cli.parameters import WholeNumber
 
-_AGENTS = WholeNumber(1, 100_000)
+_AGENTS = click.IntRange(1, 100_000)
 
 
 @click.command()
@@ -23,7 +22,7 @@ _AGENTS = WholeNumber(1, 100_000)
 )
 @click.option(
     "--ses",
-    type=WholeNumber(1, 1000),
+    type=click.IntRange(1, 1000),
     help="SEs per condition, and NES runs per recipe in success (default: the size's).",
 )
 @click.option(

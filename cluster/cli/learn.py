@@ -8,7 +8,7 @@ import click
 
 from cluster.cli.decorators import run_options, workers_option
 from cluster.cli.options import RunOptions
-from cluster.cli.parameters import POSITIVE, Duration, WholeNumber
+from cluster.cli.parameters import POSITIVE, Duration
 from cluster.storage.home import plain_name
 
 
@@ -73,7 +73,7 @@ def nes(
     help="Search space: full (the paper's 18 hyperparameters), core (eight of NES and the SE), or "
     "a file of ConfigSpace, *.json or *.yaml (default: the profile's).",
 )
-@click.option("--brackets", type=WholeNumber(1, 1000), help="Number (default: the profile's).")
+@click.option("--brackets", type=click.IntRange(1, 1000), help="Number (default: the profile's).")
 @click.option(
     "--time-budget",
     type=Duration(),

@@ -25,19 +25,8 @@ class Duration(click.ParamType[float]):
         return float(match[1]) * _SECONDS[match[2]]
 
 
-class WholeNumber(click.IntRange):
-    """An IntRange that also names the allowed range if the value is not an integer."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        if not re.fullmatch(r"[+-]?\d+", str(value)):
-            allowed = f"{self.min} or more" if self.max is None else f"{self.min} to {self.max}"
-            self.fail(f"{value!r} is not a whole number: allowed are {allowed}")
-        number: int = super().convert(value, param, ctx)
-        return number
-
-
 #: A number of at least 1.
-POSITIVE = WholeNumber(min=1)
+POSITIVE = click.IntRange(min=1)
 
 
 class Setting(click.ParamType[tuple[str, Any]]):

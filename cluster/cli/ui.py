@@ -9,7 +9,6 @@ import click
 
 from bilevel.errors import InvalidInput
 from cluster.cli.decorators import home_option
-from cluster.cli.parameters import WholeNumber
 from cluster.storage.home import Home
 
 
@@ -17,7 +16,7 @@ from cluster.storage.home import Home
 @home_option
 @click.option("--host", default="127.0.0.1", show_default=True, help="Address to bind to.")
 @click.option(
-    "--port", type=WholeNumber(1, 65535), default=5000, show_default=True, help="Port of the UI."
+    "--port", type=click.IntRange(1, 65535), default=5000, show_default=True, help="Port of the UI."
 )
 def ui(home: Path, host: str, port: int) -> None:
     """Serve the MLflow UI on the runs of the home folder until Ctrl-C."""
