@@ -2,7 +2,6 @@
 
 import os
 import shutil
-import socket
 import subprocess
 import sys
 import time
@@ -16,7 +15,7 @@ from cluster.storage.home import Home
 from cluster.storage.run_folder import RunIdentity
 from cluster.tracking import RunView
 from cluster.tracking.tracker import KEY
-from tests.commands import listening
+from tests.commands import free_port, listening
 from tests.ends import kill_family
 
 
@@ -62,13 +61,6 @@ def _of_run(client: mlflow.MlflowClient, run: mlflow.entities.Run, view: RunView
     if missing:
         found.append(f"{view.name}: lacks {sorted(missing)}")
     return found
-
-
-def free_port() -> int:
-    """A TCP port that no process uses."""
-    with socket.socket() as server:
-        server.bind(("127.0.0.1", 0))
-        return int(server.getsockname()[1])
 
 
 class Server:

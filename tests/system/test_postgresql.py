@@ -12,7 +12,8 @@ import pytest
 from cluster.catalog.sync import sync
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
-from tests.mlflow_shown import Server, disagreements, free_port
+from tests.commands import free_port
+from tests.mlflow_shown import Server, disagreements
 from tests.studies import make_study
 
 #: Folder of the server's programs in Debian's package.
