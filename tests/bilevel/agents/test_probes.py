@@ -32,7 +32,7 @@ SIGNED_STATE = (1, -1, -1, 1, 0, 0)  # s for action 1, -s for action 0
 SIGN = (0, 0, 0, 0, -1, 1)  # 1 for action 1, -1 for action 0
 ZERO = (0,) * 6
 
-EPISODES, DISCOUNT, TOLERANCE = 400, 0.9, 0.25
+EPISODES, DISCOUNT, TOLERANCE = 250, 0.9, 0.2
 
 
 @dataclass(frozen=True)
