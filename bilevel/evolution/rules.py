@@ -86,8 +86,9 @@ class Rule:
         """Whether the rule requires mirrored sampling."""
         return not self.transforms
 
-    def step_size(self, alpha: float, sigma: float) -> float:
+    def step_size(self, alpha: float, sigma: float) -> float | np.float32:
         """Return the factor between gradient and step."""
+        # In float32, like genotypes.
         return alpha * np.float32(sigma) if self.estimate is weighted_sum else alpha
 
 

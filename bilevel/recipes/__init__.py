@@ -92,7 +92,8 @@ def recipe_text(
     agents = ", ".join(f'"{agent.agent}"' for agent in hp.agents)
     lines = [f"# {line}" for line in heading.splitlines()]
     lines += ["", f"agents = [{agents}]", f'vary_agent = "{hp.vary_agent}"']
-    described = {"nes": hp.nes, "se": hp.se, **{hp.agent: hp for hp in sections or hp.agents}}
+    described: dict[str, Any] = {"nes": hp.nes, "se": hp.se}
+    described |= {agent.agent: agent for agent in sections or hp.agents}
     for name, section in described.items():
         # JSON writes strings, numbers and booleans as TOML does.
         lines += ["", f"[{name}]"]

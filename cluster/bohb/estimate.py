@@ -115,7 +115,8 @@ def measured_speed(study: Study, cores: int, terminal: Terminal) -> float:
     for number, sample in enumerate(samples):
         nes = NES(study.task, to_hyperparameters(study.base, dict(sample)), number)
         state = nes.init()
-        jobs += [(state.se, request) for request in nes.ask(state)[:_EVALUATIONS]]
+        ses = nes.distribution(state)
+        jobs += [(ses, request) for request in nes.ask(state)[:_EVALUATIONS]]
     terminal.bar("timing", 0, len(jobs), "evaluations")
     evaluate(study.task, *jobs[0])  # compiles or loads the kernels, untimed
     # Only compiled agents release Python's lock.

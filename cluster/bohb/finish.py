@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
+from bilevel.nes.halving import Round
 from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.search.runs import ConfigurationRuns
@@ -15,12 +16,10 @@ from cluster.nes.run import Pool
 from cluster.nes.selection import (
     RACERS,
     Contender,
-    Round,
     agents_needed,
     choose_best,
     evaluate_holdout,
     export_best,
-    in_time,
     race,
 )
 from cluster.ray.pool import EvaluationPool
@@ -133,8 +132,7 @@ class StudyEnd:
         if len(contenders) > 1:
             terminal.log(f"retesting the {len(contenders)} best SEs with fresh agents")
         terminal.bar("retesting", 0, agents_needed(len(contenders), rounds), "tests")
-        in_rounds = in_time(rounds, is_over)
-        return choose_best(task, contenders, seed, pool, terminal.step, in_rounds)
+        return choose_best(task, contenders, seed, pool, terminal.step, rounds, is_over)
 
 
 def all_runs(
@@ -163,10 +161,10 @@ def contenders_of(configurations: Sequence[ConfigurationRuns]) -> list[Contender
     """Return the confirmed SEs, and then the SEs with the highest scores in their own runs."""
     ranked = []
     for runs in configurations:
-        hp = runs.run(0).hp
+        nes = runs.run(0).nes
         for state in runs.states:
-            ses = [state.best] if state.confirmed else state.candidates
+            ses = [nes.best(state)] if state.confirmed else nes.candidates(state)
             for finalist, se in zip(state.finalists, ses, strict=False):
-                ranked.append(((state.confirmed, finalist.rank), Contender(se, hp)))
+                ranked.append(((state.confirmed, finalist.rank), Contender(se, nes.hp)))
     ranked.sort(key=lambda pair: pair[0], reverse=True)
     return [contender for _, contender in ranked[:RACERS]]

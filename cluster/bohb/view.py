@@ -149,7 +149,7 @@ class StudyViews:
         if best is not None and not running:
             document = Document(BEST_FILE, f"generation {runs.generations}", lambda: se_bytes(best))
             title = f"{study.name}, {name}"
-            documents += run_documents(runs.states, runs.run(0).hp, title, document)
+            documents += run_documents(runs.states, runs.run(0), title, document)
         points = _generations(runs.states)
         started = self.identity.began if results else time.time()
         if points:

@@ -120,7 +120,8 @@ def _kinds(
     common: RunOptions, max_episodes: int | None, settings: tuple[tuple[str, Any], ...]
 ) -> tuple["AgentHyperparameters", ...]:
     """Return the hyperparameters of each kind of agent. Raises InvalidInput."""
-    from bilevel.hyperparameters import default_agents, load_recipe
+    from bilevel.hyperparameters import default_agents
+    from bilevel.recipes import load_recipe
     from search_spaces.translation import changed
 
     names = common.the_agents()

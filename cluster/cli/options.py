@@ -84,7 +84,7 @@ class RunOptions:
         `nes` contains fields of NES from options of a single command; None keeps a value. Raises
         InvalidInput, also for a hyperparameter that is given twice.
         """
-        from bilevel.hyperparameters import load_recipe
+        from bilevel.recipes import load_recipe
         from search_spaces.translation import to_hyperparameters
 
         name, file = self._recipe(task, default_recipe)
@@ -102,7 +102,7 @@ class RunOptions:
     def _recipe(self, task: Task, default: str) -> tuple[str, str]:
         """Return the recipe's name, and the name or file for `load_recipe`: the incumbent's file if
         the recipe is a study on the task. Raises InvalidInput."""
-        from bilevel.hyperparameters import RECIPES
+        from bilevel.recipes import RECIPES
 
         given = self.recipe or default
         if given in RECIPES or given.endswith(".toml"):

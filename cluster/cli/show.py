@@ -53,6 +53,6 @@ def show(given: GivenSE, out: Path | None, se_task: str | None) -> None:
 )
 def recipe(name: str, task: str) -> None:
     """Print all hyperparameters of the recipe NAME (default, paper, authors or a file, *.toml)."""
-    from bilevel.hyperparameters import load_recipe, recipe_text
+    from bilevel.recipes import load_recipe, recipe_text
 
     click.echo(recipe_text(load_recipe(name, task), f"Recipe {name} for {task}"), nl=False)

@@ -18,8 +18,9 @@ members' scores with the score of agents that train on the unperturbed SE.
 
 from dataclasses import dataclass, replace
 
-from bilevel.hyperparameters import Hyperparameters, load_recipe
+from bilevel.hyperparameters import Hyperparameters
 from bilevel.hyperparameters.definitions import Variation
+from bilevel.recipes import load_recipe
 from bilevel.tasks import Task
 from cluster.experiments.sizes import Size
 from cluster.nes.run import NESRun

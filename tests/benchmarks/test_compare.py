@@ -122,7 +122,7 @@ def test_in_process_evaluations_equal_those_of_nes(
     nes = NES(cartpole, small_hp, 0)
     state = nes.init()
     requests = nes.ask(state)
-    results = InProcess().run(cartpole, state.se, requests)
+    results = InProcess().run(cartpole, nes.distribution(state), requests)
     assert [result.index for result in results] == [request.index for request in requests]
 
 

@@ -5,8 +5,9 @@ import pytest
 from scipy.stats import kstest
 
 from bilevel import InvalidInput
-from bilevel.hyperparameters import Hyperparameters, load_recipe
+from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
+from bilevel.recipes import load_recipe
 from bilevel.tasks import get_task
 from search_spaces import SPACES
 from search_spaces.bohb import search_space

@@ -7,8 +7,8 @@ import ConfigSpace as CS
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.hyperparameters import load_recipe
 from bilevel.nes import NES
+from bilevel.recipes import load_recipe
 from bilevel.tasks import get_task
 from search_spaces.bohb import search_space
 from search_spaces.space import Space
@@ -43,7 +43,7 @@ def test_files_of_configspace_are_read(name: str, tmp_path: Path) -> None:
         (CS.Integer("nes.generations", (1, 9)), "nes.generations is set by the search itself"),
         (CS.Categorical("se.activation", ("tanh", "sine")), "unknown se.activation 'sine'"),
         (CS.OrdinalHyperparameter("se.hidden_size", [8, 16, 32]), "has ordinal hyperparameters"),
-        (CS.Constant("se.activation", "relu"), "se.structure"),  # exogenous SEs need tanh
+        (CS.Constant("se.activation", "relu"), "se.family"),  # exogenous SEs need tanh
     ],
 )
 def test_unsuitable_spaces_are_refused(dimension: Any, message: str, tmp_path: Path) -> None:

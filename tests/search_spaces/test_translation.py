@@ -5,7 +5,8 @@ import numpy as np
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.hyperparameters import Hyperparameters, load_recipe
+from bilevel.hyperparameters import Hyperparameters
+from bilevel.recipes import load_recipe
 from search_spaces import SPACES
 from search_spaces.bohb import search_space
 from search_spaces.translation import of_hyperparameters, to_hyperparameters

@@ -73,10 +73,10 @@ def test_scores_are_identical_on_any_pool(nes: NES, small_hp: Hyperparameters) -
         replace(r, agent=replace(ddqn(small_hp), batch_size=8 * (1 + r.index)))
         for r in nes.ask(state)
     ]
-    looped = [evaluate(nes.task, state.se, r) for r in requests]
+    looped = [evaluate(nes.task, nes.distribution(state), r) for r in requests]
     for workers in (1, 2):
         with EvaluationPool(workers) as pool:
-            results = pool.run(nes.task, state.se, requests)
+            results = pool.run(nes.task, nes.distribution(state), requests)
             assert pool.size == workers
             assert pool.evaluation_seconds == pytest.approx(sum(r.seconds for r in results))
         assert without_times(results) == without_times(looped)
@@ -88,7 +88,7 @@ def test_killed_actors_are_replaced_and_no_result_is_lost(
     state = nes.init()
     agent = replace(ddqn(small_hp), max_episodes=60, hidden_size=64, batch_size=128)
     requests = [replace(r, agent=agent, index=i) for i, r in enumerate(nes.ask(state) * 3)]
-    looped = [evaluate(nes.task, state.se, r) for r in requests]
+    looped = [evaluate(nes.task, nes.distribution(state), r) for r in requests]
     received: list[int] = []
     killed: list[int] = []
 
@@ -98,7 +98,7 @@ def test_killed_actors_are_replaced_and_no_result_is_lost(
             killed.append(kill_workers())
 
     with EvaluationPool(2) as pool:
-        results = pool.run(nes.task, state.se, requests, kill_twice)
+        results = pool.run(nes.task, nes.distribution(state), requests, kill_twice)
     assert all(killed)
     assert sorted(received) == list(range(len(requests)))  # each result once
     assert without_times(results) == without_times(looped)
@@ -108,7 +108,10 @@ def test_a_distribution_is_evaluated_at_its_centre(nes: NES) -> None:
     state = nes.init()
     requests = nes.ask(state)[: nes.hp.nes.centre_agents]
     with EvaluationPool(1) as pool:
-        results = [pool.run(nes.task, se, requests) for se in (state.se, state.se.centre)]
+        results = [
+            pool.run(nes.task, se, requests)
+            for se in (nes.distribution(state), nes.distribution(state).centre)
+        ]
     assert without_times(results[0]) == without_times(results[1])
 
 
@@ -118,7 +121,7 @@ def test_a_request_that_kills_every_actor_ends_the_run(nes: NES) -> None:
             return os._exit, (1,)
 
     state = nes.init()
-    se = unchecked(state.se.centre, state.se.centre.psi.view(Poison))
+    se = unchecked(nes.distribution(state).centre, nes.distribution(state).centre.psi.view(Poison))
     with (
         EvaluationPool(1) as pool,
         pytest.raises(ActorsDied, match=r"^5 actors died .* agent ddqn: [^\n]*$"),
@@ -128,12 +131,12 @@ def test_a_request_that_kills_every_actor_ends_the_run(nes: NES) -> None:
 
 def test_an_error_in_an_evaluation_is_raised_and_the_pool_stays_usable(nes: NES) -> None:
     state = nes.init()
-    wrong = unchecked(state.se.centre, state.se.centre.psi[:5])
+    wrong = unchecked(nes.distribution(state).centre, nes.distribution(state).centre.psi[:5])
     requests = nes.ask(state)[:1]
     with EvaluationPool(1) as pool:
         with pytest.raises(ray.exceptions.RayTaskError):
             pool.run(nes.task, wrong, requests)
-        assert len(pool.run(nes.task, state.se, requests)) == 1
+        assert len(pool.run(nes.task, nes.distribution(state), requests)) == 1
 
 
 def test_actors_end_with_the_pool(nes: NES) -> None:

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.nes.checkpoint import save_state
 from bilevel.synthetic_env import SE, load_se
+from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import Journal
 from cluster.bohb.view import StudyViews
@@ -148,13 +148,13 @@ def test_a_configuration_with_repeated_generations_replaces_the_old_run(
     """After a damaged checkpoint the scores are the same, but the times differ."""
     sync(folder, home, home.database_uri, Terminal())
     for line in Journal(folder).configs:
-        state = Study.read(folder).run(line.id, line.configuration, 0).load()
+        run = ConfigurationRuns(Study.read(folder), line.id, line.configuration).run(0)
+        state = run.load()
         if state is not None and state.records:
             break
     assert state is not None
     later = tuple(replace(r, finished=r.finished + 9, generation_seconds=7) for r in state.records)
-    path = Study.read(folder).run(line.id, line.configuration, 0).folder / "state.safetensors"
-    save_state(replace(state, records=later), path)
+    run.nes.save(replace(state, records=later), run.state_file)
     assert disagreements(folder, home.database_uri) != []
     sync(folder, home, home.database_uri, Terminal())
     assert disagreements(folder, home.database_uri) == []

@@ -19,6 +19,7 @@ from typing import Any, Self
 import numpy as np
 
 from bilevel.nes import NESState
+from bilevel.tasks import Task
 
 #: Number of last generations whose scores measure progress.
 _RECENT = 4
@@ -38,13 +39,13 @@ class Tally:
     progress: float
 
     @classmethod
-    def of(cls, states: Sequence[NESState]) -> Self:
+    def of(cls, states: Sequence[NESState], task: Task) -> Self:
         """Count the runs of a configuration, of which the last may be unfinished."""
         return cls(
             cost=sum(state.cost for state in states),
             runs=len(states),
             confirmed=sum(state.confirmed for state in states),
-            progress=_progress(states[-1]) if states and not states[-1].finished else 0.0,
+            progress=_progress(states[-1], task) if states and not states[-1].finished else 0.0,
         )
 
     @property
@@ -72,12 +73,12 @@ class Tally:
         return f"{ses} in {cost:.0f} core s"
 
 
-def _progress(state: NESState) -> float:
+def _progress(state: NESState, task: Task) -> float:
     """Return the position of the mean of the last scores between the task's worst score and its
     solved reward."""
-    records = state.records[state.attempt_began :][-_RECENT:]
+    records = state.records[state.attempt_start :][-_RECENT:]
     if not records:
         return 0.0
     score = float(np.mean([record.score_mean for record in records]))
-    worst, solved = state.task.worst_score, state.task.solved_reward
+    worst, solved = task.worst_score, task.solved_reward
     return float(np.clip((score - worst) / (solved - worst), 0.0, 1.0))

@@ -60,7 +60,7 @@ class ConfigurationRuns:
     @property
     def tally(self) -> Tally:
         """Costs and successes of all runs."""
-        return Tally.of(self.states)
+        return Tally.of(self.states, self.study.task)
 
     @property
     def generations(self) -> int:
@@ -74,7 +74,8 @@ class ConfigurationRuns:
         evolved = [state for state in self.states if state.finalists]
         confirmed = [state for state in evolved if state.confirmed]
         evolved.sort(key=lambda state: state.finalists[0].rank, reverse=True)
-        return next((state.best for state in (*confirmed, *evolved)), None)
+        nes = self.run(0).nes
+        return next((nes.best(state) for state in (*confirmed, *evolved)), None)
 
     def run(self, number: int) -> NESRun:
         """Return a run by its number, from 0.

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 from bilevel.decode import decode
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, one_of
-from bilevel.hyperparameters import Hyperparameters, StoredHyperparameters, recipe_text
+from bilevel.hyperparameters import Hyperparameters, StoredHyperparameters
+from bilevel.recipes import recipe_text
 from bilevel.tasks import Task
 from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.journal import ConfigId, Configuration

@@ -5,10 +5,10 @@ from typing import Any
 
 from bilevel.agents.variation import VARIED
 from bilevel.errors import InvalidInput
+from bilevel.evolution import RULES
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
-from bilevel.nes.rules import RULES
-from bilevel.synthetic_env import least_units
+from bilevel.synthetic_env import smallest_hidden_size
 from bilevel.tasks import Task
 from cluster.bohb.study.profiles import SET_BY_SEARCH
 from search_spaces.space import Space
@@ -60,10 +60,11 @@ def _adapted_core(task: Task, base: Hyperparameters) -> Space:
     import ConfigSpace as CS
 
     dimensions = dict(Space("core").build())
-    if base.se.structure == "plain":
+    if base.se.family == "plain":
         del dimensions["se.spread"]
     else:
-        size, units = dimensions["se.hidden_size"], least_units(task)
+        size = dimensions["se.hidden_size"]
+        units = smallest_hidden_size(task.state_size, task.n_actions)
         assert isinstance(size, CS.UniformIntegerHyperparameter)
         if units <= size.lower:
             return Space("core")
@@ -75,9 +76,9 @@ def _adapted_core(task: Task, base: Hyperparameters) -> Space:
 
 def _check_full(base: Hyperparameters) -> None:
     # `full` searches mirrored_sampling, which other rules need.
-    if RULES[base.nes.update].needs_pairs or base.se.structure != "plain":
+    if RULES[base.nes.update].needs_pairs or base.se.family != "plain":
         raise InvalidInput(
             "the space 'full' needs plain SEs and the rule paper or authors (--recipe authors or "
-            f"paper); the recipe {base.recipe!r} has {base.se.structure} SEs and the rule "
+            f"paper); the recipe {base.recipe!r} has {base.se.family} SEs and the rule "
             f"{base.nes.update}"
         )

@@ -15,14 +15,10 @@ from bilevel.agents.variation import draw_agent
 from bilevel.durable import checksum
 from bilevel.evaluation import train_and_test
 from bilevel.evaluation.run import environment_in_python
-from bilevel.hyperparameters import (
-    AgentHyperparameters,
-    DDQNHyperparameters,
-    default_agents,
-    load_recipe,
-)
+from bilevel.hyperparameters import AgentHyperparameters, DDQNHyperparameters, default_agents
 from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.nes import NES
+from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import SE
 from bilevel.tasks import Task, get_task
 from bilevel.user_code import mistake_at

@@ -16,7 +16,8 @@ ALPHA = {"nes": 1.0, "antithetic": 0.1, "paper": 0.05, "authors": 0.3}
 
 
 def sphere(x: NDArray[np.float64]) -> NDArray[np.float64]:
-    return -np.sum((x - 1) ** 2, axis=-1)
+    distance: NDArray[np.float64] = np.square(x - 1).sum(axis=-1)
+    return -distance
 
 
 def rosenbrock(x: NDArray[np.float64]) -> NDArray[np.float64]:

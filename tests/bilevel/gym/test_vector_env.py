@@ -10,8 +10,8 @@ import pytest
 import torch
 
 from bilevel import InvalidInput
-from bilevel.hyperparameters import load_recipe
-from bilevel.synthetic_env import SEDistribution, StoredSE, coordinates, save_se
+from bilevel.recipes import load_recipe
+from bilevel.synthetic_env import SE, StoredSE, family_of, save_se
 from bilevel.tasks import get_task
 
 ENV = "bilevel/SyntheticEnv-v0"
@@ -34,9 +34,8 @@ def path(task_id: str, step_limit: int, tmp_path: Path) -> Path:
     """File of a random SE."""
     task = get_task(task_id)
     hp = replace(load_recipe("default", task.id).se, step_limit=step_limit)
-    space = coordinates(task, hp, task.observation_scale(1))
-    theta = space.initialize(np.random.default_rng(0))
-    se = SEDistribution(space, theta, theta, theta).centre
+    family = family_of(task, hp, task.observation_scale(1))
+    se = SE(family.architecture, family.psi(family.initialize(np.random.default_rng(0))))
     save_se(StoredSE(se, task.id, task.step_limit, task.solved_reward), tmp_path / "se.safetensors")
     return tmp_path / "se.safetensors"
 

@@ -13,7 +13,7 @@ import sys
 from dataclasses import replace
 import numpy as np
 from bilevel.evaluation import train_and_test
-from bilevel.hyperparameters import load_recipe
+from bilevel.recipes import load_recipe
 from bilevel.kernels import training
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import get_task

@@ -10,7 +10,7 @@ import pytest
 from bilevel import InvalidInput
 from bilevel.evaluation import train_and_test
 from bilevel.evaluation.run import greedy_episodes
-from bilevel.hyperparameters import load_recipe
+from bilevel.recipes import load_recipe
 from bilevel.tasks import BUILT_IN_TASKS, Task, get_task
 from bilevel.user_code import Mistake
 from tests.envs import CustomEnv, ShiftedCartPole, register_env

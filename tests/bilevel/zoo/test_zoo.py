@@ -11,7 +11,8 @@ import bilevel
 from bilevel import InvalidInput
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
-from bilevel.hyperparameters import default_agents, load_recipe
+from bilevel.hyperparameters import default_agents
+from bilevel.recipes import load_recipe
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task

@@ -3,6 +3,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+from bilevel.nes.state import Finished
 from cluster.bohb.finish import all_runs, contenders_of
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.search.validation import Plan, validate
@@ -23,13 +24,13 @@ def test_confirmed_ses_come_before_those_with_the_highest_scores(tmp_path: Path)
         (finalist.rank, se)
         for runs in every
         for state in runs.states
-        for finalist, se in zip(state.finalists, state.candidates, strict=False)
+        for finalist, se in zip(state.finalists, runs.run(0).nes.candidates(state), strict=False)
         if state is not worst.states[0]
     ]
     scored.sort(key=lambda pair: pair[0], reverse=True)
-    worst.states[0] = replace(worst.states[0], finished=True, confirmed=True)
+    worst.states[0] = replace(worst.states[0], phase=Finished(confirmed=True))
     first, *others = contenders_of(every)
-    assert (first.se, first.hp) == (worst.states[0].best, worst.run(0).hp)
+    assert (first.se, first.hp) == (worst.run(0).nes.best(worst.states[0]), worst.run(0).hp)
     assert len(scored) > RACERS == 1 + len(others)
     assert [contender.se for contender in others] == [se for _, se in scored[: RACERS - 1]]
 

@@ -8,7 +8,7 @@ import pytest
 import safetensors.numpy
 from click.testing import CliRunner
 
-from bilevel.hyperparameters import load_recipe, recipe_text
+from bilevel.recipes import load_recipe, recipe_text
 from bilevel.synthetic_env import save_se
 from bilevel.tasks import get_task
 from cluster.cli.program import cli

@@ -10,7 +10,7 @@ import ConfigSpace as CS
 import pytest
 from click.testing import CliRunner, Result
 
-from bilevel.hyperparameters import load_recipe, recipe_text
+from bilevel.recipes import load_recipe, recipe_text
 from cluster.cli.program import cli
 from tests.commands import BILEVEL
 from tests.studies import make_study

@@ -26,7 +26,9 @@ def finish(run: NESRun) -> None:
         while not state.finished:
             state = run.advance(state, MadeUpPool())
         final = FinalScore(np.array([150.0, 200.0]), np.array([400, 600]), 195.0)
-        export_best(state.best, final, run.folder, state.generation, state.real_env_steps, 0)
+        export_best(
+            run.nes.best(state), final, run.folder, state.generation, state.real_env_steps, 0
+        )
         RunStatus("FINISHED", time.time(), run.hp.nes.generations).save(run.folder)
 
 

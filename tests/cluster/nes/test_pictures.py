@@ -3,6 +3,8 @@
 from dataclasses import replace
 from typing import get_type_hints
 
+import numpy as np
+
 from bilevel.nes import GenerationRecord
 from bilevel.tasks import Task
 from cluster.nes.pictures import learning_curve
@@ -18,6 +20,6 @@ def test_scores_are_drawn_over_whole_generations(cartpole: Task) -> None:
     figure = learning_curve(records, cartpole, "run")
     figure.canvas.draw()
     scores, steps = figure.axes
-    assert list(scores.lines[0].get_ydata()) == expected
+    assert np.array_equal(scores.lines[0].get_ydata(), expected)
     ticks = [tick for tick in steps.get_xticks() if 0 <= tick <= 2]
     assert ticks == [round(tick) for tick in ticks]

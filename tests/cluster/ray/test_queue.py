@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from bilevel.evaluation import Centre, EvaluationRequest, Perturbed, TrainedOn
-from bilevel.hyperparameters import load_recipe
+from bilevel.recipes import load_recipe
 from cluster.ray.queue import BATCHES, LONG, Batch, RequestQueue, batches
 from tests.conftest import ddqn
 

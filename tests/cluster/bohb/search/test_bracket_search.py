@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bilevel.errors import InvalidInput
-from bilevel.hyperparameters import load_recipe
+from bilevel.recipes import load_recipe
 from cluster.bohb.results.importance import unit_values
 from cluster.bohb.search.bracket_search import BracketSearch, Job
 from cluster.bohb.study.brackets import Schedule

@@ -4,6 +4,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from bilevel.nes.state import Finished
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import Study
 from tests.studies import MadeUpPool, new_study
@@ -51,7 +52,7 @@ def test_seeds_run_one_after_another_until_the_budget_is_spent(
     assert ConfigurationRuns.read(study, ID, CONFIGURATION).tally == runs.tally
     assert len(runs.states) > 3
     assert all(state.finished for state in runs.states[:-1])
-    starts = {state.se.mean.tobytes() for state in runs.states}
+    starts = {state.search.mean.tobytes() for state in runs.states}
     assert len(starts) == len(runs.states)
 
 
@@ -67,18 +68,18 @@ def test_a_damaged_or_lost_run_is_repeated_and_the_others_stay(damage: bool, stu
     assert again.tally == before.tally
     for state, expected in zip(again.states, before.states, strict=True):
         assert state.generation == expected.generation
-        np.testing.assert_array_equal(state.se.mean, expected.se.mean)
+        np.testing.assert_array_equal(state.search.mean, expected.search.mean)
 
 
 def test_the_best_se_is_a_confirmed_one(study: Study) -> None:
     runs = opened(study)
-    assert runs.best is None
+    assert not runs.states
     runs.spend(3, MadeUpPool())
     ranks = [state.finalists[0].rank for state in runs.states[:3]]
     highest, other = (
         int(np.argmax([rank[0] for rank in ranks])),
         int(np.argmin([r[0] for r in ranks])),
     )
-    assert runs.best == runs.states[highest].best
-    runs.states[other] = replace(runs.states[other], confirmed=True)
-    assert runs.best == runs.states[other].best
+    assert runs.best == runs.run(0).nes.best(runs.states[highest])
+    runs.states[other] = replace(runs.states[other], phase=Finished(confirmed=True))
+    assert runs.best == runs.run(0).nes.best(runs.states[other])

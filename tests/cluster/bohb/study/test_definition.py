@@ -6,7 +6,7 @@ import ConfigSpace as CS
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.hyperparameters import load_recipe
+from bilevel.recipes import load_recipe
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.definition import SPACE_FILE, Study

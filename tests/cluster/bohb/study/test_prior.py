@@ -9,7 +9,7 @@ import ConfigSpace as CS
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.hyperparameters import load_recipe
+from bilevel.recipes import load_recipe
 from cluster.bohb.search.bracket_search import BracketSearch
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.brackets import Schedule

@@ -3,7 +3,7 @@ from dataclasses import asdict, replace
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.hyperparameters import RECIPES, load_recipe
+from bilevel.recipes import RECIPES, load_recipe
 from cluster.bohb.study.profiles import PROFILES, get_profile, sized
 from search_spaces.space import Space
 

@@ -4,8 +4,8 @@ import ConfigSpace as CS
 import pytest
 
 from bilevel.errors import InvalidInput
-from bilevel.hyperparameters import load_recipe
-from bilevel.synthetic_env import least_units
+from bilevel.recipes import load_recipe
+from bilevel.synthetic_env import smallest_hidden_size
 from bilevel.tasks import get_task
 from cluster.bohb.study.rules import searched_space
 from search_spaces.space import Space
@@ -54,7 +54,7 @@ def test_core_has_ses_large_enough_for_the_task(state_size: int) -> None:
     adapted = searched_space(CORE, wide, load_recipe("default", "")).build()
     size = adapted["se.hidden_size"]
     assert isinstance(size, CS.UniformIntegerHyperparameter)
-    assert size.lower == least_units(wide) > 12
+    assert size.lower == smallest_hidden_size(wide.state_size, wide.n_actions) > 12
     assert size.upper == max(64, 2 * size.lower)
     assert size.log
     others = set(adapted) - {"se.hidden_size"}

@@ -50,7 +50,7 @@ class Trial:
         self.tracker = Tracker(f"sqlite:///{folder}/mlflow.db", "task", folder / "artifacts")
         self.out = io.StringIO()
         self.built: list[str] = []
-        self.mirror = Mirror(self.tracker, self._view, self.out.write)
+        self.mirror = Mirror(self.tracker, self._view, lambda line: print(line, file=self.out))
         terminal = Terminal(Console(file=self.out, width=200, soft_wrap=True))
         searcher: Any = SimpleNamespace(jobs={"trial": self.job})
         deadline = time.monotonic() + time_budget

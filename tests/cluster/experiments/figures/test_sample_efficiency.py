@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from bilevel.evaluation import EvaluationResult, evaluate
-from bilevel.hyperparameters import AgentHyperparameters, DDQNHyperparameters, load_recipe
+from bilevel.hyperparameters import AgentHyperparameters, DDQNHyperparameters
+from bilevel.recipes import load_recipe
 from bilevel.tasks import Task, get_task
 from cluster.experiments.agents import Evaluation, Found, Source
 from cluster.experiments.conditions import REAL

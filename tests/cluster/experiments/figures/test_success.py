@@ -7,12 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from bilevel.nes.checkpoint import save_state
 from bilevel.tasks import Task
 from cluster.experiments.experiment import Findings
 from cluster.experiments.figures.success import SUCCESS, findings_of, scores_by_run
 from cluster.experiments.style import styled
-from cluster.nes.run import STATE_FILE
 from tests.cluster.experiments.artificial import material_of, smoke_plan
 
 
@@ -76,7 +74,7 @@ def test_core_seconds_include_the_last_confirmation(tmp_path: Path) -> None:
     for source in material.sources:
         assert source.run is not None
         state = source.state
-        save_state(replace(state, cost=state.cost + 5), source.run.folder / STATE_FILE)
+        source.run.nes.save(replace(state, cost=state.cost + 5), source.run.state_file)
     found = SUCCESS.conclude(plan, material)
     last = found.data.groupby("condition")["core_seconds"].max()
     for row in found.summary:
