@@ -2,8 +2,8 @@
 
 A search must compute the same costs on every machine and under any load. So the cost is computed
 from the number of training steps and the multiplications of a minibatch's pass through the network
-(`step_cost`); all passes of a step cost a multiple of it. The constants are those of a fast core
-that trains DDQN. Steps of the initial episodes count like all others. `benchmarks.speed.cost`
+(`step_cost`); all passes of a step cost a multiple of it. The constants were measured on a fast
+core that trains DDQN. Steps of the initial episodes count like all others. `benchmarks.speed.cost`
 compares the estimate with measured time (docs/speed.md).
 """
 

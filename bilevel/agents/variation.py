@@ -28,7 +28,7 @@ VARIED = ("learning_rate", "batch_size", "hidden_size", "hidden_layers")
 #: Ranges of hidden units and batch size (drawn on the log scale), and of hidden layers.
 SIZES, LAYERS = (42, 384), (1, 3)
 
-#: Largest `AgentHyperparameters.step_cost` of a small agent: 2.8 times that of the paper's tuned
+#: Largest `step_cost` of a small agent: 2.8 times the cost of the paper's tuned
 #: agent for CartPole.
 SMALL = 250_000.0
 

@@ -19,8 +19,8 @@ class Centre:
 
 @dataclass(frozen=True)
 class Perturbed:
-    """Train on mean + sign * eps, where `mean` is that of the search distribution and `seed` draws
-    eps."""
+    """Train on mean + sign * eps: the mean of the search distribution, and noise drawn by
+    `seed`."""
 
     seed: int
     sign: int  #: 1 or -1

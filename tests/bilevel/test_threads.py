@@ -6,13 +6,12 @@ from threadpoolctl import ThreadpoolController
 from bilevel.threads import one_blas_thread, one_torch_thread
 
 
-def of_blas() -> set[int]:
+def blas_threads() -> set[int]:
     libraries = ThreadpoolController().select(user_api="blas").info()
     return {library["num_threads"] for library in libraries}
 
 
-def test_limits_that_overlap_are_lifted_by_the_last() -> None:
-    """Evaluations on threads begin and end in any order."""
+def test_the_last_of_several_overlapping_limits_restores_the_threads() -> None:
     inside, first_left = Barrier(2), Barrier(2)
     seen: list[set[int]] = []
 
@@ -25,7 +24,7 @@ def test_limits_that_overlap_are_lifted_by_the_last() -> None:
         with one_blas_thread():
             inside.wait()
             first_left.wait()
-            seen.append(of_blas())
+            seen.append(blas_threads())
 
     with ThreadpoolController().limit(limits=2, user_api="blas"):  # also on one core
         threads = [Thread(target=first), Thread(target=second)]
@@ -34,10 +33,10 @@ def test_limits_that_overlap_are_lifted_by_the_last() -> None:
         for thread in threads:
             thread.join(60)
         assert seen == [{1}]
-        assert of_blas() == {2}
+        assert blas_threads() == {2}
 
 
-def test_torch_gets_its_threads_back() -> None:
+def test_the_limit_of_torch_ends() -> None:
     torch.set_num_threads(2)
     try:
         with one_torch_thread(), one_torch_thread():

@@ -155,7 +155,7 @@ def test_digests_and_locations_are_those_of_the_imported_code(tmp_path: Path) ->
 
 
 def test_annotations_may_be_strings(tmp_path: Path) -> None:
-    """As under `from __future__ import annotations`."""
+    """`from __future__ import annotations` makes them strings."""
     code = documented_agent().replace('agent="reinforce"', 'agent="postponed-reinforce"')
     docstring, newline, rest = code.partition("\n")
     file = tmp_path / "postponed_agent.py"

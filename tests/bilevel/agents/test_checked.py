@@ -1,7 +1,6 @@
 """Mistakes in users' agents are reported with their location, and never become a score."""
 
 import math
-import random
 from pathlib import Path
 from typing import Any
 
@@ -50,11 +49,6 @@ class ActsNegative(Correct):
         return -1
 
 
-class ActsHalf(Correct):
-    def act(self, state: Any, exploring: bool) -> Any:
-        return 0.5
-
-
 class Decorated(Correct):
     @torch.no_grad()
     def act(self, state: Any, exploring: bool) -> Any:
@@ -69,11 +63,6 @@ class Raises(Correct):
 class RaisesInALibrary(Correct):
     def observe(self, transition: Any) -> None:
         np.linalg.inv(np.zeros((2, 2)))
-
-
-class RaisesInTheStandardLibrary(Correct):
-    def observe(self, transition: Any) -> None:
-        random.sample([1], 3)
 
 
 class ReturnsNoLoss(Correct):
@@ -106,11 +95,9 @@ def run(agent: CheckedAgent) -> tuple[int, float]:
         (FailsToBuild, ", when it is built: KeyError: 'size'"),
         (ActsOutOfRange, ": act: action 2 is not allowed: allowed are the integers 0 to 1"),
         (ActsNegative, ": greedy: action -1 is not allowed: allowed are the integers 0 to 1"),
-        (ActsHalf, ": act: action 0.5 is not allowed: allowed are the integers 0 to 1"),
         (Decorated, ": act: action None is not allowed: allowed are the integers 0 to 1"),
         (Raises, ", when it runs greedy: IndexError: index 5 is out of bounds"),
         (RaisesInALibrary, ", when it runs observe: LinAlgError: Singular matrix"),
-        (RaisesInTheStandardLibrary, ", when it runs observe: ValueError: Sample larger than"),
         (ReturnsNoLoss, ": learn returned None instead of a loss (0 if there is none)"),
         (Exits, ", when it runs end_episode: SystemExit: 3"),
         (Unfinished, ": method 'end_episode' is missing"),

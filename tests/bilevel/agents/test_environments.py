@@ -13,7 +13,7 @@ from bilevel.tasks import Task, get_task
 
 
 class Gusty(gymnasium.Env[Any, Any]):
-    """Draws a random number with every step; action 1 ends the episode sooner."""
+    """Draws a random number in every step; action 1 ends the episode earlier."""
 
     observation_space = gymnasium.spaces.Box(-np.inf, np.inf, (1,), np.float32)
     action_space = gymnasium.spaces.Discrete(2)
@@ -46,8 +46,8 @@ def initial_states(task: Task, action: int, seed: int) -> list[float]:
     return states
 
 
-def test_episodes_begin_alike_whatever_an_agent_did_before(gusty: Task) -> None:
-    seed = 2**63 + 5  # as seeds of evaluations are
+def test_initial_states_do_not_depend_on_earlier_actions(gusty: Task) -> None:
+    seed = 2**63 + 5  # like seeds of evaluations
     ours = initial_states(gusty, 0, seed)
     assert ours == initial_states(gusty, 1, seed)
     assert len(set(ours)) == 4

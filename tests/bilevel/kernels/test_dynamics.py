@@ -57,8 +57,8 @@ def test_observed_dynamics_end_a_run_at_once() -> None:
 
 
 @pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
-def test_observed_episodes_are_made_of_single_steps(task_id: str) -> None:
-    """Some end with the task, some at the step limit."""
+def test_observed_episodes_equal_single_steps(task_id: str) -> None:
+    """Some episodes terminate, some end at the step limit."""
     task, rng = get_task(task_id), np.random.default_rng(0)
     actions = rng.integers(task.n_actions, size=400)
     initial = task.initial_physics(rng, actions.size)

@@ -10,7 +10,7 @@ from bilevel.kernels import jit
 
 @pytest.fixture(autouse=True)
 def _package_is_read_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """A copy of the package in a place that nobody can write, like one that root has installed."""
+    """The package is in a read-only folder, as if root had installed it."""
     monkeypatch.setattr(jit, "__file__", "/proc/bilevel/kernels/jit.py")
     monkeypatch.setattr(Path, "read_bytes", lambda _: b"")
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")
