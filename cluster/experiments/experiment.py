@@ -30,17 +30,14 @@ def se_runs(
     }
 
 
-def _no_progress(done: int, total: int) -> None:
-    pass
-
-
 @dataclass(frozen=True)
 class Material:
     """SEs and results that the findings of an experiment are computed from."""
 
     sources: Sequence[Source]  # without the real task
     found: Found
-    progress: Callable[[int, int], None] = _no_progress  # gets the done and all steps of findings
+    #: Called with the number of finished steps and of all steps while findings are computed.
+    progress: Callable[[int, int], None] = lambda done, total: None
 
     def on(self, *conditions: str) -> list[Source]:
         """Return the sources of conditions; REAL is the real task."""
@@ -86,14 +83,6 @@ class Findings:
     notes: Sequence[str] = ()
 
 
-def _no_evaluations(plan: Plan, material: Material) -> list[Evaluation]:
-    return []
-
-
-def _only_ddqn(task_id: str) -> tuple[str, ...]:
-    return ("ddqn",)
-
-
 @dataclass(frozen=True)
 class Experiment:
     """An experiment, as plain functions."""
@@ -106,9 +95,9 @@ class Experiment:
     findings: Callable[[Plan, Material], Findings]
     #: The agents to train. It is called again with their results until no agent is missing, so
     #: that later agents may depend on earlier results.
-    evaluations: Callable[[Plan, Material], list[Evaluation]] = _no_evaluations
+    evaluations: Callable[[Plan, Material], list[Evaluation]] = lambda plan, material: []
     #: Kinds of agents by task, unless the user names others.
-    agents: Callable[[str], tuple[str, ...]] = _only_ddqn
+    agents: Callable[[str], tuple[str, ...]] = lambda task_id: ("ddqn",)
 
     def conclude(self, plan: Plan, material: Material) -> Findings:
         """Return the findings, with comparable scores of diverged agents."""
