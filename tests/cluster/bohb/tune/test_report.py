@@ -50,8 +50,8 @@ class Trial:
         self.tracker = Tracker(f"sqlite:///{folder}/mlflow.db", "task", folder / "artifacts")
         self.out = io.StringIO()
         self.built: list[str] = []
-        self.mirror = Mirror(self.tracker, self._view, self.out.write)
         terminal = Terminal(Console(file=self.out, width=200, soft_wrap=True))
+        self.mirror = Mirror(self.tracker, self._view, terminal.log)
         searcher: Any = SimpleNamespace(jobs={"trial": self.job})
         deadline = time.monotonic() + time_budget
         self.report = StudyReport(
