@@ -4,17 +4,18 @@
 
 The study runs BOHB and NES, but scores are made up. The record of each generation takes the same
 path as in a real study: `StudyReport` passes it to `Mirror`, which writes it to MLflow in SQLite.
-Only these two are measured, without the pictures and tables of the study's own run, whose updates
-become rarer as the study grows.
+Only these two are measured: first for each generation, then for each job, whose start and end
+compare the files of its configuration with MLflow. The pictures and tables of the study's own run
+are left out; their updates become rarer as the study grows.
 """
 
 import io
 import math
+import statistics
 import tempfile
 import threading
 import time
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -38,7 +39,7 @@ GENERATIONS, BLOCK, BRACKETS = 2000, 100, 60
 
 
 class MeasuredStudy:
-    """A study with made-up scores, and the driver's CPU time at each generation."""
+    """A study with made-up scores, and the CPU seconds that tracking has cost."""
 
     def __init__(self, folder: Path) -> None:
         self.study = replace(new_study(folder), schedule=Schedule((2, 6, 18), 3))
@@ -56,39 +57,41 @@ class MeasuredStudy:
             BRACKETS, math.inf, journal, self.searcher, views, self.mirror, terminal
         )
         self.report.PICTURES_EVERY = math.inf
-        self.callbacks = 0.0  # seconds
-        self.seconds: list[float] = []  # until each generation
+        self.generations: list[float] = []
+        self.jobs: list[float] = []
 
-    def run_job(self, number: int) -> None:
+    def run_job(self) -> None:
         """Run one job, as Ray Tune would."""
-        trial = SimpleNamespace(trial_id=str(number), last_result=None)
+        trial = SimpleNamespace(trial_id=str(len(self.jobs)), last_result=None)
         suggested = self.searcher.suggest(trial.trial_id)
         assert isinstance(suggested, dict)
         job = suggested[JOB]
-        self._call("on_trial_start", trial)
+        started = self._cost("on_trial_start", trial)
         runs = ConfigurationRuns.open(self.study, tuple(job["id"]), job["configuration"])
         reached = False
         while not reached:
-            before, pool = runs.generations, MadeUpPool()
-            state = runs.advance(pool)
+            before = runs.generations
+            state = runs.advance(MadeUpPool())
             reached = runs.spent(job["budget"])
             record = state.records[-1] if runs.generations > before else None
             earlier = sum(run.generation for run in runs.states if run is not state)
             run = len(runs.states) - 1
             report = TrialReport(runs.tally, reached, record, run, earlier, runs.tally.cost)
             trial.last_result = {REPORT: report}
-            self._call("on_trial_result", trial, trial.last_result)
-            while self.mirror.waiting:  # a real generation takes longer than its tracking
-                time.sleep(0.001)
+            cost = self._cost("on_trial_result", trial, trial.last_result)
             if record is not None:
-                self.seconds.append(self._mirror_seconds() + self.callbacks)
+                self.generations.append(cost)
         self.searcher.on_trial_complete(trial.trial_id, trial.last_result)
-        self._call("on_trial_complete", trial)
+        self.jobs.append(started + self._cost("on_trial_complete", trial))
 
-    def _call(self, name: str, *arguments: object) -> None:
-        started = time.thread_time()
-        getattr(self.report, name)(0, [], *arguments)
-        self.callbacks += time.thread_time() - started
+    def _cost(self, callback: str, *arguments: object) -> float:
+        """Call the report, wait for the mirror, and return the CPU seconds of both."""
+        mirror, main = self._mirror_seconds(), time.thread_time()
+        getattr(self.report, callback)(0, [], *arguments)
+        spent = time.thread_time() - main
+        while self.mirror.waiting:
+            time.sleep(0.001)
+        return spent + self._mirror_seconds() - mirror
 
     def _mirror_seconds(self) -> float:
         (thread,) = [thread for thread in threading.enumerate() if thread.name == "mirror"]
@@ -100,20 +103,21 @@ def main() -> None:
     """Measure, print, and write `results/tracking.json`."""
     with tempfile.TemporaryDirectory() as folder:
         study = MeasuredStudy(Path(folder) / "CartPole-v0" / "study")
-        jobs = 0
-        while len(study.seconds) < GENERATIONS + BLOCK:  # the first block also imports libraries
-            study.run_job(jobs)
-            jobs += 1
-            print(f"{jobs} jobs, {len(study.seconds)} generations", flush=True)
+        while len(study.generations) < GENERATIONS:
+            study.run_job()
+            print(f"{len(study.jobs)} jobs, {len(study.generations)} generations", flush=True)
         study.mirror.close()
-    ends = study.seconds[BLOCK - 1 : GENERATIONS + BLOCK : BLOCK]
-    blocks = [round(last - first, 3) for first, last in pairwise(ends)]
+    blocks = [sum(study.generations[i : i + BLOCK]) for i in range(0, GENERATIONS, BLOCK)]
+    tenth = len(study.jobs) // 10
     values = {
         "generations": GENERATIONS,
-        "jobs": jobs,
-        "warm_up_generations": BLOCK,
-        "cpu_seconds_per_100_generations": blocks,
-        "last_to_first": round(blocks[-1] / blocks[0], 3),
+        "cpu_seconds_per_100_generations": [round(block, 3) for block in blocks],
+        "last_100_to_first_100": round(blocks[-1] / blocks[0], 2),
+        "jobs": len(study.jobs),
+        "cpu_seconds_per_job": {
+            "first tenth": round(statistics.median(study.jobs[1 : tenth + 1]), 3),
+            "last tenth": round(statistics.median(study.jobs[-tenth:]), 3),
+        },
     }
     print(write_result("tracking", "python -m benchmarks.tracking", values))
 

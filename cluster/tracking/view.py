@@ -119,7 +119,9 @@ class RunView:
         whether users' code has changed."""
         paragraphs = [self.description]
         if self.lifetime.status == "KILLED":
-            paragraphs.insert(0, "**Stopped.** Run the same command again to resume.")
+            paragraphs.insert(
+                0, "**Stopped, and nothing is lost:** run the same command again to resume."
+            )
         if self.identity is not None and self.identity.author is not None:
             paragraphs.append(f"Command: `{self.identity.author.command}`")
         if self.identity is not None and self.identity.mixture:

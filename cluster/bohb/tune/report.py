@@ -61,7 +61,7 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         name = configuration_name(job.id)
         self._views.running.add(name)
         self._mirror.mark([self._views.key(name)])
-        self._bar(f"{name} starts")
+        self._bar(f"{name} begins")
 
     def on_trial_result(
         self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **info: Any

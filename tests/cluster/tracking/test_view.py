@@ -39,7 +39,7 @@ def test_notes_contain_the_command_and_whether_it_resumes_the_run(folder: Path) 
     assert all(f"`{author.command}`" in view.note for view in views(folder))
     assert "resume" not in views(folder)[0].note
     RunStatus("KILLED", 0.0, 4).save(folder)
-    assert "Run the same command again to resume." in views(folder)[0].note
+    assert "run the same command again to resume." in views(folder)[0].note
 
 
 @pytest.mark.parametrize("versions", [1, 2])

@@ -50,8 +50,8 @@ class Trial:
         self.tracker = Tracker(f"sqlite:///{folder}/mlflow.db", "task", folder / "artifacts")
         self.out = io.StringIO()
         self.built: list[str] = []
-        self.mirror = Mirror(self.tracker, self._view, lambda line: print(line, file=self.out))
         terminal = Terminal(Console(file=self.out, width=200, soft_wrap=True))
+        self.mirror = Mirror(self.tracker, self._view, terminal.log)
         searcher: Any = SimpleNamespace(jobs={"trial": self.job})
         deadline = time.monotonic() + time_budget
         self.report = StudyReport(
@@ -91,13 +91,13 @@ def test_a_generation_costs_as_much_however_many_there_were(tmp_path: Path) -> N
     """No files are read for it: only its own point is written."""
     trial = Trial(tmp_path)
     trial.start()
-    wait_for(lambda: len(trial.built) == 2)
+    wait_for(lambda: not trial.mirror.waiting)
     template, before = trial.records[-1], len(trial.records)
     for number in range(50):
         record = replace(template, generation=number, finished=template.finished + 1 + number)
         trial.step(TrialReport(TALLY, False, record, run=9, before=before, spent=1.0))
         if number % 10 == 0:  # otherwise the mirror would write all of them at once
-            wait_for(lambda: before + number in trial.history("score_mean"))  # noqa: B023
+            wait_for(lambda: not trial.mirror.waiting)
     assert trial.mirror.close() == 0
     assert trial.built == [trial.views.parent, trial.key]
     assert sorted(trial.history("score_mean")) == list(range(before + 50))
@@ -108,7 +108,7 @@ def test_a_repeated_generation_replaces_the_run(tmp_path: Path) -> None:
     """Its checkpoint was damaged: the scores are the same, the measured times are not."""
     trial = Trial(tmp_path)
     trial.start()
-    wait_for(lambda: len(trial.built) == 2)
+    wait_for(lambda: not trial.mirror.waiting)
     first = trial.records[0]
     trial.step(TrialReport(TALLY, False, replace(first, finished=first.finished + 9), spent=1.0))
     assert trial.mirror.close() == 0
