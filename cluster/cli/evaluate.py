@@ -146,6 +146,6 @@ def labelled(given: tuple[GivenSE, ...]) -> dict[str, Path]:
         if label in files:
             label = plain_name(f"{se.path.resolve().parent.name}-{label}")
         if label in files or label == "real":
-            raise InvalidInput(f"two sources have the label {label!r}: rename {str(se.path)!r}")
+            raise InvalidInput(f"two sources are called {label!r}: rename {str(se.path)!r}")
         files[label] = se.path
     return files

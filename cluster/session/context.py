@@ -95,19 +95,13 @@ class Driver:
         Raises InvalidInput if the home is not writable, another process holds the lock, or the run
         was started with other settings.
         """
-        home = self.context.home
+        home, uri = self.context.home, self.context.tracking_uri
         home.prepare()
-        tracker = self._tracker(task_id)
+        known = self.trackers.get(task_id)
+        tracker = known.another() if known else Tracker(uri, task_id, home.artifacts)
+        self.trackers.setdefault(task_id, tracker)
         with locked_settings(folder, settings) as identity:
             if identity.mixture:
                 self.terminal.log(f"{folder.name}: {identity.mixture}")
             options = tracking_option(tracker.uri) if self.context.tracking_given else ""
             yield Session(home, folder, identity, tracker, self.terminal, self.guard, options)
-
-    def _tracker(self, task_id: str) -> Tracker:
-        if task_id in self.trackers:
-            return self.trackers[task_id].another()
-        context = self.context
-        first = Tracker(context.tracking_uri, task_id, context.home.artifacts)
-        self.trackers[task_id] = first
-        return first

@@ -77,8 +77,8 @@ class Session:
                 name = f"{self.folder.parent.name}/{self.folder.name}"
                 sync = self.home.hint(f"sync {name}{self.tracking_options}{agent_options()}")
                 self.terminal.log(
-                    f"MLflow lacks the current state of {count(missing, 'run')}: run {sync} once "
-                    "MLflow is reachable"
+                    f"MLflow lacks the current state of {count(missing, 'run')}: once it is "
+                    f"reachable, {sync} writes them"
                 )
             elif result == "KILLED":
                 self.terminal.log(f"MLflow {self.shown_at(self.identity.uuid)}")

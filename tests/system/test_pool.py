@@ -104,17 +104,6 @@ def test_killed_actors_are_replaced_and_no_result_is_lost(
     assert without_times(results) == without_times(looped)
 
 
-def test_a_distribution_is_evaluated_at_its_centre(nes: NES) -> None:
-    state = nes.init()
-    requests = nes.ask(state)[: nes.hp.nes.centre_agents]
-    with EvaluationPool(1) as pool:
-        results = [
-            pool.run(nes.task, se, requests)
-            for se in (nes.distribution(state), nes.distribution(state).centre)
-        ]
-    assert without_times(results[0]) == without_times(results[1])
-
-
 def test_a_request_that_kills_every_actor_ends_the_run(nes: NES) -> None:
     class Poison(np.ndarray):
         def __reduce__(self):  # type: ignore[no-untyped-def]

@@ -115,18 +115,6 @@ def test_an_early_batch_leaves_enough_work_for_the_other_actors(
         assert queue.take([held, early]) is None
 
 
-@pytest.mark.parametrize("actors", [1, 2, 8])
-def test_the_last_batches_go_to_idle_actors(actors: int) -> None:
-    queue = RequestQueue(requests([100] * 480), actors)
-    held = queue.take([])
-    assert held is not None
-    early = 0
-    while queue.take([held]) is not None:
-        early += 1
-    assert len(queue) >= 2 * actors
-    assert early > 0
-
-
 def test_batches_of_a_dead_actor_are_taken_first() -> None:
     queue, untouched = (RequestQueue(requests([100] * 64), 2) for _ in range(2))
     dead = [batch for batch in (queue.take([]), queue.take([])) if batch is not None]
