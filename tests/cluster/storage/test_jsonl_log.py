@@ -1,6 +1,5 @@
 """JSON lines files, and the journal of a study, under every kind of damage."""
 
-import contextlib
 import json
 import sys
 from pathlib import Path
@@ -71,17 +70,6 @@ def test_a_damaged_journal_is_read_or_refused_in_one_line(
     except InvalidInput as error:
         message = str(error)
     assert "\n" not in message
-
-
-@given(row=json_values, name=JOURNAL_FILES)
-@settings(max_examples=150)
-def test_any_json_line_is_read_or_refused(
-    row: Any, name: str, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    folder = tmp_path_factory.mktemp("journal")
-    (folder / name).write_text(json.dumps(row) + "\n")
-    with contextlib.suppress(InvalidInput):
-        Journal(folder)
 
 
 @pytest.mark.parametrize(
