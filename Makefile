@@ -1,5 +1,5 @@
-# `make` lists the targets. Each one sets up what it needs first; a second call
-# starts at once. ARGS="..." passes options through: make bohb-cartpole ARGS="--seed 1"
+# `make` lists the targets. Each target sets up the virtual environment first, if necessary.
+# ARGS="..." passes options on: make bohb-cartpole ARGS="--seed 1"
 
 PYTHON ?= $(shell command -v python3.11 || command -v python3.12 || command -v python3.13 || echo python3)
 VENV := .venv
@@ -8,39 +8,39 @@ INSTALLED := $(VENV)/.installed
 ARGS ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot experiments-cartpole experiments-acrobot up status down runs ui test check docs bench format clean
+.PHONY: help setup lock bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot experiments-cartpole experiments-acrobot runs ui test check docs bench format clean
 
 help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /|/' | column -t -s '|'
 
-setup: $(INSTALLED) ## Set up the virtual environment (the other targets do it by themselves)
+setup: $(INSTALLED) ## Set up the virtual environment (all other targets depend on it)
 
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"Python 3.11 to 3.13 is needed, $(PYTHON) is {v[0]}.{v[1]}: make PYTHON=...")'
-	@echo "setting up $(VENV), once; on 2 cores it takes 2 minutes or so"
-	@echo "  1 of 2: all packages but PyTorch, some seconds"
-	@# Whoever interrupts this has a Python without pip, which is made anew.
+	@echo "setting up $(VENV), once; this takes about 2 minutes on 2 cores"
+	@echo "  1 of 2: all packages except PyTorch, some seconds"
+	@# An interruption leaves a Python without pip; the next call replaces it.
 	@$(BIN)/python -m pip --version > /dev/null 2>&1 || $(PYTHON) -m venv --clear $(VENV)
 	@grep -vE '^torch==' constraints.txt > $(VENV)/others.txt
-	@# uv is several times as fast as pip; without it, pip does the same. Both compile all bytecode:
-	@# where PYTHONDONTWRITEBYTECODE is set, every process would compile what it imports.
+	@# uv is several times faster than pip, which is the fallback. Both compile all bytecode, because
+	@# with PYTHONDONTWRITEBYTECODE every process would compile its imports.
 	@command -v uv > /dev/null || $(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^uv==' constraints.txt) || true
 	@$$(command -v uv || echo $(BIN)/uv) pip install --quiet --compile-bytecode --python $(BIN)/python --no-deps --requirement $(VENV)/others.txt \
 		|| $(BIN)/python -m pip install --quiet --no-deps --requirement $(VENV)/others.txt
-	@# As a path: from the folder above, a folder called bilevel would hide what a finder finds.
+	@# As a path: in the parent folder, a folder named bilevel would hide a finder's module.
 	@$(BIN)/python -m pip install --quiet --no-deps --no-build-isolation --config-settings \
 		editable_mode=compat --editable .
 	@$(BIN)/python -m compileall -q bilevel search_spaces cluster benchmarks tests
 	@echo "  2 of 2: PyTorch, 200 MB, while the agents' kernels are compiled, 1 to 2 minutes"
-	@# By pip, whose settings may name a build without CUDA. The kernels do not need it.
+	@# By pip, whose configuration may select a build without CUDA. The kernels do not need PyTorch.
 	@$(BIN)/python -m pip install --quiet --no-deps $$(grep -E '^torch==' constraints.txt) & \
 		installing=$$!; $(BIN)/python -m bilevel.compile && wait $$installing
 	@$(BIN)/python -c 'import torch' 2> /dev/null || { \
-		echo "  this build of PyTorch needs CUDA's libraries: installing them, some GB"; \
+		echo "  this build of PyTorch needs the libraries of CUDA: installing them, some GB"; \
 		$(BIN)/python -m pip install --quiet $$(grep -E '^torch==' constraints.txt); }
 	@touch $@
 
-lock: $(INSTALLED) ## Resolve the dependencies anew and pin them in constraints.txt
+lock: $(INSTALLED) ## Resolve the dependencies and pin them in constraints.txt
 	@(sed '/^[^#]/,$$d' constraints.txt; $(BIN)/uv pip compile --quiet --universal --upgrade \
 		--all-extras --no-annotate --no-header pyproject.toml \
 		| grep -vE '^(cuda|netifaces|nvidia|triton)') > constraints.new
@@ -64,23 +64,14 @@ experiments-cartpole: $(INSTALLED) ## The paper's experiments on CartPole-v0, an
 experiments-acrobot: $(INSTALLED) ## The same on Acrobot-v1
 	@$(BIN)/bilevel experiment all Acrobot-v1 $(ARGS)
 
-up: $(INSTALLED) ## Start Ray and MLflow in the background: the studies then join them
-	@$(BIN)/bilevel up $(ARGS)
-
-status: $(INSTALLED) ## Show whether Ray and MLflow are running
-	@$(BIN)/bilevel status $(ARGS)
-
-down: $(INSTALLED) ## Stop Ray and MLflow
-	@$(BIN)/bilevel down $(ARGS)
-
 runs: $(INSTALLED) ## All runs so far: state, progress, best score
 	@$(BIN)/bilevel runs $(ARGS)
 
 ui: $(INSTALLED) ## The MLflow UI on these runs
 	@$(BIN)/bilevel ui $(ARGS)
 
-# Compiles the kernels first: after a change of them, every test process would do it for itself.
-# Three at a time on two cores: while one test waits for a process, another computes.
+# Compile the kernels first, or every test process would compile changed kernels.
+# Three processes on two cores: while one test waits for a process, another one computes.
 test: check ## Format, lint, types, and all tests
 	@$(BIN)/python -m bilevel.compile
 	@$(BIN)/python -m pytest --numprocesses 3 --dist loadfile --no-loadscope-reorder $(ARGS)

@@ -1,12 +1,18 @@
-"""Learning synthetic environments (SEs) with evolution strategies: the method.
+"""Learn synthetic environments (SEs) with evolution strategies.
 
-After Ferreira, Nierhoff and Hutter, "Learning Synthetic Environments for
-Reinforcement Learning with Evolution Strategies" (2021)::
+An SE is a small neural network that replaces an environment: agents that train on it perform well
+on the real task. This package implements Ferreira, Nierhoff and Hutter, "Learning Synthetic
+Environments for Reinforcement Learning with Evolution Strategies" (2021).
+
+Learn an SE, save it, and use it as a gymnasium environment::
+
+    import bilevel, gymnasium
 
     se = bilevel.learn("CartPole-v0", seed=0, workers=2)
     bilevel.save(se, "se.safetensors")
+    env = gymnasium.make("bilevel/SyntheticEnv-v0", path="se.safetensors")
 
-or with an explicit loop::
+The same run as an explicit loop::
 
     task = bilevel.get_task("CartPole-v0")
     nes = bilevel.NES(task, bilevel.load_recipe("default", task), seed=0)
@@ -16,9 +22,9 @@ or with an explicit loop::
         state = nes.tell(state, results)
     bilevel.save(state.best, "se.safetensors")
 
-Importing this package registers gymnasium environments: `bilevel/SyntheticEnv-v0` for any SE file,
-and one for each SE of the zoo (`bilevel/Synthetic-CartPole-v0`, ...). The other names, and with
-them numba and torch, are imported on first use.
+Importing this package registers gymnasium environments: `bilevel/SyntheticEnv-v0` for any SE, and
+one for each SE of the zoo (`bilevel/Synthetic-CartPole-v0`, ...). The other names are imported on
+first use, so that importing the package loads neither numba nor torch.
 """
 
 from importlib import import_module
@@ -30,8 +36,8 @@ from bilevel.version import __version__
 
 if TYPE_CHECKING:
     from bilevel.evaluation import evaluate
-    from bilevel.hyperparameters import load_recipe
     from bilevel.nes import NES, learn
+    from bilevel.recipes import load_recipe
     from bilevel.synthetic_env import save_se as save
     from bilevel.synthetic_env.source import load
     from bilevel.tasks import get_task
@@ -55,7 +61,7 @@ _LAZY = {
     "get_task": ("bilevel.tasks", "get_task"),
     "learn": ("bilevel.nes", "learn"),
     "load": ("bilevel.synthetic_env.source", "load"),
-    "load_recipe": ("bilevel.hyperparameters", "load_recipe"),
+    "load_recipe": ("bilevel.recipes", "load_recipe"),
     "save": ("bilevel.synthetic_env", "save_se"),
 }
 

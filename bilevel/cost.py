@@ -1,23 +1,21 @@
-"""What evaluations cost, in core seconds that are computed from counts alone.
+"""Estimated cost of evaluations, in core seconds.
 
-A search that compares costs must get the same ones on every machine, under any load, and each time
-it is repeated. So costs are computed from the number of training steps and the
-multiplications of a minibatch's pass through the agent's network (`step_cost`; all passes of a step
-cost a multiple of it), by the constants below, which are those of a fast core that trains DDQN. The
-steps of the initial episodes count like the others, although nothing is learned in them. How much
-longer another core takes differs between machines and between kinds of agents
-(`benchmarks.speed.cost`, docs/speed.md).
+A search must compute the same costs on every machine and under any load. So the cost is computed
+from the number of training steps and the multiplications of a minibatch's pass through the network
+(`step_cost`); all passes of a step cost a multiple of it. The constants are those of a fast core
+that trains DDQN. Steps of the initial episodes count like all others. `benchmarks.speed.cost`
+compares the estimate with measured time (docs/speed.md).
 """
 
 from bilevel.hyperparameters import AgentHyperparameters
 
-#: Seconds of a training step for each multiplication of one pass and for everything else, and of a
-#: step on the real task.
+#: Seconds of a training step per multiplication of one pass, of the rest of a training step, and of
+#: a step on the real task.
 MULTIPLICATION, STEP, REAL_STEP = 1e-10, 1.2e-5, 1e-6
 
 
 def estimated_core_seconds(
     hp: AgentHyperparameters, train_steps: int, real_env_steps: int
 ) -> float:
-    """Seconds that a core takes to train an agent for so many steps and to test it."""
+    """Core seconds of an agent's training and tests."""
     return train_steps * (STEP + MULTIPLICATION * hp.step_cost) + REAL_STEP * real_env_steps

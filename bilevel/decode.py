@@ -1,4 +1,4 @@
-"""Values from outside, decoded by their types: the fields of a dataclass and what each may be."""
+"""Validation of JSON values against the types of a dataclass's fields."""
 
 import json
 from collections.abc import Callable, Iterator
@@ -13,21 +13,20 @@ from bilevel.errors import InvalidInput
 
 _T = TypeVar("_T")
 
-#: What decodes a type; made when the first value of that type comes.
 _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
 
-#: Characters of a wrong value that a message tells.
-_TOLD = 80
+#: Maximum number of characters of an invalid value in a message.
+_SHOWN = 80
 
 
 def decode(kind: type[_T], value: Any, what: str) -> _T:
-    """Decode a value, as `json` reads it, as `kind`.
+    """Decode a value, as the json module returns it, as `kind`.
 
-    An int will do for a float, and that is all. Raises InvalidInput, in one line that begins with
-    `what`, for anything else, also for a field that the type does not have.
+    Validation is strict, except that an int is accepted as a float. Raises InvalidInput for
+    invalid, missing and unknown fields, in one line that starts with `what`.
     """
     try:
-        # As text, because only JSON may have a list where the type has a tuple.
+        # Strict validation accepts a list for a tuple only in JSON text.
         text = json.dumps(value)
     except (ValueError, TypeError, RecursionError) as error:
         raise InvalidInput(f"{what}: {error}") from None
@@ -35,7 +34,7 @@ def decode(kind: type[_T], value: Any, what: str) -> _T:
 
 
 def decode_json(kind: type[_T], text: str | bytes, what: str) -> _T:
-    """Decode JSON text as `kind`, as `decode` does; raises InvalidInput also for other text."""
+    """Decode JSON text as `kind`, like `decode`. Raises InvalidInput also for other text."""
     try:
         decoded: _T = _adapter(kind).validate_json(text, strict=True, extra="forbid")
         return decoded
@@ -44,7 +43,7 @@ def decode_json(kind: type[_T], text: str | bytes, what: str) -> _T:
 
 
 def decode_file(kind: type[_T], path: Path, what: str = "damaged") -> _T:
-    """Decode a JSON file as `kind`; messages name the file after `what`. Raises InvalidInput."""
+    """Decode a JSON file as `kind`. Raises InvalidInput, with the path after `what`."""
     try:
         text = path.read_bytes()
     except OSError as error:
@@ -53,35 +52,35 @@ def decode_file(kind: type[_T], path: Path, what: str = "damaged") -> _T:
 
 
 def first_fault(error: ValidationError) -> ErrorDetails:
-    """The first error; unknown names come before missing ones, which they often stand for."""
+    """Return the first error, unknown names first: they are often misspelled missing names."""
     faults = error.errors(include_url=False)
     return min(faults, key=lambda fault: fault["type"] != "unexpected_keyword_argument")
 
 
 def reason(error: ValidationError) -> str:
-    """The first error in one line."""
-    first = first_fault(error)
-    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"])
+    """Describe the first error in one line."""
+    fault = first_fault(error)
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in fault["loc"])
     place = "".join(parts).removeprefix(".")
-    given = repr(first["input"])
-    given = given if len(given) <= _TOLD else f"{given[:_TOLD]}..."
-    match first["type"]:
+    match fault["type"]:
         case "missing":
-            told = f"{place!r} is missing"
+            message = f"{place!r} is missing"
         case "unexpected_keyword_argument":
-            told = f"unknown {place!r}"
-        case "value_error":  # of a check of one's own, which tells all
-            told = str(first["ctx"]["error"])
+            message = f"unknown {place!r}"
+        case "value_error":  # raised by a custom check, whose message is complete
+            message = str(fault["ctx"]["error"])
         case "json_invalid":
-            told = first["msg"]
+            message = fault["msg"]
         case _:
-            says = first["msg"].replace("Input should", "must")
-            told = f"{place + ': ' if place else ''}{says}; got {given}"
-    return " ".join(told.split())
+            given = repr(fault["input"])
+            given = given if len(given) <= _SHOWN else f"{given[:_SHOWN]}..."
+            rule = fault["msg"].replace("Input should", "must")
+            message = f"{place + ': ' if place else ''}{rule}; got {given}"
+    return " ".join(message.split())
 
 
 def differences(then: Any, now: Any, name: str = "") -> Iterator[tuple[str, Any, Any]]:
-    """Dotted name and both values, wherever nested settings differ."""
+    """Yield the dotted name and both values of every difference between nested settings."""
     if isinstance(then, dict) and isinstance(now, dict):
         for key in dict.fromkeys([*then, *now]):
             place = f"{name}.{key}" if name else key

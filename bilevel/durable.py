@@ -1,4 +1,4 @@
-"""Atomic file writes: to a temporary file that is flushed and renamed into place."""
+"""Atomic file writes: write a temporary file, flush it, and rename it into place."""
 
 import contextlib
 import errno
@@ -9,58 +9,40 @@ from pathlib import Path
 
 from bilevel.errors import InvalidInput, StorageFailure
 
-#: Errors of a disk that is full, read-only, broken, not ours or (if shared) unreachable: writing
-#: other files would fail too.
-DISK_ERRORS = {
-    errno.ENOSPC,
-    errno.EDQUOT,
-    errno.EFBIG,
-    errno.EROFS,
-    errno.EIO,
-    errno.EACCES,
-    errno.EPERM,
-    errno.ESTALE,
-    errno.ETIMEDOUT,
-    errno.ENOTCONN,
-    errno.EHOSTDOWN,
-}
+#: Errors of a single path. After any other error, the disk cannot store other files either.
+_PATH_ERRORS = {errno.EEXIST, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG}
+_PATH_ERRORS |= {errno.ELOOP, errno.EINVAL}
 
 
 def write_aside(path: Path, data: bytes) -> None:
     """Replace a file atomically and durably.
 
-    Raises StorageFailure, with the old file untouched, if the disk is full or broken, and OSError
-    if only this path cannot be written.
+    If the write fails, the old file is unchanged. Raises StorageFailure if the disk is full or
+    broken, and OSError if only this path cannot be written.
     """
-    aside = path.with_name(f".{secrets.token_hex(8)}.tmp")
+    temporary = path.with_name(f".{secrets.token_hex(8)}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with aside.open("wb") as file:
+        with temporary.open("wb") as file:
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        with contextlib.suppress(FileNotFoundError):
-            before = path.stat()
-            if before.st_uid == os.geteuid():  # another user's may be closed to this one
-                aside.chmod(before.st_mode & 0o777)
-        aside.replace(path)
+        temporary.replace(path)
         sync(path.parent)
-    except OSError as error:
+    except BaseException as error:  # also KeyboardInterrupt
         with contextlib.suppress(OSError):
-            aside.unlink()
-        if error.errno in DISK_ERRORS:
+            temporary.unlink()
+        if isinstance(error, OSError) and error.errno not in _PATH_ERRORS:
             raise StorageFailure.of(path, error) from None
-        raise
-    except BaseException:  # Ctrl-C
-        with contextlib.suppress(OSError):
-            aside.unlink()
         raise
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file that a user names, whole or not at all; a link stays a link. Raises InvalidInput
-    if its folder does not exist or the name is a folder's, and StorageFailure if the disk cannot be
-    written."""
+    """Write a file at a path that the user gave; symbolic links are followed.
+
+    Raises InvalidInput if the folder does not exist or the path is a folder, and StorageFailure if
+    the disk cannot be written.
+    """
     try:
         path.parent.resolve(strict=True)
         write_aside(path.resolve(), content)
@@ -69,19 +51,20 @@ def write_file(path: Path, content: bytes) -> None:
 
 
 def sync(path: Path) -> None:
-    """Flush a file to disk, or a folder: renames are stored in the folder, not in the file."""
+    """Flush a file or folder to disk; renames are stored in the folder, not in the file."""
     descriptor = os.open(path, os.O_RDONLY)
     try:
         os.fsync(descriptor)
     except OSError as error:
+        # Some network file systems cannot flush folders.
         if not path.is_dir() or error.errno not in (errno.EINVAL, errno.ENOTSUP):
-            raise  # else a file system that does not flush folders
+            raise
     finally:
         os.close(descriptor)
 
 
 def checksum(*parts: bytes) -> str:
-    """SHA-256 in hexadecimal of the parts, each preceded by its length."""
+    """Return the SHA-256 of the parts, each preceded by its length, in hexadecimal."""
     digest = hashlib.sha256()
     for part in parts:
         digest.update(len(part).to_bytes(8, "little"))

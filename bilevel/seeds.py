@@ -1,14 +1,12 @@
-"""Derivation of seeds from a run's seed, a purpose, and a path of numbers within that purpose.
+"""Seeds derived from a run's seed, a purpose, and a path of numbers within that purpose."""
 
-What is given a seed may split it further, as an evaluation does.
-"""
-
-import operator
 from enum import IntEnum
+from numbers import Integral
+from typing import Any
 
 import numpy as np
 
-from bilevel.errors import InvalidInput
+from bilevel.errors import InvalidInput, is_number
 
 
 class Purpose(IntEnum):
@@ -21,7 +19,6 @@ class Purpose(IntEnum):
     CENTRE = 4  # evaluations of the unperturbed SE
     MEMBER = 5  # evaluations of perturbed SEs
     AGENT = 6  # hyperparameters of an agent
-    DISTILLED = 7  # an SE distilled from offline action values
     RETEST = 8  # evaluations that choose the best SE at the end of a run
     FINAL = 9  # evaluations that score the chosen SE
     CONFIRM = 10  # evaluations that decide whether a run has solved the task
@@ -30,27 +27,22 @@ class Purpose(IntEnum):
     EVALUATION = 13  # fresh agents of `bilevel evaluate`
     EXPERIMENT = 14  # fresh agents of `bilevel experiment`
     VALIDATION = 15  # the NES run of a study's finalist
-    IMPUTATION = 16  # values that a study's model takes for inactive hyperparameters
-    CONTINUATION = 17  # a study whose model begins with the results of another one
+    IMPUTATION = 16  # values of inactive hyperparameters in a study's model
+    CONTINUATION = 17  # a study whose model starts with the results of another study
 
 
-def checked_seed(seed: object) -> int:
-    """A seed from outside, an integer of any kind, as an int. Raises InvalidInput for another
-    value."""
-    try:
-        number = operator.index(seed)  # type: ignore[arg-type]
-    except TypeError:
-        number = -1
-    if number < 0:
+def checked_seed(seed: Any) -> int:
+    """Return a seed as an int. Raise InvalidInput unless it is an integer of at least 0."""
+    if not is_number(seed, Integral) or seed < 0:
         raise InvalidInput(f"a seed is an integer of at least 0; got {seed!r}")
-    return number
+    return int(seed)
 
 
 def derive(root: int, purpose: Purpose, *path: int) -> int:
-    """A 64-bit seed that depends on the arguments alone.
+    """Return a 64-bit seed that depends only on the arguments.
 
-    All paths of a purpose must be of one length, of numbers below 2^32: SeedSequence takes a path
-    and the same path with zeros behind it for one.
+    All paths of a purpose must have the same length, and their numbers must be below 2^32:
+    SeedSequence does not distinguish a path from the same path followed by zeros.
     """
     words = np.random.SeedSequence([root, int(purpose), *path]).generate_state(1, np.uint64)
     return int(words[0])

@@ -1,8 +1,7 @@
 """Limits of BLAS and torch to one thread: products are small, other evaluations use the other
 cores, and a fixed order of summation keeps results reproducible.
 
-Several threads of a process may be in a limit at a time, each once. BLAS has its threads back when
-the last one has left, torch when each has left, since its number of threads is each thread's own.
+Evaluations on several threads may overlap, so each limit counts its users.
 """
 
 from collections.abc import Callable, Iterator
@@ -14,61 +13,54 @@ from threadpoolctl import OpenBLASController, ThreadpoolController
 
 _CONTROLLER = ThreadpoolController()
 _LOCK = Lock()
-
-
-class _BLAS:
-    """The limit of BLAS, whose number of threads is the process's."""
-
-    inside = 0
-    restore: Callable[[], None]
-
-
-class _Torch:
-    """The limit of torch, whose number of threads is each thread's own."""
-
-    inside = 0
-    before = 1
+_users = {"blas": 0, "torch": 0}
+_torch_threads = 1
+_restore_blas: Callable[[], None]
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
-    """Context in which BLAS uses one thread."""
+    """Context in which BLAS uses one thread. The limit applies to the process; the last context
+    that ends removes it."""
+    global _restore_blas
     with _LOCK:
-        if not _BLAS.inside:
-            _yield_control()
+        if not _users["blas"]:
+            _release_control()
             limit = _CONTROLLER.limit(limits=1, user_api="blas")
-            _BLAS.restore = limit.restore_original_limits
-        _BLAS.inside += 1
+            _restore_blas = limit.restore_original_limits
+        _users["blas"] += 1
     try:
         yield
     finally:
         with _LOCK:
-            _BLAS.inside -= 1
-            if not _BLAS.inside:
-                _yield_control()
-                _BLAS.restore()
-                _yield_control()
+            _users["blas"] -= 1
+            if not _users["blas"]:
+                _release_control()
+                _restore_blas()
+                _release_control()
 
 
-def _yield_control() -> None:
-    """Let whichever thread comes next set the number of threads; threadpoolctl lets only the one do
-    so that did it first."""
+def _release_control() -> None:
+    """Allow any thread to set the number of threads: threadpoolctl reserves this for the thread
+    that did it first."""
     OpenBLASController.clear_controlling_thread(force=True)
 
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Context in which torch uses one thread."""
+    """Context in which torch uses one thread. Torch counts per thread, and new threads inherit the
+    number that was set last."""
     import torch
 
+    global _torch_threads
     with _LOCK:
-        if not _Torch.inside:
-            _Torch.before = torch.get_num_threads()
-        _Torch.inside += 1
+        if not _users["torch"]:
+            _torch_threads = torch.get_num_threads()
+        _users["torch"] += 1
         torch.set_num_threads(1)
     try:
         yield
     finally:
         with _LOCK:
-            _Torch.inside -= 1
-            torch.set_num_threads(_Torch.before)
+            _users["torch"] -= 1
+            torch.set_num_threads(_torch_threads)

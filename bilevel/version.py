@@ -1,8 +1,7 @@
-"""The version, in one place."""
+"""The version of this package and of its run folders."""
 
 __version__ = "0.1.0"
 
-#: Format of run folders, and what the numbers in them mean. A version with another format refuses
-#: to resume a run, which would otherwise go on as a different one. Raise it with every change of
-#: what a checkpoint, a journal or a recipe's field means.
-RUN_FORMAT = 4
+#: Format of run folders. Increase it whenever a field of a checkpoint, a journal or a recipe gets
+#: another meaning: versions with another format then refuse to resume the run.
+RUN_FORMAT = 1

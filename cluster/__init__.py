@@ -1,4 +1,4 @@
-"""Runs the method: Ray actor pool, NES runs, BOHB search, MLflow tracking, command line."""
+"""Execution of the method: Ray actors, NES runs, BOHB search, MLflow tracking, command line."""
 
 import os
 

@@ -1,4 +1,4 @@
-"""Settings of the documentation site: `make docs`."""
+"""Sphinx configuration of the documentation, `make docs`."""
 
 import re
 from typing import Any, get_args, get_origin
@@ -19,28 +19,23 @@ exclude_patterns = ["_build"]
 myst_heading_anchors = 3
 autodoc_member_order = "bysource"
 autodoc_typehints = "description"
-# Aliases of other libraries' types have no page here.
+# References to type aliases of other libraries cannot be resolved.
 suppress_warnings = ["ref.python"]
 
-#: Files outside this folder that pages include, by the page that does.
+#: Files outside this folder that a page includes, and that page.
 _INCLUDED = {"README.md": "using.md", "CONTRIBUTING.md": "contributing.md"}
 
 
-def _links_to_pages(app: object, page: str, content: list[str]) -> None:
-    """Let links to included files lead to their pages; in the repository they lead to the files."""
+def _rewrite_links(app: object, page: str, content: list[str]) -> None:
+    """Point links to included files to their pages, and links to other files to copies of them."""
     for file, target in _INCLUDED.items():
         content[0] = content[0].replace(f"](../{file}", f"]({target}")
-    content[0] = re.sub(r"\]\(\.\./(cluster/deploy/\S+?)\)", r"](path:../\1)", content[0])
-    content[0] = re.sub(
-        r"(?<!\!)\[([^]]*)\]\(\.\./(benchmarks/\S+?)\)", r"[\1](path:../\2)", content[0]
-    )
+    content[0] = re.sub(r"\]\(\.\./((?:cluster|benchmarks)/\S+?)\)", r"](path:../\1)", content[0])
 
 
-def _includes(app: object, path: object, page: str, content: list[str]) -> None:
-    """The same for links within an included file."""
+def _rewrite_included_links(app: object, path: object, page: str, content: list[str]) -> None:
+    """Adapt links of an included file, which are relative to the repository's root."""
     content[0] = content[0].replace("](docs/", "](")
-    content[0] = re.sub(r"(!\[[^]]*\]\()benchmarks/", r"\1../benchmarks/", content[0])  # pictures
-    content[0] = content[0].replace("](benchmarks/", "](path:../benchmarks/")
     for file, target in _INCLUDED.items():
         content[0] = content[0].replace(f"]({file}", f"]({target}")
 
@@ -69,7 +64,7 @@ def _fields(name: str) -> str:
 
 
 def _allowed(spec: Any) -> str:
-    """The values of a field, as pydantic describes it."""
+    """Return the allowed values of a field."""
     if get_origin(spec.annotation) is not None:
         return ", ".join(f"`{value}`" for value in get_args(spec.annotation))
     if spec.annotation is bool:
@@ -85,7 +80,7 @@ def _allowed(spec: Any) -> str:
 
 
 def setup(app):  # type: ignore[no-untyped-def]
-    """Register them."""
-    app.connect("source-read", _links_to_pages)
+    """Register the functions above."""
+    app.connect("source-read", _rewrite_links)
     app.connect("source-read", _fields_as_tables)
-    app.connect("include-read", _includes)
+    app.connect("include-read", _rewrite_included_links)

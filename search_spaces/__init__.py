@@ -1,9 +1,9 @@
-"""BOHB's search spaces, in ConfigSpace.
+"""Search spaces of BOHB, in ConfigSpace.
 
-ConfigSpace, whose import takes a second, is imported by whoever builds a space or draws from it; a
-trial, and a command that searches nothing, only translate hyperparameters.
+ConfigSpace takes a second to import. Only modules that build or sample a space import it; trials
+only translate configurations to hyperparameters.
 """
 
-#: Spaces by name, each with the recipe whose update rule its ranges of step sizes are meant for.
-#: The paper's were searched with its authors' code, which takes shorter steps than Algorithm 1.
+#: Spaces by name, each with the recipe whose update rule its ranges of step sizes suit. The paper's
+#: ranges were searched with its authors' code, which takes shorter steps than Algorithm 1.
 SPACES = {"full": "authors", "core": "default"}

@@ -1,7 +1,7 @@
-"""BOHB's search spaces: the paper's (Table "Optimized hyperparameters"), and a smaller one for
-short searches.
+"""The spaces `full`, from the paper's table "Optimized hyperparameters", and `core`, for short
+searches.
 
-`search_spaces.translation` tells how dimensions are named.
+`search_spaces.translation` documents the names of dimensions.
 """
 
 from collections.abc import Sequence
@@ -19,7 +19,7 @@ Dimension = CS.hyperparameters.Hyperparameter[Any, Any]
 
 
 def _full() -> list[Dimension]:
-    """The paper's dimensions of NES and SE, with its ranges and scales."""
+    """Return the paper's dimensions of NES and SE, with its ranges and scales."""
     return [
         CS.Float("nes.step_size", (0.1, 1.0), log=True),
         CS.Float("nes.std_dev", (0.01, 1.0), log=True),
@@ -32,8 +32,8 @@ def _full() -> list[Dimension]:
 
 
 def _full_agent(agent: str) -> list[Dimension]:
-    """The paper's dimensions of the agent, and those of TD3, which its table lacks: from about a
-    third to three times their defaults."""
+    """Return the paper's dimensions of agents. The paper has none for TD3: its ranges go from about
+    a third to three times the defaults."""
     return [
         CS.Integer(f"{agent}.init_episodes", (1, 20), log=True),
         CS.Integer(f"{agent}.batch_size", (64, 256)),
@@ -54,11 +54,11 @@ def _full_agent(agent: str) -> list[Dimension]:
 
 
 def _core() -> list[Dimension]:
-    """Eight dimensions of NES and SE, so that BOHB's model needs 2 * (8 + 1) results at one budget.
-    Ranges are wide around the values of the recipes `default`.
+    """Return eight dimensions of NES and SE, with wide ranges around the recipes `default`.
 
-    The agents have none: the recipe draws their learning rates, batches and networks anew for every
-    generation, since an SE must teach them all, and confirmations draw theirs as users will.
+    With eight dimensions BOHB's model needs 2 * (8 + 1) results at a budget. Agents have no
+    dimensions: recipes vary their hyperparameters in every generation, because an SE must train
+    all of them.
     """
     return [
         CS.Float("nes.step_size", (0.2, 4.0), log=True),
@@ -75,19 +75,17 @@ def _core() -> list[Dimension]:
 def search_space(
     name: str, agents: Sequence[str] = ("ddqn",), seed: int | None = None
 ) -> CS.ConfigurationSpace:
-    """The space `core` for NES and SE, or `full`, in which each of `agents` has the dimensions of
-    its own fields too. For DDQN, `full` has the 18 dimensions of the paper's table.
+    """Build `core`, or `full` with the dimensions that each of the `agents` has.
 
-    Raises InvalidInput for another name.
+    For DDQN, `full` has the 18 dimensions of the paper's table. Raises InvalidInput for an unknown
+    name.
     """
     if name not in SPACES:
         raise one_of("search space", name, SPACES)
     space = _full() if name == "full" else _core()
     for agent in agents if name == "full" else ():
-        known = {spec.name for spec in fields(agent_hyperparameters(agent))}
-        space += [d for d in _full_agent(agent) if _field(d.name) in known]
+        known = {field.name for field in fields(agent_hyperparameters(agent))}
+        space += [
+            d for d in _full_agent(agent) if d.name.split(".")[1].removeprefix(INVERSE) in known
+        ]
     return CS.ConfigurationSpace(name=name, seed=seed, space=space)
-
-
-def _field(dimension: str) -> str:
-    return dimension.partition(".")[2].removeprefix(INVERSE)

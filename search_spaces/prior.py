@@ -1,4 +1,4 @@
-"""A prior of a search: configurations around a given one."""
+"""Configurations at and around a given one, the prior of a search."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -9,54 +9,51 @@ from ConfigSpace.util import deactivate_inactive_hyperparameters
 
 from bilevel.errors import InvalidInput, first_line
 
-#: Standard deviation of a draw, in units of a dimension's range (of its logarithm, if it has one).
+#: Standard deviation of a draw, relative to a dimension's range (of its logarithm if it has one).
 SPREAD = 0.15
-#: Chance of a category to be drawn anew, from all of its choices.
-OTHER = 0.3
+#: Probability of drawing a category uniformly instead of keeping it.
+UNIFORM_CATEGORY = 0.3
 
 
 def nearest(space: CS.ConfigurationSpace, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The configuration that is nearest to `values`: numbers beyond a range are moved to its end,
-    categories that are not in the space become its default. Raises InvalidInput if the space
-    forbids it."""
-    found: dict[str, Any] = {}
+    """Return the configuration nearest to `values`: numbers are clipped to their ranges, unknown
+    categories become the default. Raises InvalidInput if the space forbids it."""
+    configuration: dict[str, Any] = {}
     for name, dimension in space.items():
         value = values[name]
         if isinstance(dimension, CS.CategoricalHyperparameter):
-            found[name] = value if value in dimension.choices else dimension.default_value
+            configuration[name] = value if value in dimension.choices else dimension.default_value
         elif isinstance(dimension, CS.Constant):
-            found[name] = dimension.value
+            configuration[name] = dimension.value
         else:
             low, high = dimension.to_value(0.0), dimension.to_value(1.0)
-            found[name] = type(value)(min(max(value, low), high))
-    return active(space, found)
+            configuration[name] = type(value)(min(max(value, low), high))
+    return _active(space, configuration)
 
 
 def around(
     space: CS.ConfigurationSpace, values: Mapping[str, Any], rng: np.random.Generator
 ) -> dict[str, Any]:
-    """Draw a configuration around a configuration: normal in each number, over the scale of its
-    dimension, and cut off at the ends of its range; now and then another category. Raises
-    InvalidInput for a draw that the space forbids."""
-    found: dict[str, Any] = {}
+    """Draw a configuration around `values`: numbers from a normal distribution clipped to the
+    range, categories uniformly with probability UNIFORM_CATEGORY. Raises InvalidInput if the space
+    forbids the draw."""
+    configuration: dict[str, Any] = {}
     for name, dimension in space.items():
-        value = values.get(name, dimension.default_value)  # a condition may leave it out
+        value = values.get(name, dimension.default_value)  # inactive dimensions have no value
         if isinstance(dimension, CS.CategoricalHyperparameter):
             choices = dimension.choices
-            found[name] = (
-                choices[int(rng.integers(len(choices)))] if rng.random() < OTHER else value
-            )
+            if rng.random() < UNIFORM_CATEGORY:
+                value = choices[int(rng.integers(len(choices)))]
+            configuration[name] = value
         elif isinstance(dimension, CS.Constant):
-            found[name] = value
+            configuration[name] = value
         else:
-            place = float(dimension.to_vector(value)) + SPREAD * rng.standard_normal()
-            found[name] = dimension.to_value(np.clip(place, 0.0, 1.0))
-    return active(space, found)
+            position = float(dimension.to_vector(value)) + SPREAD * rng.standard_normal()
+            configuration[name] = dimension.to_value(np.clip(position, 0.0, 1.0))
+    return _active(space, configuration)
 
 
-def active(space: CS.ConfigurationSpace, values: dict[str, Any]) -> dict[str, Any]:
-    """The values whose conditions in the space are met. Raises InvalidInput for a combination that
-    the space forbids."""
+def _active(space: CS.ConfigurationSpace, values: dict[str, Any]) -> dict[str, Any]:
     try:
         return dict(deactivate_inactive_hyperparameters(values, space))
     except ValueError as error:

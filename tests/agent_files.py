@@ -1,17 +1,18 @@
-"""Agent files that a test loads."""
+"""Agent files in tests."""
 
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import pytest
+from cluster.ray.agent_files import LOADED
 
 
 @contextmanager
 def forgotten_afterwards() -> Iterator[None]:
-    """Within the block, files may be loaded that imports find no more after it."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(sys, "path", [*sys.path])
-        patch.setattr(sys, "meta_path", [*sys.meta_path])
-        patch.setattr("cluster.ray.agent_files._FILES", [])
+    """Start without agent files, and restore them and the import path after the block."""
+    files, path = [*LOADED], [*sys.path]
+    LOADED.clear()
+    try:
         yield
+    finally:
+        LOADED[:], sys.path[:] = files, path

@@ -1,5 +1,4 @@
-"""Runs `bilevel ARGUMENTS` for tests: in a forked process that has the imports already and may be
-killed at any moment, or by the console script."""
+"""Run `bilevel ARGUMENTS` in a forked process that has the imports already, or as a script."""
 
 import contextlib
 import multiprocessing
@@ -15,7 +14,7 @@ from pathlib import Path
 #: The console script.
 BILEVEL = str(Path(sys.executable).with_name("bilevel"))
 
-#: Processes are forked from a server that has imported the command line's modules.
+#: Processes are forked from a server that has imported the modules of the command line.
 _SERVER = multiprocessing.get_context("forkserver")
 _SERVER.set_forkserver_preload(
     [
@@ -34,8 +33,8 @@ _SERVER.set_forkserver_preload(
 def start_bilevel(
     arguments: Sequence[str], out: Path, errors: Path | None = None, cwd: Path | None = None
 ) -> BaseProcess:
-    """The command, under way with the environment of now; its output is appended to `out`, and
-    what is meant for stderr to `errors`, or there too."""
+    """Start the command with the current environment variables. Its output is appended to the file
+    `out`, and its standard error to `errors` (default: `out`)."""
     where = str(cwd or Path.cwd())
     process = _SERVER.Process(
         target=_run, args=(list(arguments), out, errors or out, where, dict(os.environ))
@@ -47,7 +46,7 @@ def start_bilevel(
 def run_bilevel(
     *arguments: str | Path, cwd: Path | None = None, timeout: float = 280
 ) -> subprocess.CompletedProcess[str]:
-    """Run the command to its end. Raises TimeoutError with the output so far."""
+    """Run the command and return its result. Raises TimeoutError with the output so far."""
     words = [str(argument) for argument in arguments]
     with tempfile.TemporaryDirectory() as folder:
         out, errors = Path(folder) / "out", Path(folder) / "errors"
@@ -68,7 +67,7 @@ def _run(
 ) -> None:
     from cluster.cli import main
 
-    os.setsid()  # protect the process from signals of this terminal
+    os.setsid()  # signals of this terminal do not reach the process
     for path, stream in ((out, 1), (errors, 2)):
         os.dup2(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND), stream)
     os.environ.clear()
@@ -79,7 +78,14 @@ def _run(
         main()
 
 
+def free_port() -> int:
+    """Return an unused port."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return int(probe.getsockname()[1])
+
+
 def listening(host: str, port: int) -> bool:
-    """Whether a server accepts connections on the port."""
+    """Return whether a server accepts connections on the port."""
     with socket.socket() as probe:
         return probe.connect_ex((host, port)) == 0

@@ -16,37 +16,37 @@ from bilevel.hyperparameters import (
     DDQNHyperparameters,
     Hyperparameters,
     StoredHyperparameters,
-    load_recipe,
 )
+from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import save_se
 from bilevel.tasks import Task, get_task
 from tests.ses import make_se
 
-# Windows are drawn without a screen; audio devices are not looked for.
+# Draw windows without a screen, and do not search for audio devices.
 os.environ.setdefault("SDL_VIDEODRIVER", "dummy")
 os.environ.setdefault("SDL_AUDIODRIVER", "dummy")
 
-# Several processes run tests. On networks as small as these, threads of one process that wait for
-# each other while another one has their core take ten times as long.
+# Several processes run tests. If more threads than cores synchronise, small networks take ten times
+# as long.
 torch.set_num_threads(1)
 
 # Tests must not fail because the machine is busy.
 hypothesis.settings.register_profile("no-deadline", deadline=None)
 hypothesis.settings.load_profile("no-deadline")
 
-# Tests send these to their processes, which inherit what is ignored: SIGINT where a script runs
-# this suite in the background, SIGHUP under nohup.
+# Tests send these signals to child processes, which inherit ignored signals: SIGINT is ignored in
+# background jobs of scripts, SIGHUP under nohup.
 signal.signal(signal.SIGINT, signal.default_int_handler)
 signal.signal(signal.SIGHUP, signal.SIG_DFL)
 
 
 def restored(values: Any) -> Hyperparameters:
-    """What `Hyperparameters.to_dict` was made of."""
+    """Return the hyperparameters from which `Hyperparameters.to_dict` made `values`."""
     return decode(StoredHyperparameters, values, "hyperparameters").checked()
 
 
 def ddqn(hp: Hyperparameters) -> DDQNHyperparameters:
-    """The agent of a run that has DDQN as its only agent."""
+    """Return the agent of a run whose only agent is DDQN."""
     (agent,) = hp.agents
     assert isinstance(agent, DDQNHyperparameters)
     return agent
@@ -69,7 +69,7 @@ def acrobot() -> Task:
 
 @pytest.fixture
 def se_file(tmp_path: Path, cartpole: Task) -> Path:
-    """A file of a random SE for CartPole."""
+    """A file with a random SE for CartPole."""
     path = tmp_path / "se.safetensors"
     save_se(make_se(cartpole), path)
     return path
@@ -98,7 +98,7 @@ def small_hp(small_agent: DDQNHyperparameters) -> Hyperparameters:
             solved_for=0,
             confirming_agents=0,
         ),
-        se=replace(hp.se, structure="plain", hidden_size=8, activation="lrelu", step_limit=0),
+        se=replace(hp.se, family="plain", hidden_size=8, activation="lrelu", step_limit=0),
         agents=(small_agent,),
         vary_agent="no",
     )

@@ -1,4 +1,4 @@
-"""Ends processes of tests at once, whether they are still there or not."""
+"""Kill processes of tests, which may have ended already."""
 
 import contextlib
 
@@ -6,13 +6,13 @@ import psutil
 
 
 def kill(process: psutil.Process) -> None:
-    """SIGKILL, unless the process has ended by itself meanwhile."""
+    """Send SIGKILL unless the process has ended."""
     with contextlib.suppress(psutil.NoSuchProcess):
         process.kill()
 
 
 def kill_family(process: psutil.Process) -> None:
-    """Kill the process and all its children; return once they are gone."""
+    """Kill the process and all its children, and wait until they have ended."""
     with contextlib.suppress(psutil.NoSuchProcess):
         family = [*process.children(recursive=True), process]
         for member in family:

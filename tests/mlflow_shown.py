@@ -1,4 +1,4 @@
-"""Comparison of MLflow with the disk, and an MLflow server that may be killed."""
+"""Comparison of MLflow with the disk, and an MLflow server that tests may kill."""
 
 import os
 import shutil
@@ -11,34 +11,32 @@ import mlflow
 import psutil
 
 from cluster.catalog.kinds import views_of
-from cluster.services.mlflow_server import mlflow_server
-from cluster.services.ports import free_port
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunIdentity
 from cluster.tracking import RunView
 from cluster.tracking.tracker import KEY
-from tests.commands import listening
+from tests.commands import free_port, listening
 from tests.ends import kill_family
 
 
 def disagreements(folder: Path, tracking_uri: str) -> list[str]:
-    """Differences between MLflow and the disk: a run that is missing, duplicated or left running, a
-    point that is missing, added or duplicated, a missing file."""
+    """Differences between MLflow and the disk: runs that are missing, duplicated or left running,
+    points that are missing, additional or duplicated, and missing files."""
     client = mlflow.MlflowClient(tracking_uri, registry_uri=tracking_uri)
     experiment = client.get_experiment_by_name(folder.parent.name)
     if experiment is None:
         return ["no experiment"]
     views, found = views_of(folder), []
-    identity = RunIdentity.read(folder).uuid
     keys = views.keys()
     for key in keys:
         view = views.view(key)
         runs = client.search_runs([experiment.experiment_id], f"tags.`{KEY}` = '{key}'")
-        if len(runs) != 1:
-            found.append(f"{view.name}: {len(runs)} runs")
-        else:
+        if len(runs) == 1:
             found += _of_run(client, runs[0], view)
-    runs = client.search_runs([experiment.experiment_id], f"tags.`{KEY}` LIKE '{identity}%'")
+        else:
+            found.append(f"{view.name}: {len(runs)} runs")
+    uuid = RunIdentity.read(folder).uuid
+    runs = client.search_runs([experiment.experiment_id], f"tags.`{KEY}` LIKE '{uuid}%'")
     if len(runs) > len(keys):
         found.append(f"{len(runs)} runs instead of {len(keys)}")
     return found
@@ -59,27 +57,29 @@ def _of_run(client: mlflow.MlflowClient, run: mlflow.entities.Run, view: RunView
         if sorted((m.step, m.value) for m in history) != sorted(series):
             found.append(f"{view.name}: {name} has steps {[m.step for m in history]}")
     stored = {file.path for file in client.list_artifacts(run.info.run_id)}
-    lacking = {document.path.split("/")[0] for document in view.documents} - stored
-    if lacking:
-        found.append(f"{view.name}: lacks {sorted(lacking)}")
+    missing = {document.path.split("/")[0] for document in view.documents} - stored
+    if missing:
+        found.append(f"{view.name}: lacks {sorted(missing)}")
     return found
 
 
 class Server:
-    """An MLflow server on its own home; a context manager that ends it.
+    """An MLflow server with its own home; a context manager that stops it.
 
-    With a `backend` the server is set up for several nodes, as in docs/cluster.md: on that
-    database, with artifacts passing through the server. `empty` is a file of MLflow's database
-    without a run, to begin with; making a new one takes seconds.
+    `empty` is a file of MLflow's database without runs, which saves the seconds of creating one.
+    With a `backend`, the server uses that database, and artifacts pass through the server, as in
+    docs/cluster.md.
     """
 
     def __init__(self, folder: Path, backend: str | None = None, empty: Path | None = None) -> None:
         self._home = Home(folder)
-        self._backend = backend
         self._home.prepare()
         if empty is not None:
             shutil.copy(empty, folder)
         self._port = free_port()
+        self._options = ["--backend-store-uri", backend or self._home.database_uri]
+        artifacts = "--artifacts-destination" if backend else "--default-artifact-root"
+        self._options += [artifacts, self._home.artifacts.as_uri()]
         self._process: psutil.Popen | None = None
 
     @property
@@ -88,28 +88,25 @@ class Server:
         return f"http://127.0.0.1:{self._port}"
 
     def start(self) -> None:
-        """Start the server; return once it answers."""
-        command, environment = mlflow_server(self._home, "127.0.0.1", self._port)
-        if self._backend is not None:
-            command = [*command[: command.index("--backend-store-uri")]]
-            command += ["--backend-store-uri", self._backend]
-            command += ["--artifacts-destination", str(self._home.artifacts)]
+        """Start the server and return when it answers."""
+        command = [sys.executable, "-m", "mlflow", "server", "--port", str(self._port)]
+        quiet = {"MLFLOW_LOGGING_LEVEL": "ERROR", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
         with (self._home.folder / "server.log").open("a") as log:
             self._process = psutil.Popen(
-                [str(Path(sys.executable).with_name(command[0])), *command[1:]],
+                [*command, "--workers", "1", *self._options],
                 stdout=log,
                 stderr=subprocess.STDOUT,
-                env={**os.environ, **environment},
+                env={**os.environ, **quiet},
                 start_new_session=True,
             )
         deadline = time.monotonic() + 90
         while not listening("127.0.0.1", self._port):
             if time.monotonic() > deadline:
-                raise TimeoutError("the MLflow server does not come up")
+                raise TimeoutError("the MLflow server does not start")
             time.sleep(0.1)
 
     def kill(self) -> None:
-        """Kill the server at once (SIGKILL)."""
+        """Kill the server (SIGKILL)."""
         if self._process is not None:
             kill_family(self._process)
             self._process = None

@@ -1,4 +1,4 @@
-"""Made-up results of evaluations."""
+"""Artificial results of evaluations."""
 
 from typing import Any
 
@@ -6,8 +6,8 @@ from bilevel.evaluation import EvaluationResult
 
 
 def made_up_result(index: int, *scores: float, **changes: Any) -> EvaluationResult:
-    """The result of the request `index`, with these returns of the test episodes, and other values
-    than the usual ones."""
+    """Return a result of the request `index` with these test returns; `changes` are other
+    fields."""
     values: dict[str, Any] = {
         "test_returns": scores,
         "train_steps": 100,

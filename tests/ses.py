@@ -4,22 +4,16 @@ from typing import Any
 
 import numpy as np
 
-from bilevel.hyperparameters import Hyperparameters, SEHyperparameters
-from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE, coordinates
+from bilevel.evolution import SearchDistribution
+from bilevel.hyperparameters import Hyperparameters
+from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE, family_of
 from bilevel.tasks import Task
 
 
 def make_se(task: Task, layers: int = 1, activation: Any = "lrelu", seed: int = 0) -> StoredSE:
-    """A plain SE with 12 units a layer, as long as the task's episodes."""
-    hp = SEHyperparameters(
-        structure="plain",
-        hidden_layers=layers,
-        hidden_size=12,
-        activation=activation,
-        step_limit=0,
-        spread=1.0,
-    )
-    architecture = Architecture.of(task, hp)
+    """A plain SE with 12 units per layer and the task's step limit."""
+    sizes = task.state_size, task.n_actions, layers, 12
+    architecture = Architecture(*sizes, activation, task.step_limit)
     psi = architecture.initialize(np.random.default_rng(seed))
     info = {"score_mean": 12.5}
     return StoredSE(SE(architecture, psi), task.id, task.step_limit, task.solved_reward, info)
@@ -27,6 +21,6 @@ def make_se(task: Task, layers: int = 1, activation: Any = "lrelu", seed: int = 
 
 def around(task: Task, hp: Hyperparameters, seed: int = 0) -> SEDistribution:
     """A search distribution around a random SE."""
-    space = coordinates(task, hp.se, task.unit_scale)
-    mean = space.initialize(np.random.default_rng(seed))
-    return SEDistribution(space, mean, np.full(space.size, 0.05, np.float32), mean)
+    family = family_of(task, hp.se, task.unit_scale)
+    mean = family.initialize(np.random.default_rng(seed))
+    return SEDistribution(family, SearchDistribution(mean, mean, sigma=0.05))

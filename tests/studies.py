@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource
-from bilevel.hyperparameters import load_recipe
+from bilevel.recipes import load_recipe
 from bilevel.tasks import Task, get_task
 from cluster.bohb.search.bracket_search import BracketSearch, Job
 from cluster.bohb.search.objective import Tally
@@ -59,7 +59,7 @@ class MadeUpPool(EvaluationPool):
 
 
 def run_job(study: Study, job: Job) -> Tally:
-    """Run NES up to the job's budget; return what it came to."""
+    """Run NES up to the job's budget; return its tally."""
     runs = ConfigurationRuns.open(study, job.id, job.configuration)
     runs.spend(job.budget, MadeUpPool())
     return runs.tally

@@ -17,13 +17,12 @@ from bilevel.tasks import Task
 
 def run_nes(task: Task, hp: Hyperparameters, seed: int) -> dict[str, Any]:
     """Run NES to its end, and score its SE with fresh agents of the paper's full ranges."""
-    state = NES(task, hp, seed).run(
-        lambda ses, requests: [evaluate(task, ses, request) for request in requests]
-    )
+    nes = NES(task, hp, seed)
+    state = nes.run(lambda ses, requests: [evaluate(task, ses, request) for request in requests])
     scores = []
     for agent in range(FINAL_AGENTS):
         trial, drawn = fresh_agent(hp.agents, "all", seed, Purpose.FINAL, agent)
-        scores.append(train_and_test(task, state.best.se, drawn, trial).score)
+        scores.append(train_and_test(task, nes.best(state).se, drawn, trial).score)
     return {
         "seed": seed,
         "confirmed": state.confirmed,

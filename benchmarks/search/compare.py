@@ -29,7 +29,8 @@ from benchmarks.machine import (
 from benchmarks.nes.run import run_nes
 from bilevel.errors import OtherVersion, StorageFailure
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
-from bilevel.hyperparameters import Hyperparameters, load_recipe
+from bilevel.hyperparameters import Hyperparameters
+from bilevel.recipes import load_recipe
 from bilevel.tasks import Task, get_task
 from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.search.bracket_search import BracketSearch

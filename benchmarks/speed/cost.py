@@ -12,7 +12,7 @@ from benchmarks.machine import read_result, spread, write_result
 from benchmarks.markdown import format_spread, table
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
-from bilevel.hyperparameters import load_recipe
+from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
 from bilevel.zoo import zoo_file

@@ -20,9 +20,10 @@ from bilevel.agents.agent import agent_seeds
 from bilevel.agents.environments import KernelEnvironment
 from bilevel.agents.training import train as train_in_python
 from bilevel.evaluation.run import schedule
-from bilevel.hyperparameters import AgentHyperparameters, SEHyperparameters, load_recipe
+from bilevel.hyperparameters import AgentHyperparameters, SEHyperparameters
 from bilevel.kernels import training
 from bilevel.kernels.environment import environment
+from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import get_task
 from bilevel.threads import one_blas_thread

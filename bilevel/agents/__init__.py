@@ -28,16 +28,15 @@ def _definition(module: str, name: str) -> Build:
     need torch."""
 
     def build(hp: Any, state_size: int, n_actions: int, seed: int) -> Agent:
-        defined = getattr(import_module(f"bilevel.agents.{module}"), name)
-        agent: Agent = defined(hp, state_size, n_actions, seed)
-        return agent
+        definition: Build = getattr(import_module(f"bilevel.agents.{module}"), name)
+        return definition(hp, state_size, n_actions, seed)
 
     return build
 
 
-for _hyperparameters in (DDQNHyperparameters, DuelingDDQNHyperparameters):
-    register_agent(_hyperparameters, _definition("ddqn", "DDQN"), ddqn.new_agent, ddqn.parameters)
-register_agent(TD3Hyperparameters, _definition("td3", "TD3"), td3.new_agent, td3.parameters)
+register_agent(DDQNHyperparameters, _definition("ddqn", "DDQN"), ddqn.new_agent)
+register_agent(DuelingDDQNHyperparameters, _definition("ddqn", "DDQN"), ddqn.new_agent)
+register_agent(TD3Hyperparameters, _definition("td3", "TD3"), td3.new_agent)
 
 __all__ = [
     "Agent",

@@ -1,12 +1,12 @@
 """The interface of agents, and their registry by name.
 
 An agent is a class, in torch or not, with the five methods of `Agent`, which the loop of
-`bilevel.agents.training` calls. The built-in agents also have compiled twins, for speed; other
-agents need none. See docs/agents.md.
+`bilevel.agents.training` calls. The built-in agents also have compiled twins, for speed
+(`bilevel.kernels.training.Kernel`). See docs/agents.md.
 """
 
 from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from functools import cache
 from importlib.metadata import entry_points
 from typing import Any, NamedTuple, Protocol
@@ -15,11 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.dataclasses import is_pydantic_dataclass
 
-from bilevel.agents.variation import VARIED
 from bilevel.errors import InvalidInput, first_line, one_of
 from bilevel.hyperparameters import AgentHyperparameters, agent_hyperparameters
 from bilevel.hyperparameters.agents import keep_hyperparameters
-from bilevel.hyperparameters.validation import has_plain_range
 from bilevel.seeds import split
 from bilevel.user_code import digest_of
 
@@ -41,7 +39,7 @@ class Agent(Protocol):
     """Interface of an agent, built by `build(hp, state_size, n_actions, seed)`.
 
     All random numbers of an agent must come from that seed, so that an evaluation depends on its
-    request alone.
+    request only.
     """
 
     def act(self, state: NDArray[np.float32], exploring: bool) -> int:
@@ -56,7 +54,7 @@ class Agent(Protocol):
     def learn(self) -> float:
         """Learn from the transitions so far; return the loss, 0 if there is none.
 
-        Called after every step once the initial episodes are over. A non-finite loss ends training.
+        Called after every step that follows the initial episodes. A non-finite loss ends training.
         """
 
     def end_episode(self) -> None:
@@ -65,25 +63,23 @@ class Agent(Protocol):
 
 Build = Callable[[Any, int, int, int], Agent]
 
+#: Builds a compiled twin (`bilevel.kernels.training.Kernel`) from hyperparameters, state size and
+#: number of actions; the generator draws its parameters.
+BuildKernel = Callable[[Any, int, int, np.random.Generator], Any]
+
 
 @dataclass(frozen=True)
 class RegisteredAgent:
-    """A registered agent.
-
-    `build_kernel(hp, state_size, n_actions, rng)` builds the initial state of the compiled twin,
-    with parameters drawn by `rng`; `kernel_parameters` lists these parameters.
-    """
+    """A registered agent: its definition, and its compiled twin if it has one."""
 
     name: str
     build: Build
-    build_kernel: Callable[[Any, int, int, np.random.Generator], Any] | None = None
-    kernel_parameters: Callable[[Any], list[NDArray[np.float32]]] | None = None
+    build_kernel: BuildKernel | None = None
 
     @property
     def code_digest(self) -> str | None:
-        """Digest of the user's code that defines it, its class and hyperparameters; None for a
-        built-in agent. It is that of the file when it was first asked for: the process goes on with
-        the code that it has imported."""
+        """Digest of the files that define a user's agent and its hyperparameters, as this process
+        imported them; None for a built-in agent."""
         return _code_digest(self.name)
 
 
@@ -98,13 +94,11 @@ _AGENTS: dict[str, RegisteredAgent] = {}
 def register_agent(
     hyperparameters: type[AgentHyperparameters],
     build: Build,
-    build_kernel: Callable[[Any, int, int, np.random.Generator], Any] | None = None,
-    kernel_parameters: Callable[[Any], list[NDArray[np.float32]]] | None = None,
+    build_kernel: BuildKernel | None = None,
 ) -> None:
     """Register an agent under the name in its hyperparameter class.
 
-    Raises InvalidInput for a class that the decorator `hyperparameters` does not check, for one
-    that names no agent of its own, and for a range that `variation` could not keep to.
+    Raises InvalidInput for a class that lacks the decorator `hyperparameters` or its own name.
     """
     name, given = hyperparameters.agent, hyperparameters.__name__
     named = bool(name) and agent_hyperparameters(name) is hyperparameters
@@ -112,43 +106,37 @@ def register_agent(
         raise InvalidInput(f"{given} must be decorated with `hyperparameters`")
     if not named:
         raise InvalidInput(
-            f"{given} must name its agent, another one than those of other classes: "
-            f'`class {given}(..., agent="mine")`'
+            f'{given} must name its agent, as in `class {given}(..., agent="mine")`, and the name '
+            "must be unique"
         )
-    for spec in fields(hyperparameters):
-        if spec.name in VARIED and not has_plain_range(hyperparameters, spec.name):
-            raise InvalidInput(
-                f"{given}.{spec.name} is varied, so that its range must be given as "
-                "`Field(ge=..., le=...)` alone"
-            )
-    _AGENTS[name] = RegisteredAgent(name, build, build_kernel, kernel_parameters)
+    _AGENTS[name] = RegisteredAgent(name, build, build_kernel)
 
 
 def register_again(hyperparameters: type[AgentHyperparameters], agent: RegisteredAgent) -> None:
-    """Make an agent that another process has registered known to this one."""
+    """Register an agent of another process in this one."""
     keep_hyperparameters(hyperparameters)
     _AGENTS[agent.name] = agent
 
 
 def load_plugins() -> None:
     """Import the modules that installed packages name under `bilevel.agents`. Raises InvalidInput
-    for one that cannot be imported."""
+    if an import fails."""
     for entry in entry_points(group=ENTRY_POINTS):
         try:
             entry.load()
         except Exception as error:
-            told = f"{type(error).__name__}: {first_line(error)}"
             raise InvalidInput(
-                f"the installed agent {entry.name!r} ({entry.value}) cannot be imported: {told}"
+                f"the installed agent {entry.name!r} ({entry.value}) cannot be imported: "
+                f"{type(error).__name__}: {first_line(error)}"
             ) from error
 
 
 def get_agent(name: str) -> RegisteredAgent:
-    """The agent of that name. Raises InvalidInput for an unknown one."""
+    """The agent of that name. Raises InvalidInput for an unknown name."""
     if name not in _AGENTS:
         load_plugins()
     if name not in _AGENTS:
-        raise one_of("agent", name, (*registered_agents(), "and those that a file registers"))
+        raise one_of("agent", name, (*registered_agents(), "and the agents of agent files"))
     return _AGENTS[name]
 
 

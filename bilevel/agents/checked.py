@@ -1,7 +1,6 @@
-"""Checks of agents that users write: what they return, and what they raise."""
+"""Checks of agents that users write: return values, exceptions and exits."""
 
 from collections.abc import Callable
-from contextlib import AbstractContextManager
 from typing import Any
 
 import numpy as np
@@ -14,59 +13,51 @@ from bilevel.user_code import as_mistake, mistake_at
 
 
 class CheckedAgent:
-    """The agent called `name` that `build` makes, with `n_actions` actions; its methods raise
-    Mistake for any mistake."""
+    """The agent `name` that `build` returns. Its methods raise Mistake for errors in the user's
+    code and for wrong return values."""
 
     def __init__(self, name: str, n_actions: int, build: Callable[[], Agent]) -> None:
-        self._what = f"agent {name!r}"
-        self._n_actions = n_actions
-        with as_mistake(self._what, getattr(build, "func", build), "is built"):
+        self._name, self._n_actions = f"agent {name!r}", n_actions
+        with as_mistake(self._name, getattr(build, "func", build), "is built"):
             self._agent: Any = build()
         for method in ("act", "greedy", "observe", "learn", "end_episode"):
             if not callable(getattr(self._agent, method, None)):
-                raise mistake_at(self._what, type(self._agent), f"the method {method!r} is missing")
+                raise mistake_at(self._name, type(self._agent), f"method {method!r} is missing")
 
     def act(self, state: NDArray[np.float32], exploring: bool) -> int:
         """See `Agent`."""
-        with self._calling("act", "acts"):
-            action = self._agent.act(state, exploring)
-        return self._action(action, "act")
+        return self._action("act", state, exploring)
 
     def greedy(self, state: NDArray[np.float32]) -> int:
         """See `Agent`."""
-        with self._calling("greedy", "acts"):
-            action = self._agent.greedy(state)
-        return self._action(action, "greedy")
+        return self._action("greedy", state)
 
     def observe(self, transition: Transition) -> None:
         """See `Agent`."""
-        with self._calling("observe", "observes"):
-            self._agent.observe(transition)
+        self._call("observe", transition)
 
     def learn(self) -> float:
-        """See `Agent`; a loss that is not finite is a number all the same: the agent diverges."""
-        with self._calling("learn", "learns"):
-            loss = self._agent.learn()
-            number = float(loss) if hasattr(loss, "__float__") else None
-        if number is None:
-            raise mistake_at(
-                self._what,
-                self._agent.learn,
-                f"learn returned {loss!r} instead of a loss (0 if there is none)",
-            )
-        return number
+        """See `Agent`. A non-finite loss is no mistake: the agent has diverged."""
+        loss = self._call("learn")
+        try:
+            return float(loss)
+        except (TypeError, ValueError):
+            message = f"learn returned {loss!r} instead of a loss (0 if there is none)"
+            raise mistake_at(self._name, self._agent.learn, message) from None
 
     def end_episode(self) -> None:
         """See `Agent`."""
-        with self._calling("end_episode", "ends an episode"):
-            self._agent.end_episode()
+        self._call("end_episode")
 
-    def _calling(self, method: str, doing: str) -> AbstractContextManager[None]:
-        return as_mistake(self._what, getattr(self._agent, method), doing)
+    def _call(self, method: str, *arguments: Any) -> Any:
+        code = getattr(self._agent, method)
+        with as_mistake(self._name, code, f"runs {method}"):
+            return code(*arguments)
 
-    def _action(self, action: Any, method: str) -> int:
+    def _action(self, method: str, *arguments: Any) -> int:
+        action = self._call(method, *arguments)
         try:
             return checked_action(action, self._n_actions)
         except InvalidInput as error:
-            message = f"{method}: {error}"
-            raise mistake_at(self._what, getattr(self._agent, method), message) from None
+            code = getattr(self._agent, method)
+            raise mistake_at(self._name, code, f"{method}: {error}") from None

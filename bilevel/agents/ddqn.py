@@ -6,7 +6,7 @@
         for each step:
             action <- random with probability epsilon, else argmax_a Q_theta(state, a)
             store (state, action, reward, next state, done)
-            once init_episodes are over:
+            after init_episodes:
                 minibatch from the replay buffer
                 a* <- argmax_a Q_theta(next state, a)
                 goal <- reward + discount * (1 - done) * Q_target(next state, a*)
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bilevel.agents.agent import Transition, agent_seeds
+from bilevel.agents.modules import MLP, flat_parameters, set_parameters, soft_update
 from bilevel.agents.replay import ReplayBuffer
 from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.networks import initial_parameters
@@ -32,31 +33,13 @@ from bilevel.splitmix import SplitMix64
 from bilevel.torch_activations import activation_module
 
 
-class MLP(nn.Module):
-    """Hidden layers and a linear output; all hidden layers share one activation module, and so one
-    PReLU slope."""
-
-    def __init__(self, n_in: int, n_out: int, size: int, depth: int, activation: str) -> None:
-        super().__init__()
-        sizes = [n_in, *[size] * depth, n_out]
-        self.layers = nn.ModuleList(nn.Linear(n, m) for n, m in pairwise(sizes))
-        self.activation = activation_module(activation)
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Outputs (..., n_out) for inputs (..., n_in)."""
-        for layer in self.layers[:-1]:
-            x = self.activation(layer(x))
-        values: Tensor = self.layers[-1](x)
-        return values
-
-
 class DuelingNetwork(nn.Module):
     """Q(s, a) = V(s) + A(s, a) - mean_a' A(s, a').
 
     The paper leaves the sizes open. Here the `hidden_layers` shared layers are followed by one
-    hidden layer of `hidden_size` units, half of which feed the value and half the advantages, each
-    through a linear output. So each stream has its own layer, as in Wang et al., at the cost of one
-    layer in total.
+    hidden layer of `hidden_size` units: half of them feed the value and half the advantages, each
+    through a linear output. So each stream has its own layer, as in Wang et al., but both cost as
+    much as one layer.
     """
 
     def __init__(self, state_size: int, n_actions: int, hp: DDQNHyperparameters) -> None:
@@ -98,14 +81,12 @@ class DDQN:
             if hp.dueling
             else MLP(state_size, self.n_actions, hp.hidden_size, hp.hidden_layers, hp.activation)
         )
-        nn.utils.vector_to_parameters(torch.from_numpy(theta.copy()), net.parameters())
+        set_parameters(net, theta)
         return net
 
     def parameters(self) -> list[NDArray[np.float32]]:
         """Flat parameters of the online and the target network, in the twin's order."""
-        nets = (self.online, self.target)
-        vectors = (nn.utils.parameters_to_vector(net.parameters()) for net in nets)
-        return [vector.detach().numpy() for vector in vectors]
+        return [flat_parameters(self.online), flat_parameters(self.target)]
 
     def act(self, state: NDArray[np.float32], exploring: bool) -> int:
         """Choose a random action with probability epsilon, else the greedy one."""
@@ -149,11 +130,3 @@ class DDQN:
     def end_episode(self) -> None:
         """Decay epsilon."""
         self.epsilon = max(self.epsilon * self.hp.epsilon_decay, self.hp.minimal_epsilon)
-
-
-def soft_update(target: nn.Module, online: nn.Module, rate: float) -> None:
-    """target <- target + rate * (online - target)."""
-    with torch.no_grad():
-        pairs = zip(target.parameters(), online.parameters(), strict=True)
-        for old, new in pairs:
-            old.lerp_(new, rate)

@@ -12,8 +12,8 @@ from bilevel.tasks import Task
 
 @dataclass
 class KernelEnvironment:
-    """An SE or a compiled real task, stepped by the compiled code itself. It hands out copies of
-    its state, so that an agent which changes one does not change the environment."""
+    """An SE or a compiled real task, stepped by the compiled code. It returns copies of its state,
+    so that agents cannot change it."""
 
     env: Environment
     state: NDArray[np.float32] = field(init=False)
@@ -30,7 +30,7 @@ class KernelEnvironment:
         return self.state.copy()
 
     def step(self, action: int) -> tuple[NDArray[np.float32], float, float, bool]:
-        """Take one step: next state (S,), reward, raw done, whether the episode is over."""
+        """Take one step: next state (S,), reward, raw done, and True at the end of an episode."""
         next_state = np.empty_like(self.state)
         reward, done, over = step(self.env, self.state, action, next_state)
         self.state = next_state
@@ -40,7 +40,7 @@ class KernelEnvironment:
 class GymnasiumEnvironment:
     """A real task that gymnasium runs; it may hold processes or sockets until it is closed.
 
-    Every episode has a seed of its own, so that it begins alike for all agents, also if the task
+    Each episode has its own seed, so that all agents start it in the same state, even if the task
     draws random numbers in its steps.
     """
 
@@ -50,7 +50,7 @@ class GymnasiumEnvironment:
         self.step_limit = task.step_limit
 
     def close(self) -> None:
-        """Let the task's simulator go."""
+        """Close the simulator."""
         self._env.close()
 
     def reset(self, episode: int) -> NDArray[np.float32]:
@@ -60,8 +60,8 @@ class GymnasiumEnvironment:
         return np.asarray(state, np.float32)
 
     def step(self, action: int) -> tuple[NDArray[np.float32], float, float, bool]:
-        """Take one step: next state (S,), reward, 1 if the task terminated the episode, and whether
-        it is over, by termination or by truncation."""
+        """Take one step: next state (S,), reward, 1 if the task terminated the episode, and True if
+        it was terminated or truncated."""
         state, reward, terminated, truncated, _ = self._env.step(
             self._env.action_space.start + action
         )

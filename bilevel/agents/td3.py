@@ -1,30 +1,29 @@
 """Definition of TD3 (Fujimoto et al., 2018) for discrete actions.
 
-The paper gives the actor "a Gumbel-Softmax distribution with a learned temperature"
-(section on the method). An action is then a relaxed one-hot vector, drawn as
-softmax((logits + g) / tau) with Gumbel noise g (Jang et al., 2017). It is differentiable, so that
-the critic's gradient reaches the actor. The environment receives its argmax.
+The paper gives the actor "a Gumbel-Softmax distribution with a learned temperature". An action is
+then a relaxed one-hot vector, drawn as softmax((logits + g) / tau) with Gumbel noise g (Jang et
+al., 2017). It is differentiable, so that the critic's gradient reaches the actor. The environment
+receives its argmax.
 
-    phi, rho <- fresh actor, log of the temperature; theta_1, theta_2 <- fresh critics
+    actor, rho <- fresh actor, log of the temperature; critic 1, critic 2 <- fresh critics
     targets <- copies of all
     for each step:
         action <- any one-hot in the first init_episodes, then
                   relaxed action of the actor + N(0, action_noise^2)
         store (state, action, reward, next state, done)
-        once init_episodes are over:
+        after init_episodes:
             minibatch from the replay buffer
             a' <- relaxed action of the target actor + clipped N(0, target_noise^2)
             goal <- reward + discount * (1 - done) * min of both target critics (next state, a')
             Adam step of both critics on their mean squared errors to goal
             every policy_delay steps:
-                Adam step of phi and rho, uphill on critic 1 of the actor's relaxed actions
+                Adam step of actor and rho, uphill on critic 1 of the actor's relaxed actions
                 targets <- targets + target_update_rate * (parameters - targets)
 
-Our choices where the paper leaves details open: noise, its clipping and the delay are those of
-Fujimoto et al.; actions with noise are not clipped to [0, 1], as in the authors' code; the
-temperature is learned as rho = log tau, so that it stays positive, and clipped
-to [0.1, 10], since gradients vanish below and actions become uniform above; tests take the action
-with the highest logit, the most probable one.
+The paper leaves some details open. Noise, its clipping and the delay are those of Fujimoto et al.
+Actions with noise are not clipped to [0, 1], as in the authors' code. The temperature is learned as
+rho = log tau, so that it stays positive. It is clipped to [0.1, 10]: gradients vanish below, and
+actions become uniform above. Tests take the action with the highest logit, the most probable one.
 
 `bilevel.kernels.td3` is the compiled twin.
 """
@@ -37,7 +36,7 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bilevel.agents.agent import Transition, agent_seeds
-from bilevel.agents.ddqn import MLP, soft_update
+from bilevel.agents.modules import MLP, flat_parameters, set_parameters, soft_update
 from bilevel.agents.replay import ReplayBuffer
 from bilevel.hyperparameters import TD3Hyperparameters
 from bilevel.networks import Network, initial_parameters
@@ -87,19 +86,19 @@ class TD3:
     def _network(self, shape: Network, vector: NDArray[np.float32]) -> MLP:
         hp, n_in, n_out = self.hp, int(shape.sizes[0]), int(shape.sizes[-1])
         net = MLP(n_in, n_out, hp.hidden_size, hp.hidden_layers, hp.activation)
-        nn.utils.vector_to_parameters(torch.from_numpy(vector.copy()), net.parameters())
+        set_parameters(net, vector)
         return net
 
     def parameters(self) -> list[NDArray[np.float32]]:
         """Parameters of actor, rho and critics, then of their targets, in the twin's order."""
         groups = ((self.actor, self.critics), (self.target_actor, self.target_critics))
         return [
-            vector.detach().numpy()
+            part
             for actor, critics in groups
-            for vector in (
-                nn.utils.parameters_to_vector(actor.net.parameters()),
-                actor.rho,
-                *(nn.utils.parameters_to_vector(critic.parameters()) for critic in critics),
+            for part in (
+                flat_parameters(actor.net),
+                actor.rho.detach().numpy(),
+                *map(flat_parameters, critics),
             )
         ]
 

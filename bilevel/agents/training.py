@@ -24,11 +24,11 @@ class TrainingEnvironment(Protocol):
         """The initial state (S,) of an episode."""
 
     def step(self, action: int) -> tuple[NDArray[np.float32], float, float, bool]:
-        """Take one step: next state (S,), reward, raw done, whether the episode is over. (It may be
-        truncated, with a done output of 0.)"""
+        """Take one step: next state (S,), reward, raw done, and True at the end of an episode (also
+        of a truncated one, with a done output of 0)."""
 
 
-#: Decides from the returns of all episodes so far whether training ends.
+#: Returns True if training ends, given the returns of all episodes so far.
 StoppingRule = Callable[[list[float]], bool]
 
 
@@ -36,8 +36,8 @@ def returns_converged(hp: AgentHyperparameters) -> StoppingRule:
     """The stopping rule on an SE: the mean returns of the last d episodes and of the d before them
     differ relatively by at most C_diff (paper, "Heuristics for Agent Training and Evaluation").
 
-    The rule is checked from episode `init_episodes + d` (counted from 0) on; the earlier window may
-    then still hold fewer than d episodes.
+    The rule applies from episode `init_episodes + d` (counted from 0) on. The earlier window may
+    then contain fewer than d episodes.
     """
     d = hp.early_out_episodes
 
@@ -52,11 +52,11 @@ def returns_converged(hp: AgentHyperparameters) -> StoppingRule:
 
 def task_solved(hp: AgentHyperparameters, solved_reward: float) -> StoppingRule:
     """The stopping rule on the real task: the mean return of the last d episodes reaches the solved
-    reward, once the initial episodes are over and d episodes were run.
+    reward, after the initial episodes and at least d episodes.
 
     The paper uses test episodes here. The authors' code (`env_solved` in agents/base_agent.py of
-    automl/learning_environments) uses training episodes, and only then are the train steps close
-    to those they report.
+    automl/learning_environments) uses training episodes, which reproduces the train steps that
+    they report.
     """
     d = hp.early_out_episodes
 
@@ -69,16 +69,21 @@ def task_solved(hp: AgentHyperparameters, solved_reward: float) -> StoppingRule:
 
 
 def train(
-    agent: Agent, hp: AgentHyperparameters, environment: TrainingEnvironment, stop: StoppingRule
+    agent: Agent,
+    hp: AgentHyperparameters,
+    environment: TrainingEnvironment,
+    stop: StoppingRule,
+    recorded: list[Transition] | None = None,
 ) -> tuple[int, int, bool]:
     """Train until `stop` returns true, a value is not finite, or all episodes were run.
 
     for each episode:                            # at most max_episodes
         for each step:                           # at most step_limit
             act, observe the transition
-            learn                                # once init_episodes are over
+            learn                                # after init_episodes
 
-    Returns the numbers of steps and episodes, and whether all values stayed finite.
+    Returns the numbers of steps and episodes, and True if all values stayed finite. Appends the
+    transitions to `recorded`, if given.
     """
     returns: list[float] = []
     steps = 0
@@ -91,7 +96,10 @@ def train(
             next_state, reward, done, over = environment.step(action)
             if not np.isfinite([*next_state, reward, done]).all():
                 return steps, episode, False
-            agent.observe(Transition(state, action, reward, next_state, done))
+            transition = Transition(state, action, reward, next_state, done)
+            if recorded is not None:
+                recorded.append(transition)
+            agent.observe(transition)
             state = next_state
             total += reward
             steps += 1

@@ -2,7 +2,7 @@
 random agent HP config.").
 
 NES draws fresh agents from these ranges, so that the SE does not overfit to one agent. Two
-variations avoid the cost of large agents: `small` draws small ones only, and `narrowed` draws from
+variations avoid the cost of large agents: `small` draws only small ones, and `narrowed` draws from
 the full ranges and replaces a large agent by a narrow one that learns at the same pace.
 """
 
@@ -17,38 +17,37 @@ from bilevel.errors import one_of
 from bilevel.hyperparameters import VARIATIONS, AgentHyperparameters
 from bilevel.hyperparameters.validation import within_range
 
-#: The default learning rates (paper, Table "Default HPs"): a third to three times of
-#: it is drawn. The table of ranges gives that of DDQN and Dueling DDQN; TD3's is the
-#: same around its own default, as in the authors' code.
+#: The default learning rates (paper, Table "Default HPs"); a third to three times the default is
+#: drawn. The table of ranges lists DDQN and Dueling DDQN; TD3 has the same range around its own
+#: default, as in the authors' code.
 _LEARNING_RATE = {"ddqn": 1e-3, "dueling-ddqn": 1e-3, "td3": 5e-4}
 
-#: Fields that are drawn, of agents that have them.
+#: Fields that are drawn, if an agent has them.
 VARIED = ("learning_rate", "batch_size", "hidden_size", "hidden_layers")
 
-#: Hidden units and batch size, drawn on the log scale; hidden layers.
+#: Ranges of hidden units and batch size (drawn on the log scale), and of hidden layers.
 SIZES, LAYERS = (42, 384), (1, 3)
 
-#: Multiplications of a minibatch's pass (`AgentHyperparameters.step_cost`) up to which an
-#: agent is small: 2.8 times those of the paper's tuned agent for CartPole.
+#: Largest `AgentHyperparameters.step_cost` of a small agent: 2.8 times that of the paper's tuned
+#: agent for CartPole.
 SMALL = 250_000.0
 
-#: Draws of the sizes among which a small agent is looked for. The number of hidden layers is drawn
-#: once, so that deep agents, few of which are small, are as frequent as others: an SE that no deep
-#: agent took part in learning teaches shallow ones alone.
+#: Draws of the sizes until a small agent is found. The number of hidden layers is drawn once, so
+#: that deep agents, few of which are small, are as frequent as others: an SE that was learned
+#: without deep agents teaches only shallow ones.
 _DRAWS = 128
 
-#: Hidden units that a narrowed agent keeps at least.
+#: Minimum number of hidden units of a narrowed agent.
 NARROWEST = 16
 
 
 def draw_agent(
     agents: tuple[AgentHyperparameters, ...], vary: str, seed: int
 ) -> AgentHyperparameters:
-    """One of the agents, learning rate, batch size, hidden size and hidden layers (those of them
-    that it has) drawn anew as one of VARIATIONS says, within the agent's own ranges; by `seed`
-    alone. `small` takes the cheapest draw if none is small.
+    """Draw one of the agents and vary its fields in VARIED, within the agent's own ranges.
 
-    Raises InvalidInput for another variation.
+    `vary` is one of VARIATIONS; `small` returns the cheapest draw if no draw is small. The result
+    depends only on the arguments. Raises InvalidInput for an unknown variation.
     """
     if vary not in VARIATIONS:
         raise one_of("variation of agents", vary, VARIATIONS)
@@ -66,50 +65,35 @@ def draw_agent(
 
 
 def narrowed(agent: AgentHyperparameters) -> AgentHyperparameters:
-    """The agent with as many hidden units as a small agent may have, and then with a smaller batch
-    if NARROWEST is still too wide; its learning rate is higher by the square root of the ratio of
-    the widths.
+    """Reduce hidden units until the agent is small, then the batch if NARROWEST units are still too
+    many; increase its learning rate by the square root of the ratio of the widths.
 
-    With Adam at a given learning rate, the outputs of a network change by an amount that grows with
-    its width (Yang and Hu, 2021, "Tensor Programs IV"). The higher rate lets the narrow network
-    learn at the pace of the wide one, so that an SE on which wide agents fail is found out cheaply.
-    The square root was chosen in trials (docs/nes.md): with it, narrow agents fail on an SE about
-    as often as those they replace; with the ratio itself they fail more often, and at the old rate
-    never badly.
+    With Adam at a given learning rate, the change of a network's outputs grows with its width (Yang
+    and Hu, 2021, "Tensor Programs IV"). The higher rate lets the narrow network learn at the pace
+    of the wide one, so that cheap agents reveal an SE on which wide agents fail. The square root
+    was chosen in trials (docs/nes.md): with it, narrow agents fail on an SE about as often as the
+    agents that they replace. With the ratio they fail more often, at the original rate never badly.
     """
-    narrow = _cut(_cut(agent, "hidden_size", NARROWEST), "batch_size", SIZES[0])
+    narrow = _reduced(_reduced(agent, "hidden_size", NARROWEST), "batch_size", SIZES[0])
     before, after = (getattr(hp, "hidden_size", 1) for hp in (agent, narrow))
     if before == after or not hasattr(agent, "learning_rate"):
         return narrow
     return _changed(narrow, learning_rate=agent.learning_rate * math.sqrt(before / after))
 
 
-def _changed(agent: AgentHyperparameters, **values: Any) -> AgentHyperparameters:
-    """The agent with other values of those of these fields that it has, each within its range."""
-    known = values.keys() & {spec.name for spec in fields(agent)}
-    fitting: dict[str, Any] = {
-        name: within_range(type(agent), name, values[name]) for name in known
-    }
-    return replace(agent, **fitting)
-
-
-def _cut(agent: AgentHyperparameters, name: str, least: int) -> AgentHyperparameters:
-    """The agent with the largest value of that field, `least` or more, with which it is small; as
-    it is, if its cost does not tell of that field."""
-    if not hasattr(agent, name):
+def _reduced(agent: AgentHyperparameters, name: str, minimum: int) -> AgentHyperparameters:
+    """The agent with the largest value of a field, but at least `minimum`, with which it is small;
+    unchanged if `step_cost` ignores the field."""
+    if not hasattr(agent, name) or agent.step_cost <= SMALL:
         return agent
-    value, least = getattr(agent, name), int(within_range(type(agent), name, least))
-    if agent.step_cost <= SMALL or value <= least:
-        return agent
+    values = range(int(within_range(type(agent), name, minimum)), getattr(agent, name))
 
-    def with_size(size: int) -> AgentHyperparameters:
-        return _changed(agent, **{name: size})
+    def cost(value: int) -> float:
+        return _changed(agent, **{name: value}).step_cost
 
-    if with_size(least).step_cost >= agent.step_cost:
+    if not values or cost(values[0]) >= agent.step_cost:
         return agent
-    sizes = range(least, value)
-    small = bisect_right(sizes, SMALL, key=lambda size: with_size(size).step_cost)
-    return with_size(sizes[max(small - 1, 0)])
+    return _changed(agent, **{name: values[max(bisect_right(values, SMALL, key=cost) - 1, 0)]})
 
 
 def _varied(
@@ -124,3 +108,13 @@ def _varied(
         hidden_size=round(low * (high / low) ** rng.uniform()),
         hidden_layers=layers,
     )
+
+
+def _changed(agent: AgentHyperparameters, **values: Any) -> AgentHyperparameters:
+    """The agent with other values of its fields, each within its range; values of fields that the
+    agent does not have are ignored."""
+    known = values.keys() & {spec.name for spec in fields(agent)}
+    allowed: dict[str, Any] = {
+        name: within_range(type(agent), name, values[name]) for name in known
+    }
+    return replace(agent, **allowed)

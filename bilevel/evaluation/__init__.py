@@ -1,10 +1,10 @@
 """One evaluation: train a fresh agent on an SE, score it on the real task.
 
-An evaluation is a pure function of its request, the task and the SEs: the same request gives the
-same score wherever and whenever it runs. So a pool of actors may run requests in any order, and
-repeat them.
+An evaluation is a pure function of its request, the task and the SEs. So a pool of actors may run
+requests in any order, and repeat them.
 """
 
+from bilevel.evaluation.recording import record
 from bilevel.evaluation.requests import (
     Centre,
     EvaluationRequest,
@@ -19,7 +19,7 @@ from bilevel.evaluation.requests import (
     comparable,
     scores_of,
 )
-from bilevel.evaluation.run import evaluate, record, train_and_test
+from bilevel.evaluation.run import evaluate, train_and_test
 
 __all__ = [
     "Centre",

@@ -1,10 +1,12 @@
-"""The transitions of one evaluation, for pictures of what an agent saw."""
+"""The transitions of one evaluation, for pictures of an agent's behaviour."""
 
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 
-from bilevel.agents.agent import Agent, Transition
-from bilevel.agents.checked import CheckedAgent
+from bilevel.agents import Transition
+from bilevel.evaluation.run import run_definition
+from bilevel.hyperparameters import AgentHyperparameters
+from bilevel.synthetic_env import SE
+from bilevel.tasks import Task
 
 
 @dataclass(frozen=True)
@@ -14,23 +16,10 @@ class Recording:
     training: list[Transition] = field(default_factory=list)
     tests: list[Transition] = field(default_factory=list)
 
-    def keeping(self, tests: Iterator[list[Transition]]) -> Iterator[list[Transition]]:
-        """The transitions of each test episode, which are kept as they come."""
-        for episode in tests:
-            self.tests.extend(episode)
-            yield episode
 
-
-class RecordedAgent(CheckedAgent):
-    """An agent that adds what it observes to `observed`."""
-
-    def __init__(
-        self, name: str, n_actions: int, build: Callable[[], Agent], observed: list[Transition]
-    ) -> None:
-        super().__init__(name, n_actions, build)
-        self._observed = observed
-
-    def observe(self, transition: Transition) -> None:
-        """See `Agent`."""
-        self._observed.append(transition)
-        super().observe(transition)
+def record(task: Task, se: SE, hp: AgentHyperparameters, seed: int) -> Recording:
+    """The transitions of `train_and_test` with these arguments, by the agent's definition; no tests
+    if training diverges. Raises InvalidInput for an SE of a task with other sizes."""
+    recording = Recording()
+    run_definition(task, se, hp, seed, recording.training, recording.tests)
+    return recording

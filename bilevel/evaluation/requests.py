@@ -1,4 +1,4 @@
-"""What is asked of an evaluation, and what comes of it."""
+"""Evaluation requests and results."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,12 +14,13 @@ from bilevel.synthetic_env import SE, SEDistribution, StoredSE
 
 @dataclass(frozen=True)
 class Centre:
-    """Train on the centre of the search distribution, or on a single given SE."""
+    """Train on the unperturbed SE of the search distribution, or on a single given SE."""
 
 
 @dataclass(frozen=True)
 class Perturbed:
-    """Train on centre + sign * eps, with eps drawn by `seed`."""
+    """Train on mean + sign * eps, where `mean` is that of the search distribution and `seed` draws
+    eps."""
 
     seed: int
     sign: int  #: 1 or -1
@@ -44,16 +45,16 @@ class RealTask:
     """Train on the real task, without an SE."""
 
 
-#: What an agent trains on.
+#: The environment that an agent trains on.
 TrainedOn = Centre | Perturbed | Initialized | Given | RealTask
 
-#: What requests get their SE from: one SE, several, or a distribution; None for the real task.
+#: The source of a request's SE: one SE, several, or a distribution; None for the real task.
 SESource = SE | StoredSE | SEDistribution | tuple[SE | StoredSE, ...] | None
 
 
 @dataclass(frozen=True)
 class EvaluationRequest:
-    """Input of one evaluation, besides the task and the SE or the distribution of SEs."""
+    """Input of one evaluation, in addition to the task and the source of SEs."""
 
     index: int  #: position among the requests of one call
     seed: int  #: of initial parameters, exploration, minibatches and test episodes
@@ -61,30 +62,30 @@ class EvaluationRequest:
     on: TrainedOn = Centre()
 
 
-def requested_se(se: SESource, on: TrainedOn) -> SE | None:
-    """The SE that a request asks for, None for the real task. Raises InvalidInput if `se` does not
-    hold it."""
+def requested_se(source: SESource, on: TrainedOn) -> SE | None:
+    """The SE of a request, None for the real task. Raises InvalidInput if `source` does not contain
+    it."""
     if isinstance(on, RealTask):
         return None
-    if isinstance(on, Given) and isinstance(se, tuple):
-        if not 0 <= on.number < len(se):
-            raise InvalidInput(f"training on {on}: allowed are the SEs 0 to {len(se) - 1}")
-        se, on = se[on.number], Centre()
-    if isinstance(se, StoredSE):
-        se = se.se
-    if isinstance(se, SE) and isinstance(on, Centre):
-        return se
-    if not isinstance(se, SEDistribution) or isinstance(on, Given):
-        needed = {Centre: "an SE or a distribution of SEs", Given: "a tuple of SEs"}
-        raise InvalidInput(
-            f"training on {on} needs {needed.get(type(on), 'a distribution of SEs')} (on the real "
-            f"task, on=RealTask() needs none); got {se!r:.40}"
-        )
-    if isinstance(on, Perturbed):
-        return se.perturbed(on.seed, on.sign)
-    if isinstance(on, Initialized):
-        return se.random(on.seed)
-    return se.centre
+    if isinstance(on, Given) and isinstance(source, tuple):
+        if not 0 <= on.number < len(source):
+            raise InvalidInput(f"training on {on}: allowed are the SEs 0 to {len(source) - 1}")
+        source, on = source[on.number], Centre()
+    if isinstance(source, StoredSE):
+        source = source.se
+    match on, source:
+        case Centre(), SE():
+            return source
+        case Centre(), SEDistribution():
+            return source.centre
+        case Perturbed(), SEDistribution():
+            return source.perturbed(on.seed, on.sign)
+        case Initialized(), SEDistribution():
+            return source.random(on.seed)
+    raise InvalidInput(
+        f"cannot train on {on} of {source!r:.40}: Centre needs an SE or a distribution of SEs, "
+        "Perturbed and Initialized need a distribution, Given needs a tuple of SEs, RealTask None"
+    )
 
 
 @dataclass(frozen=True)
@@ -106,23 +107,23 @@ class Outcome:
 
 @dataclass(frozen=True)
 class EvaluationResult(Outcome):
-    """The outcome of the request `index`; only the measured `seconds` are not determined by it."""
+    """The outcome of the request `index`. The request determines all fields except `seconds`."""
 
     index: int
-    seconds: float
+    seconds: float  #: measured
 
 
 _Result = TypeVar("_Result", bound=Outcome)
 
 
 def comparable(results: Sequence[_Result]) -> list[_Result]:
-    """The results with test returns by which they can be compared. A diverged agent gets no more
-    than the lowest score of the others, however the task's worst score compares with them."""
+    """The results with comparable test returns: the returns of a diverged agent are cut at the
+    lowest score of all other agents, which may be below the task's worst score."""
     lowest = min((result.score for result in results if result.finite), default=np.inf)
     return [
         result
         if result.finite
-        else replace(result, test_returns=tuple(min(one, lowest) for one in result.test_returns))
+        else replace(result, test_returns=tuple(min(r, lowest) for r in result.test_returns))
         for result in results
     ]
 

@@ -1,15 +1,15 @@
-"""SEs as gymnasium environments: one (`env`), many copies that step together (`vector_env`)."""
+"""SEs as gymnasium environments: single (`env`) and vectorised (`vector_env`)."""
 
 import gymnasium
 
 from bilevel.zoo import ENTRIES, env_id, zoo_file
 
-#: Id of the environment that takes any SE: `gymnasium.make(ENV_ID, path=...)`.
+#: Id of the environment for any SE: `gymnasium.make(ENV_ID, path=...)`.
 ENV_ID = "bilevel/SyntheticEnv-v0"
 
 
 def register() -> None:
-    """Register ENV_ID and the ids of the zoo in gymnasium, once."""
+    """Register ENV_ID and the SEs of the zoo in gymnasium, once."""
     ids: dict[str, dict[str, str]] = {ENV_ID: {}}
     ids |= {env_id(name): {"path": str(zoo_file(name))} for name in ENTRIES}
     for name, kwargs in ids.items():

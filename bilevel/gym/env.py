@@ -1,14 +1,4 @@
-"""An SE as a gymnasium environment, for use in any training code:
-
-    import bilevel, gymnasium
-    env = gymnasium.make("bilevel/Synthetic-CartPole-v0")  # one that is shipped (`bilevel.zoo`)
-    env = gymnasium.make("bilevel/SyntheticEnv-v0", path="best_se.safetensors")
-    env = gymnasium.make("bilevel/SyntheticEnv-v0", path="models:/SE-CartPole-v0@best")
-
-The first observation is drawn from the real task's reset distribution, the others follow the SE.
-`info["done"]` is the raw done output: the episode terminates above 0.5. It is truncated at the SE's
-own step limit. With `render_mode` the real task's renderer draws the SE's states.
-"""
+"""An SE as a gymnasium environment."""
 
 from pathlib import Path
 from typing import Any
@@ -23,12 +13,25 @@ from bilevel.gym.rendering import MODES, Renderer, draws_its_state
 
 
 class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
-    """The SE of a file, with observations Box (S,) float32 and the real task's actions.
+    """A learned synthetic environment (SE). Agents that train on it are tested on the real task.
 
-    `path` may also be a name of the zoo or MLflow's address of an SE
-    (`bilevel.synthetic_env.source`). Raises InvalidInput if the file is missing or damaged, if
-    gymnasium does not know its task, or if the task cannot draw the SE's states in this
-    `render_mode` (`bilevel.gym.rendering`).
+    - Actions: `Discrete(A)`, the actions of the real task.
+    - Observations: `Box(-inf, inf, (S,), float32)`, as in the real task, without its bounds.
+    - Rewards: the output of the reward network. Returns do not compare to the real task's returns.
+    - Initial states: drawn from the real task's reset distribution.
+    - Terminated: the output of the done network, `info["done"]`, exceeds 0.5.
+    - Truncated: the episode reaches the SE's step limit.
+
+    `path` is an address as in `bilevel.load`::
+
+        env = gymnasium.make("bilevel/Synthetic-CartPole-v0")  # an SE of the zoo
+        env = gymnasium.make("bilevel/SyntheticEnv-v0", path="best_se.safetensors")
+        env = gymnasium.make("bilevel/SyntheticEnv-v0", path="models:/SE-CartPole-v0@best")
+
+    With the `render_mode` "human" or "rgb_array", the real task's renderer draws the SE's states.
+
+    Raises InvalidInput if there is no SE at `path`, if gymnasium does not know its task, or if the
+    task cannot draw a given state.
     """
 
     metadata: dict[str, Any] = {"render_modes": list(MODES), "render_fps": 30}  # noqa: RUF012
@@ -38,82 +41,77 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         from bilevel.synthetic_env.source import load
 
         if path is None:
-            raise InvalidInput("path is missing: a file, a name of the zoo or MLflow's address")
-        self.se = se = load(path)
-        self._task = se.task()
-        self.step_limit, self.n_actions = se.architecture.step_limit, se.architecture.n_actions
-        self.kernel = se.se.kernel
+            raise InvalidInput("path is missing: a file, a name of the zoo or an MLflow address")
+        self.se = load(path)
+        self.n_actions = self.se.architecture.n_actions
+        self.step_limit = self.se.architecture.step_limit
+        self.kernel = self.se.se.kernel
+        self._task = task = self.se.task()
         self._work = work_space(self.kernel)
         self._state: NDArray[np.float32] | None = None
         self._steps = 0
-        shape = (se.architecture.state_size,)
-        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
         self.render_mode = render_mode
-        self._renderer = None if render_mode is None else Renderer(self._task, render_mode)
+        self._renderer = None if render_mode is None else Renderer(task, render_mode)
         if self._renderer is not None:
             self.metadata = {**self.metadata, "render_fps": self._renderer.fps}
-        # gymnasium draws initial states of a task that is not compiled, in an environment that is
-        # made once.
-        self._real = None if self._task.compiled else self._task.make()
-        if self._real is not None and not draws_its_state(self._task, self._real):
+        # The real task, whose resets give the initial states unless it is compiled.
+        self._real = None if task.compiled else task.make()
+        if self._real is not None and not draws_its_state(task, self._real):
             self.metadata = {**self.metadata, "render_modes": []}
         self.first_action = 0 if self._real is None else int(self._real.action_space.start)  # type: ignore[attr-defined]
+        shape = (self.se.architecture.state_size,)
+        self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
         self.action_space = gymnasium.spaces.Discrete(self.n_actions, start=self.first_action)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """Draw an initial state (S,) from the real task's reset distribution."""
+        """Start an episode and return its initial observation (S,) and info."""
         super().reset(seed=seed)
-        self._state = state = self.initial_state(self.np_random)
+        self._state = self.initial_state(self.np_random)
         self._steps = 0
-        self._shown()
-        return state.copy(), {}
+        if self.render_mode == "human":
+            self.render()
+        return self._state.copy(), {}
 
     def initial_state(self, rng: np.random.Generator) -> NDArray[np.float32]:
-        """An initial state (S,) of the real task."""
+        """Draw an initial state (S,) of the real task."""
         return self._task.observe(self._task.initial_physics(rng, 1, self._real)[0])
 
     def step(
         self, action: np.int64
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """Take one step of the SE: next observation (S,), reward, terminated, truncated, info.
+        """Take one step and return observation (S,), reward, terminated, truncated and info.
 
-        The action may be an integer of any kind, torch's too. Raises InvalidInput for another one,
-        and ResetNeeded before the first reset.
+        Raises InvalidInput for an invalid action, and ResetNeeded before the first reset.
         """
         from bilevel.kernels.synthetic_env import DONE, step
         from bilevel.tasks import checked_action
 
         if self._state is None:
             raise ResetNeeded("call reset before step")
-        number = checked_action(action, self.n_actions, self.first_action)
+        index = checked_action(action, self.n_actions, self.first_action)
         next_state = np.empty_like(self._state)
-        reward, done = step(self.kernel, self._state, number, next_state, self._work)
+        reward, done = step(self.kernel, self._state, index, next_state, self._work)
         self._state = next_state
         self._steps += 1
-        self._shown()
+        if self.render_mode == "human":
+            self.render()
         truncated = self._steps >= self.step_limit
         return next_state.copy(), float(reward), bool(done > DONE), truncated, {"done": float(done)}
 
     def render(self) -> Any:
-        """The current state as the real task draws it: an image (height, width, 3), or None in the
-        mode `human`, which draws every state by itself. Raises ResetNeeded before the first reset.
-        """
+        """Draw the current state: return an image (height, width, 3) in the mode `rgb_array`, or
+        update the window in the mode `human`. Raises ResetNeeded before the first reset."""
         if self._renderer is None:
-            gymnasium.logger.warn("render was called without a render_mode: give one to make")
+            gymnasium.logger.warn("render needs a render_mode: give one to gymnasium.make")
             return None
         if self._state is None:
             raise ResetNeeded("call reset before render")
         return self._renderer.draw(self._state)
 
     def close(self) -> None:
-        """Close the real task's environments, and the window, if there is one."""
-        if self._real is not None:
-            self._real.close()
-        if self._renderer is not None:
-            self._renderer.close()
-
-    def _shown(self) -> None:
-        if self.render_mode == "human":
-            self.render()
+        """Close the real task's environments and the window."""
+        for resource in (self._real, self._renderer):
+            if resource is not None:
+                resource.close()

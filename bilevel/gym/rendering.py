@@ -1,7 +1,7 @@
-"""Pictures of an SE's states, drawn by the renderer of the real task.
+"""Images of an SE's states, drawn by the renderer of the real task.
 
-Gymnasium's classic control tasks draw what their attribute `state` holds: the state of their
-simulator at an observation (`Task.physics`).
+Gymnasium's classic control tasks draw their attribute `state`, the state of their simulator. It is
+set to the simulator's state at an observation (`Task.physics`).
 """
 
 from typing import Any
@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 from bilevel.errors import InvalidInput, first_line, one_of
 from bilevel.tasks import Task
 
-Observation = NDArray[np.float32]
-
-#: Render modes, as gymnasium calls them.
+#: Gymnasium's render modes that are available.
 MODES = ("human", "rgb_array")
 
 
 def draws_its_state(task: Task, env: Any) -> bool:
-    """Whether the attribute `state` of the task's environment is what is drawn of its observation;
-    resets it."""
+    """Reset a task's environment and return whether its attribute `state` is the simulator's state
+    at the observation."""
     expected = task.physics(env.reset(seed=0)[0])
     try:
         state = np.asarray(getattr(env.unwrapped, "state", None), np.float64)
@@ -33,7 +31,7 @@ def draws_its_state(task: Task, env: Any) -> bool:
 class Renderer:
     """Draws states of an SE as states of its task.
 
-    Raises InvalidInput for another mode than MODES, and for a task that cannot draw a given state.
+    Raises InvalidInput for an unknown mode, and for a task that cannot draw a given state.
     """
 
     def __init__(self, task: Task, mode: str) -> None:
@@ -50,9 +48,9 @@ class Renderer:
             self.close()
             raise InvalidInput(unavailable)
 
-    def draw(self, observation: Observation) -> Any:
-        """Draw an observation (S,) of the SE: an image (height, width, 3) in the mode `rgb_array`,
-        None in the mode `human`, whose window it updates."""
+    def draw(self, observation: NDArray[np.float32]) -> Any:
+        """Draw an observation (S,): return an image (height, width, 3) in the mode `rgb_array`, or
+        update the window in the mode `human`."""
         self._env.state = self._task.physics(observation)
         return self._env.render()
 

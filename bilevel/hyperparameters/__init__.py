@@ -1,4 +1,4 @@
-"""Frozen, validated hyperparameters, and recipes as data files."""
+"""Frozen, validated hyperparameters."""
 
 from bilevel.hyperparameters.agents import (
     ACTIVATIONS,
@@ -8,6 +8,7 @@ from bilevel.hyperparameters.agents import (
     TD3Hyperparameters,
     agent_hyperparameters,
     agent_names,
+    default_agents,
 )
 from bilevel.hyperparameters.definitions import (
     CONFIRMING_AGENTS,
@@ -18,13 +19,12 @@ from bilevel.hyperparameters.definitions import (
     NESHyperparameters,
     SEHyperparameters,
     StoredHyperparameters,
+    Variation,
 )
-from bilevel.hyperparameters.recipes import RECIPES, default_agents, load_recipe, recipe_text
 
 __all__ = [
     "ACTIVATIONS",
     "CONFIRMING_AGENTS",
-    "RECIPES",
     "SCORE_TRANSFORMS",
     "UPDATES",
     "VARIATIONS",
@@ -36,9 +36,8 @@ __all__ = [
     "SEHyperparameters",
     "StoredHyperparameters",
     "TD3Hyperparameters",
+    "Variation",
     "agent_hyperparameters",
     "agent_names",
     "default_agents",
-    "load_recipe",
-    "recipe_text",
 ]

@@ -12,8 +12,8 @@ from bilevel.errors import InvalidInput
 from bilevel.hyperparameters.agents import Activation, AgentHyperparameters, agent_hyperparameters
 from bilevel.hyperparameters.validation import hyperparameters
 
-#: The update rules and score transforms by name; `bilevel.nes` implements them.
-Update = Literal["snes", "antithetic", "paper", "authors"]
+#: Update rules and score transforms by name (`bilevel.evolution`).
+Update = Literal["nes", "antithetic", "paper", "authors"]
 UPDATES: tuple[str, ...] = get_args(Update)
 ScoreTransform = Literal[
     "linear",
@@ -27,23 +27,19 @@ ScoreTransform = Literal[
 ]
 SCORE_TRANSFORMS: tuple[str, ...] = get_args(ScoreTransform)
 
-#: The rank of equal scores in a transform: their mean rank, or the order of the members (as the
-#: authors' code has it).
+#: Rank of equal scores in a transform: their mean rank, or the order of the members as in the
+#: authors' code.
 Ties = Literal["mean", "order"]
 
-#: Whether learning rate, batch size and network of the agents are drawn anew: only small networks
-#: and batches, or from all of the paper's ranges, with large networks narrowed or not.
+#: How learning rate, batch size and network of each agent are drawn: not at all, from small sizes
+#: only, or from the paper's full ranges, with large networks narrowed or not.
 Variation = Literal["no", "small", "narrowed", "all"]
 VARIATIONS: tuple[str, ...] = get_args(Variation)
 
-#: What NES starts from: random SEs, as the paper, or one that is distilled from action values
-#: learned on the real task (the supervised baseline).
-Start = Literal["random", "distilled"]
+#: What NES searches, and how a random SE is drawn (`bilevel.synthetic_env.families`).
+Family = Literal["plain", "exogenous"]
 
-#: How NES parametrises an SE (`bilevel.synthetic_env.coordinates`).
-Structure = Literal["plain", "exogenous"]
-
-#: Agents of a confirmation where a recipe, whose runs never stop early, has none.
+#: Confirming agents for recipes that specify none because their runs never stop early.
 CONFIRMING_AGENTS = 128
 
 _Count = Annotated[int, Field(ge=1, le=65536)]
@@ -54,43 +50,40 @@ class NESHyperparameters:
     """Natural evolution strategies (paper, Algorithm 1)."""
 
     update: Update  #: The update rule.
-    step_size: Annotated[float, Field(ge=1e-6, le=100.0)]  #: Alpha, the step.
-    std_dev: Annotated[float, Field(ge=1e-6, le=10.0)]  #: Sigma of the perturbations.
-    mirrored_sampling: bool  #: Whether mean - eps is evaluated beside mean + eps.
-    #: What becomes of the members' scores in the rules `paper` and `authors`.
+    step_size: Annotated[float, Field(ge=1e-6, le=100.0)]  #: alpha.
+    std_dev: Annotated[float, Field(ge=1e-6, le=10.0)]  #: sigma of the perturbations.
+    mirrored_sampling: bool  #: Whether mean - eps is evaluated, too.
+    #: Transform of the members' scores in the rules `paper` and `authors`.
     score_transform: ScoreTransform
-    #: The rank of equal scores in these: their mean rank, or the order of the members.
+    #: Rank of equal scores in the transform: their mean rank, or the order of the members.
     ties: Ties
-    population_size: _Count  #: n_p, the members of a generation (without mirror images).
-    generations: Annotated[int, Field(ge=1, le=1_000_000)]  #: n_o, the outer loops at most.
-    #: One agent and one set of random numbers for all members of a generation, new ones in the
-    #: next (common random numbers). False: every member has its own.
+    population_size: _Count  #: n_p, members per generation (without mirror images).
+    generations: Annotated[int, Field(ge=1, le=1_000_000)]  #: n_o, the maximum.
+    #: Whether all members of a generation share one agent and its random numbers (common random
+    #: numbers).
     shared_agent: bool
-    centre_agents: _Count  #: Agents trained on the unperturbed SE, each generation.
-    #: Episodes for which the members' agents train in every second generation, whatever their
-    #: returns, and so does every second agent on the unperturbed SE and in the choice of a start.
-    #: 0: the stopping rule decides always.
+    centre_agents: _Count  #: Agents trained on the unperturbed SE per generation.
+    #: Training episodes of patient agents, which ignore the stopping rule: the members' agents in
+    #: every second generation, and every second agent elsewhere. 0 disables patient agents.
     patient_episodes: Annotated[int, Field(ge=0, le=1_000_000)]
-    #: Share of the moving average of the distribution's mean that is kept in a generation; the
-    #: average is the unperturbed SE. 0: the mean itself is, as in the paper.
+    #: Share of the moving average of means that a generation keeps. The unperturbed SE is at the
+    #: average. 0 disables averaging, as in the paper.
     averaging: Annotated[float, Field(ge=0.0, le=0.999)]
-    #: Factor by which each failed confirmation multiplies the step and the rate of the average.
+    #: Factor of the step size and of the rate of the average per failed confirmation.
     refinement: Annotated[float, Field(gt=0.0, le=1.0)]
-    start: Start  #: What NES starts from: random SEs, or a distilled one (the baseline).
-    start_candidates: _Count  #: Random SEs among which the start is chosen.
-    #: Generations without a new highest score after which a run that has not solved the task
-    #: begins again from other random SEs. 0: it never does.
+    start_candidates: _Count  #: Random SEs of which the best one is the start.
+    #: Generations without a new highest score after which an unsolved run restarts from other
+    #: random SEs. 0 disables restarts.
     restart_after: Annotated[int, Field(ge=0, le=1_000_000)]
-    #: Generations that must solve the task on average for the run to be finished. 0: it goes on,
-    #: and nobody confirms anything.
+    #: Generations whose mean score must solve the task to end the run. 0 disables early stopping.
     solved_for: Annotated[int, Field(ge=0, le=1_000_000)]
-    #: Fresh agents that must then confirm it (`bilevel.nes.confirmation`); otherwise the run goes
-    #: on. 0: nobody confirms it, and the run is finished.
+    #: Fresh agents that must confirm the SE before the run ends (`bilevel.nes.confirmation`).
+    #: 0 disables confirmation.
     confirming_agents: Annotated[int, Field(ge=0, le=65536)]
 
     @property
     def evaluations(self) -> int:
-        """Evaluations of one generation: centre, +eps, and -eps if mirrored."""
+        """Evaluations per generation: centre, +eps, and -eps if mirrored."""
         return self.centre_agents + self.population_size * (2 if self.mirrored_sampling else 1)
 
 
@@ -98,60 +91,45 @@ class NESHyperparameters:
 class SEHyperparameters:
     """The three networks of a synthetic environment, and its step limit."""
 
-    structure: Structure  #: How NES parametrises the networks.
-    hidden_layers: Annotated[int, Field(ge=1, le=2)]  #: Of each network.
-    hidden_size: Annotated[int, Field(ge=1, le=4096)]  #: Units a hidden layer.
-    activation: Activation  #: Of the hidden layers.
-    #: Steps after which an episode on the SE is truncated. 0: the task's own limit.
+    family: Family  #: What NES searches (`bilevel.synthetic_env.families`).
+    hidden_layers: Annotated[int, Field(ge=1, le=2)]  #: Hidden layers of each network.
+    hidden_size: Annotated[int, Field(ge=1, le=4096)]  #: Units per hidden layer.
+    activation: Activation  #: Activation of the hidden layers.
+    #: Steps after which an episode on the SE is truncated. 0 selects the task's limit.
     step_limit: Annotated[int, Field(ge=0, le=1_000_000)]
-    #: Factor by which one step carries states away from the mean observation, read by `exogenous`.
-    #: The nearer to 1, the longer the episodes; below it, states stay where episodes begin.
+    #: Factor by which a step moves states away from the mean observation (`exogenous` only).
+    #: Episodes are longer near 1; below 1, states stay where episodes start.
     spread: Annotated[float, Field(ge=0.5, le=2.0)]
 
 
 @hyperparameters
 class Hyperparameters:
-    """Everything one NES run is given besides task and seed.
+    """All hyperparameters of an NES run.
 
-    Of several `agents`, each draw takes one: every evaluation draws, or, with
-    `nes.shared_agent`, every generation for all of its members.
+    If there are several `agents`, every evaluation draws one of them, or, with `nes.shared_agent`,
+    every generation draws one for all of its members.
     """
 
     nes: NESHyperparameters
     se: SEHyperparameters
     agents: tuple[AgentHyperparameters, ...]
     vary_agent: Variation = Field(title="variation of agents")
-    recipe: str  # the name of the recipe that they were read from, whatever was replaced since
+    recipe: str  # name of the recipe, even if values were replaced
 
     def __post_init__(self) -> None:
         names = [hp.agent for hp in self.agents]
         if not names or len(set(names)) < len(names):
-            raise InvalidInput(f"agents must be one or more, each once; got {names}")
+            raise InvalidInput(f"agents must be one or more different agents; got {names}")
         for agent in self.agents:
             agent.require_learning(self.nes.patient_episodes)
-        if self.nes.start == "distilled" and self.se.structure != "plain":
-            raise InvalidInput(
-                "nes.start 'distilled' needs se.structure 'plain' (as in --recipe distilled); "
-                f"got {self.se.structure!r}"
-            )
-        if self.nes.start == "distilled" and self.nes.restart_after:
-            raise InvalidInput(
-                "nes.restart_after must be 0 with the start 'distilled', which a restart would "
-                f"replace by a random one; got {self.nes.restart_after}"
-            )
-        if self.nes.start == "distilled" and self.nes.start_candidates > 1:
-            raise InvalidInput(
-                "nes.start_candidates must be 1 with the start 'distilled', which is the only one; "
-                f"got {self.nes.start_candidates}"
-            )
 
     @property
     def sections(self) -> dict[str, Any]:
-        """NES, SE and agents by the names that recipes and searches give them."""
+        """NES, SE and agents by their section names in recipes and search spaces."""
         return {"nes": self.nes, "se": self.se, **{hp.agent: hp for hp in self.agents}}
 
     def to_dict(self) -> dict[str, Any]:
-        """Nested dictionary of plain values, for JSON."""
+        """Return a nested dictionary of plain values, for JSON."""
         return {
             "nes": asdict(self.nes),
             "se": asdict(self.se),
@@ -163,8 +141,10 @@ class Hyperparameters:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredHyperparameters:
-    """What `Hyperparameters.to_dict` makes, its sections not yet checked: agents of a user's own
-    may be unknown."""
+    """The result of `Hyperparameters.to_dict` with unchecked sections.
+
+    Sections may belong to custom agents that this process does not know.
+    """
 
     nes: dict[str, Any]
     se: dict[str, Any]

@@ -1,4 +1,4 @@
-"""Frozen dataclasses whose fields pydantic checks, however they are built."""
+"""Frozen dataclasses whose fields pydantic validates on construction."""
 
 from collections.abc import Callable
 from functools import cache, wraps
@@ -15,25 +15,28 @@ from bilevel.errors import InvalidInput, one_of
 _T = TypeVar("_T")
 _Number = TypeVar("_Number", int, float)
 
-#: A bool is no int, an int will do for a float, and there are no fields but those of the class.
+#: A bool is not an int, an int is accepted as a float, and unknown fields are errors.
 _STRICT = ConfigDict(strict=True, extra="forbid", allow_inf_nan=False)
 
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(Field,))
 def hyperparameters(cls: type[_T]) -> type[_T]:
-    """Make a class a frozen dataclass whose fields are given by name, and checked.
+    """Make a class a frozen dataclass with keyword-only, validated fields.
 
     A range is written `Annotated[int, Field(ge=1, le=9)]`, a choice is a `Literal`;
-    `__post_init__` may check more. What is not allowed raises InvalidInput, which tells the field
-    by its name or title. Raises InvalidInput for a class with a value that has no type, and would
-    be no field.
+    `__post_init__` may check more. An invalid value raises InvalidInput with the name or title of
+    the field. Raises InvalidInput for a class attribute without a type annotation.
     """
     for name, value in vars(cls).items():
-        named = name.startswith("__") or any(name in get_annotations(one) for one in cls.__mro__)
-        if not named and isinstance(value, bool | int | float | str):
+        annotated = any(name in get_annotations(base) for base in cls.__mro__)
+        if (
+            not name.startswith("__")
+            and not annotated
+            and isinstance(value, bool | int | float | str)
+        ):
             raise InvalidInput(
-                f"{cls.__name__}.{name} has no type, and would be no hyperparameter: write, for "
-                f"instance, `{name}: Annotated[{type(value).__name__}, Field(...)] = {value!r}`"
+                f"{cls.__name__}.{name} has no type annotation: write, for instance, "
+                f"`{name}: Annotated[{type(value).__name__}, Field(...)] = {value!r}`"
             )
     checked: Any = dataclass(frozen=True, kw_only=True, config=_STRICT)(cls)
     build: Callable[..., None] = checked.__init__
@@ -43,20 +46,20 @@ def hyperparameters(cls: type[_T]) -> type[_T]:
         try:
             build(self, **values)
         except ValidationError as error:
-            raise _refused(checked, error) from None
+            raise _invalid(checked, error) from None
 
     checked.__init__ = init
     return cast("type[_T]", checked)
 
 
 def has_plain_range(cls: type, name: str) -> bool:
-    """Whether `ge` and `le` alone limit that field of a class, so that `within_range` knows all."""
+    """Return whether only `ge` and `le` limit that field of a class."""
     field: FieldInfo = cls.__pydantic_fields__[name]  # type: ignore[attr-defined]
     return all(hasattr(rule, "ge") or hasattr(rule, "le") for rule in field.metadata)
 
 
 def within_range(cls: type, name: str, value: _Number) -> _Number:
-    """The value, or the nearest end of the range (`ge`, `le`) of that field of a class."""
+    """Clip a value to the range (`ge`, `le`) of that field of a class."""
     low, high = _range(cls, name)
     value = value if low is None else max(value, low)
     return value if high is None else min(value, high)
@@ -72,28 +75,27 @@ def _end(field: FieldInfo, name: str) -> Any:
     return next((getattr(rule, name) for rule in field.metadata if hasattr(rule, name)), None)
 
 
-def _refused(cls: Any, error: ValidationError) -> InvalidInput:
-    """The error for the first wrong value, with what is allowed instead. A field is told as a
-    recipe names it, in the section of its agent, or of NES or the SE."""
+def _invalid(cls: Any, error: ValidationError) -> InvalidInput:
+    """Return the error for the first invalid value, with the field's name in recipes."""
     first, fields = first_fault(error), cls.__pydantic_fields__
     name = str(next(iter(first["loc"]), ""))
     section = getattr(cls, "agent", "") or cls.__name__.removesuffix("Hyperparameters").lower()
     full = ".".join(filter(None, (section, name)))
     if first["type"] == "unexpected_keyword_argument":
-        return one_of("hyperparameter", full, [full.removesuffix(name) + one for one in fields])
+        return one_of("hyperparameter", full, [full.removesuffix(name) + field for field in fields])
     if first["type"] == "missing":
         return InvalidInput(f"{section or cls.__name__}: {reason(error)}")
-    if first["type"] == "value_error":  # of the class's own check, which tells all
+    if first["type"] == "value_error":  # raised by __post_init__
         return InvalidInput(reason(error))
     field, given = fields[name], first["input"]
-    what, kind = field.title or full, field.annotation
+    title, kind = field.title or full, field.annotation
     if get_origin(kind) is Literal:
-        return one_of(what, given, get_args(kind))
+        return one_of(title, given, get_args(kind))
     ends = [_end(field, name) for name in ("ge", "le")]
     if kind is bool:
-        told = "bool, true or false"
+        allowed = "bool, true or false"
     elif kind in (int, float) and None not in ends:
-        told = f"{kind.__name__}, {ends[0]} to {ends[1]}"
+        allowed = f"{kind.__name__}, {ends[0]} to {ends[1]}"
     else:
         return InvalidInput(f"{section or cls.__name__}: {reason(error)}")
-    return InvalidInput(f"{what} must be {told}; got {given!r}")
+    return InvalidInput(f"{title} must be {allowed}; got {given!r}")

@@ -1,1 +1,1 @@
-"""SEs in the formats of other projects: ONNX and `torch.export` out, the paper's code in."""
+"""Export of SEs as ONNX and `torch.export` programs, and import from the paper's code."""

@@ -7,7 +7,7 @@ would cost ten times as much.
 
 import numpy as np
 
-from bilevel.activations import LRELU, PRELU, RELU, TANH
+from bilevel.activations import PRELU, RELU, TANH
 from bilevel.kernels.jit import compiled, quotient
 
 _f = np.float32
@@ -30,86 +30,55 @@ def tanh(x):
 
 
 @compiled
-def activate(z, activation, slope):
-    """Replace the vector `z` by its activations."""
+def activate(z, bias, activation, slope):
+    """Replace the vector `z` by the activations of z + bias."""
     if activation == TANH:
         for i in range(z.size):
-            z[i] = tanh(z[i])
+            z[i] = tanh(z[i] + bias)
     elif activation == RELU:
         for i in range(z.size):
-            z[i] = max(z[i], _ZERO)
+            z[i] = max(z[i] + bias, _ZERO)
     else:
         for i in range(z.size):
-            z[i] = max(z[i], _ZERO) + slope * min(z[i], _ZERO)
+            x = z[i] + bias
+            z[i] = max(x, _ZERO) + slope * min(x, _ZERO)
 
 
 @compiled
 def activate_rows(h, z, biases, activation, slope):
-    """Replace every row of the matrix `h` by the activations of its values plus its bias; for
-    PReLU alone, store the values before activation in `z`.
-
-    The function is chosen outside the loops: inside, the choice would cost as much as a row's
-    arithmetic.
-    """
-    rows, columns = h.shape
-    if activation == TANH:
-        for j in range(rows):
-            bias = biases[j]
-            for i in range(columns):
-                h[j, i] = tanh(h[j, i] + bias)
-    elif activation == RELU:
-        for j in range(rows):
-            bias = biases[j]
-            for i in range(columns):
-                h[j, i] = max(h[j, i] + bias, _ZERO)
-    elif activation == LRELU:
-        for j in range(rows):
-            bias = biases[j]
-            for i in range(columns):
-                x = h[j, i] + bias
-                h[j, i] = max(x, _ZERO) + slope * min(x, _ZERO)
-    else:
-        for j in range(rows):
-            bias = biases[j]
-            for i in range(columns):
-                x = h[j, i] + bias
-                z[j, i] = x
-                h[j, i] = max(x, _ZERO) + slope * min(x, _ZERO)
+    """Replace every row of the matrix `h` by the activations of its values plus its bias. For PReLU
+    only, store the values before activation in `z`."""
+    for j in range(h.shape[0]):
+        row, bias = h[j], biases[j]
+        if activation == PRELU:
+            for i in range(row.size):
+                z[j, i] = row[i] + bias
+        activate(row, bias, activation, slope)
 
 
 @compiled
 def activate_rows_backward(delta, h, z, activation, slope, bias_gradient):
-    """Multiply `delta` (gradient of the activations `h`) by the derivative and sum
+    """Multiply `delta` (gradient of the activations `h`) by the derivative, and write the sums of
     its rows into `bias_gradient`; return the gradient of the slope.
 
-    `z` holds the values before activation and is read for PReLU alone: its slope may become
+    `z` holds the values before activation and is read for PReLU only: its slope may become
     negative, so `h` does not determine their sign.
     """
     rows, columns = delta.shape
     slope_gradient = _ZERO
-    if activation == TANH:
-        for j in range(rows):
-            total = _ZERO
+    for j in range(rows):
+        if activation == TANH:
             for i in range(columns):
-                d = delta[j, i] * (_ONE - h[j, i] * h[j, i])
-                delta[j, i] = d
-                total += d
-            bias_gradient[j] = total
-    elif activation == PRELU:
-        for j in range(rows):
-            total = _ZERO
+                delta[j, i] *= _ONE - h[j, i] * h[j, i]
+        elif activation == PRELU:
             for i in range(columns):
                 slope_gradient += delta[j, i] * min(z[j, i], _ZERO)
-                d = delta[j, i] * (_ONE if z[j, i] > _ZERO else slope)
-                delta[j, i] = d
-                total += d
-            bias_gradient[j] = total
-    else:
-        for j in range(rows):
-            total = _ZERO
+                delta[j, i] *= _ONE if z[j, i] > _ZERO else slope
+        else:
             for i in range(columns):
-                d = delta[j, i] * (_ONE if h[j, i] > _ZERO else slope)
-                delta[j, i] = d
-                total += d
-            bias_gradient[j] = total
+                delta[j, i] *= _ONE if h[j, i] > _ZERO else slope
+        total = _ZERO
+        for i in range(columns):
+            total += delta[j, i]
+        bias_gradient[j] = total
     return slope_gradient

@@ -1,6 +1,9 @@
-"""Adam (Kingma and Ba, 2015) with torch's defaults, and the soft target update."""
+"""Learned parameters, Adam (Kingma and Ba, 2015) with torch's defaults, and soft target updates."""
+
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from bilevel.kernels.jit import compiled, quotient, square_root
 
@@ -11,9 +14,26 @@ _B1, _B2, _C1, _C2 = _f(BETA1), _f(BETA2), _f(1 - BETA1), _f(1 - BETA2)
 _EPSILON, _ONE = _f(EPSILON), _f(1)
 
 
+class Learned(NamedTuple):
+    """A parameter vector (P,) with its target, gradient and Adam moments."""
+
+    online: NDArray[np.float32]
+    target: NDArray[np.float32]
+    gradient: NDArray[np.float32]
+    first: NDArray[np.float32]
+    second: NDArray[np.float32]
+
+
+def learned(initial: NDArray[np.float32]) -> Learned:
+    """Parameters and targets that start from `initial` (P,)."""
+    return Learned(initial, initial.copy(), *(np.zeros_like(initial) for _ in range(3)))
+
+
 @compiled
-def adam_step(params, gradient, first, second, step, learning_rate):
-    """One Adam step in place; `step` counts from 1; all arrays are (P,) float32."""
+def adam_step(learned, step, learning_rate):
+    """Make one Adam step in place; `step` counts from 1."""
+    params, gradient = learned.online, learned.gradient
+    first, second = learned.first, learned.second
     size = _f(learning_rate / (1.0 - BETA1**step))
     inverse = _ONE / _f(np.sqrt(1.0 - BETA2**step))
     for i in range(params.size):
@@ -26,7 +46,8 @@ def adam_step(params, gradient, first, second, step, learning_rate):
 
 
 @compiled
-def soft_update(target, params, rate):
-    """target <- (1 - rate) * target + rate * params, in place."""
+def soft_update(learned, rate):
+    """target <- (1 - rate) * target + rate * online, in place."""
+    target, online = learned.target, learned.online
     for i in range(target.size):
-        target[i] += rate * (params[i] - target[i])
+        target[i] += rate * (online[i] - target[i])

@@ -4,8 +4,7 @@ Both draw the same random numbers in the same order, so whole training runs can 
 
 symbol   shape            meaning
 ------   --------------   -----------------------------------------
-theta    (P,) float32     parameters of the Q-network
-target   (P,) float32     parameters of the target network
+theta    (P,) float32     parameters of the Q-network, with targets
 y        (O, B')          outputs: action values (O = A), or value and
                           advantages (O = 1 + A) of a dueling network
 q        (A, B')          action values
@@ -18,9 +17,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.hyperparameters import DDQNHyperparameters
-from bilevel.kernels.adam import adam_step, soft_update
+from bilevel.kernels.adam import Learned, adam_step, learned, soft_update
 from bilevel.kernels.jit import compiled
-from bilevel.kernels.mlp import backward, forward, forward_single, padded
+from bilevel.kernels.mlp import Work, backward, forward, forward_single, work_space, zeros
 from bilevel.kernels.random import below, uniform
 from bilevel.kernels.replay import Batch, new_batch
 from bilevel.kernels.training import act, end_episode, greedy, implements, learn
@@ -28,7 +27,7 @@ from bilevel.networks import Network, initial_parameters
 
 
 class Settings(NamedTuple):
-    """Hyperparameters in the form of the kernel (see `DDQNHyperparameters`)."""
+    """The fields of `DDQNHyperparameters` that the kernel reads."""
 
     learning_rate: float
     target_update_rate: float
@@ -43,28 +42,17 @@ class DDQNKernel(NamedTuple):
 
     settings: Settings
     net: Network
-    theta: NDArray[np.float32]
-    target: NDArray[np.float32]
-    gradient: NDArray[np.float32]
-    first: NDArray[np.float32]  # Adam's moments
-    second: NDArray[np.float32]
-    gradient_steps: NDArray[np.int64]  # (1,)
+    theta: Learned
+    steps: NDArray[np.int64]  # (1,) gradient steps
     epsilon: NDArray[np.float64]  # (1,)
     action: NDArray[np.float32]  # (1,) index of the last action
     batch: Batch
-    h: NDArray[np.float32]  # (depth, H, B') of the states
-    z: NDArray[np.float32]
-    h_next: NDArray[np.float32]  # (depth, H, B') of the next states
-    z_next: NDArray[np.float32]
-    delta_h: NDArray[np.float32]
-    y: NDArray[np.float32]  # (O, B')
-    delta_y: NDArray[np.float32]
-    q: NDArray[np.float32]  # (A, B')
-    q_next: NDArray[np.float32]
-    q_target: NDArray[np.float32]
-    delta_q: NDArray[np.float32]
-    single_h: NDArray[np.float32]  # (2, H) for a single state
-    single_y: NDArray[np.float32]  # (O,)
+    work: Work
+    n_actions: int
+
+    def parameters(self) -> list[NDArray[np.float32]]:
+        """The parameters of the online and the target network."""
+        return [self.theta.online, self.theta.target]
 
 
 def new_agent(
@@ -72,68 +60,32 @@ def new_agent(
 ) -> DDQNKernel:
     """A fresh agent; `rng` draws its initial parameters."""
     net = hp.network(state_size, n_actions)
-    theta = initial_parameters(net, rng)
-    columns, outputs = padded(hp.batch_size), int(net.sizes[-1])
-    depth = net.sizes.size - 2
-
-    def zeros(*shape: int) -> NDArray[np.float32]:
-        return np.zeros(shape, np.float32)
-
-    def hidden() -> NDArray[np.float32]:
-        return zeros(depth, hp.hidden_size, columns)
-
     return DDQNKernel(
-        settings=Settings(
-            hp.learning_rate,
-            hp.target_update_rate,
-            hp.discount,
-            hp.minimal_epsilon,
-            hp.epsilon_decay,
-            hp.dueling,
-        ),
+        settings=Settings(*(getattr(hp, name) for name in Settings._fields)),
         net=net,
-        theta=theta,
-        target=theta.copy(),
-        gradient=np.zeros_like(theta),
-        first=np.zeros_like(theta),
-        second=np.zeros_like(theta),
-        gradient_steps=np.zeros(1, np.int64),
+        theta=learned(initial_parameters(net, rng)),
+        steps=np.zeros(1, np.int64),
         epsilon=np.array([hp.initial_epsilon]),
         action=zeros(1),
         batch=new_batch(state_size, 1, hp.batch_size),
-        h=hidden(),
-        z=hidden(),
-        h_next=hidden(),
-        z_next=hidden(),
-        delta_h=hidden(),
-        y=zeros(outputs, columns),
-        delta_y=zeros(outputs, columns),
-        q=zeros(n_actions, columns),
-        q_next=zeros(n_actions, columns),
-        q_target=zeros(n_actions, columns),
-        delta_q=zeros(n_actions, columns),
-        single_h=zeros(2, hp.hidden_size),
-        single_y=zeros(outputs),
+        work=work_space(net, hp.batch_size),
+        n_actions=n_actions,
     )
 
 
-def parameters(agent: DDQNKernel) -> list[NDArray[np.float32]]:
-    """The parameters of the online and the target network."""
-    return [agent.theta, agent.target]
-
-
 @compiled
-def action_values(agent, params, states, h, z, q):
-    """Write the action values of a batch of states into `q` (A, B').
+def action_values(agent, params, states):
+    """The action values (A, B') of a batch of states (S, B').
 
-    A dueling network's are the value plus each advantage minus their mean (Wang et al., 2016).
+    Those of a dueling network are the value plus each advantage minus the mean advantage (Wang et
+    al., 2016).
     """
+    n_actions, columns = agent.n_actions, states.shape[1]
+    y = np.empty((agent.net.sizes[-1], columns), np.float32)
+    forward(agent.net, params, states, agent.work, y)
     if not agent.settings.dueling:
-        forward(agent.net, params, states, h, z, q)
-        return
-    y = agent.y
-    forward(agent.net, params, states, h, z, y)
-    n_actions, columns = q.shape
+        return y
+    q = np.empty((n_actions, columns), np.float32)
     share = np.float32(1.0 / n_actions)
     for i in range(columns):
         mean = np.float32(0)
@@ -141,15 +93,17 @@ def action_values(agent, params, states, h, z, q):
             mean += share * y[1 + a, i]
         for a in range(n_actions):
             q[a, i] = y[0, i] + y[1 + a, i] - mean
+    return q
 
 
 @compiled
-def output_gradient(agent):
-    """The gradient of the network's outputs, given the gradient of the action values."""
+def output_gradient(agent, delta_q):
+    """The gradient (O, B') of the network's outputs, given the gradient (A, B') of the action
+    values."""
     if not agent.settings.dueling:
-        return agent.delta_q
-    delta_q, delta_y = agent.delta_q, agent.delta_y
+        return delta_q
     n_actions, columns = delta_q.shape
+    delta_y = np.empty((1 + n_actions, columns), np.float32)
     share = np.float32(1.0 / n_actions)
     for i in range(columns):
         total = np.float32(0)
@@ -164,16 +118,16 @@ def output_gradient(agent):
 @implements(DDQNKernel, learn)
 @compiled
 def gradient_step(agent, rng):
-    """One gradient step on the minibatch in `agent`; return the mean squared error.
+    """Make one gradient step on the minibatch in `agent`; return the mean squared error.
 
     The online network chooses the next action, the target network values it
     (van Hasselt et al., 2016); the raw done output weighs the future.
     """
-    settings, batch = agent.settings, agent.batch
-    q, q_next, q_target, delta_q = agent.q, agent.q_next, agent.q_target, agent.delta_q
-    action_values(agent, agent.theta, batch.next_states, agent.h_next, agent.z_next, q_next)
-    action_values(agent, agent.target, batch.next_states, agent.h_next, agent.z_next, q_target)
-    action_values(agent, agent.theta, batch.states, agent.h, agent.z, q)
+    settings, batch, theta = agent.settings, agent.batch, agent.theta
+    q_next = action_values(agent, theta.online, batch.next_states)
+    q_target = action_values(agent, theta.target, batch.next_states)
+    q = action_values(agent, theta.online, batch.states)  # last: `backward` reads its layers
+    delta_q = np.zeros_like(q)
     n_actions, batch_size = q.shape[0], batch.rewards.size
     gamma, one = np.float32(settings.discount), np.float32(1)
     scale = np.float32(2.0 / batch_size)
@@ -183,33 +137,16 @@ def gradient_step(agent, rng):
         for a in range(1, n_actions):
             if q_next[a, i] > q_next[best, i]:
                 best = a
-            delta_q[a, i] = 0
-        delta_q[0, i] = 0
         goal = batch.rewards[i] + gamma * q_target[best, i] * (one - batch.dones[i])
         action = np.int64(batch.actions[0, i])
         error = q[action, i] - goal
         delta_q[action, i] = scale * error
         loss += error * error
-    backward(
-        agent.net,
-        agent.theta,
-        batch.states,
-        agent.h,
-        agent.z,
-        output_gradient(agent),
-        agent.delta_h,
-        agent.gradient,
-    )
-    agent.gradient_steps[0] += 1
-    adam_step(
-        agent.theta,
-        agent.gradient,
-        agent.first,
-        agent.second,
-        agent.gradient_steps[0],
-        settings.learning_rate,
-    )
-    soft_update(agent.target, agent.theta, np.float32(settings.target_update_rate))
+    delta_y = output_gradient(agent, delta_q)
+    backward(agent.net, theta.online, batch.states, agent.work, delta_y, theta.gradient)
+    agent.steps[0] += 1
+    adam_step(theta, agent.steps[0], settings.learning_rate)
+    soft_update(theta, np.float32(settings.target_update_rate))
     return loss / batch_size
 
 
@@ -218,13 +155,9 @@ def gradient_step(agent, rng):
 def greedy_action(agent, state):
     """The action with the highest value. (The advantages of a dueling network have the same
     order.)"""
-    q = agent.single_y[1:] if agent.settings.dueling else agent.single_y
-    forward_single(agent.net, agent.theta, state, agent.single_h, agent.single_y)
-    best = 0
-    for a in range(1, q.size):
-        if q[a] > q[best]:
-            best = a
-    return best
+    y = np.empty(agent.net.sizes[-1], np.float32)
+    forward_single(agent.net, agent.theta.online, state, agent.work, y)
+    return np.argmax(y[1:] if agent.settings.dueling else y)
 
 
 @implements(DDQNKernel, act)
@@ -232,7 +165,7 @@ def greedy_action(agent, state):
 def explore(agent, state, exploring, rng):
     """The next training action, chosen epsilon-greedily."""
     if uniform(rng) < agent.epsilon[0]:
-        action = below(rng, agent.q.shape[0])
+        action = below(rng, agent.n_actions)
     else:
         action = greedy_action(agent, state)
     agent.action[0] = action

@@ -3,8 +3,8 @@
 
 symbol    shape          meaning
 -------   ------------   ----------------------------------------------------
-physics   (p,) float64   the simulator's state (CartPole: x, dx, theta, dtheta;
-                         Acrobot: theta1, theta2, dtheta1, dtheta2)
+physics   (p,) float64   the simulator's state (CartPole: x, dx, angle, spin;
+                         Acrobot: angle1, angle2, spin1, spin2)
 state     (S,) float32   what the agent observes
 """
 
@@ -18,7 +18,7 @@ from bilevel.kernels.jit import compiled
 #: environment that gymnasium runs.
 OBSERVED, CARTPOLE, ACROBOT = 0, 1, 2
 
-_THETA_LIMIT = 12 * 2 * math.pi / 360
+_ANGLE_LIMIT = 12 * 2 * math.pi / 360
 _X_LIMIT = 2.4
 _MAX_VELOCITY_1, _MAX_VELOCITY_2 = 4 * math.pi, 9 * math.pi
 
@@ -64,36 +64,36 @@ def observe_episodes(dynamics, step_limit, actions, initial_physics, seen):
 
 @compiled
 def _cartpole_step(physics, action):
-    x, dx, theta, dtheta = physics
+    x, dx, angle, spin = physics
     force = 10.0 if action == 1 else -10.0
-    cos, sin = math.cos(theta), math.sin(theta)
-    temp = (force + 0.05 * dtheta**2 * sin) / 1.1
-    ddtheta = (9.8 * sin - cos * temp) / (0.5 * (4.0 / 3.0 - 0.1 * cos**2 / 1.1))
-    ddx = temp - 0.05 * ddtheta * cos / 1.1
+    cos, sin = math.cos(angle), math.sin(angle)
+    temp = (force + 0.05 * spin**2 * sin) / 1.1
+    dspin = (9.8 * sin - cos * temp) / (0.5 * (4.0 / 3.0 - 0.1 * cos**2 / 1.1))
+    ddx = temp - 0.05 * dspin * cos / 1.1
     physics[0] = x + 0.02 * dx
     physics[1] = dx + 0.02 * ddx
-    physics[2] = theta + 0.02 * dtheta
-    physics[3] = dtheta + 0.02 * ddtheta
-    return 1.0, abs(physics[0]) > _X_LIMIT or abs(physics[2]) > _THETA_LIMIT
+    physics[2] = angle + 0.02 * spin
+    physics[3] = spin + 0.02 * dspin
+    return 1.0, abs(physics[0]) > _X_LIMIT or abs(physics[2]) > _ANGLE_LIMIT
 
 
 @compiled
-def _acrobot_derivatives(theta1, theta2, dtheta1, dtheta2, torque):
+def _acrobot_derivatives(angle1, angle2, spin1, spin2, torque):
     """Equations of motion (Sutton and Barto's variant), all masses, lengths and
     moments of inertia 1, centres of mass at 0.5."""
-    cos2, sin2 = math.cos(theta2), math.sin(theta2)
+    cos2, sin2 = math.cos(angle2), math.sin(angle2)
     d1 = 0.25 + (1.25 + cos2) + 2.0
     d2 = 0.25 + 0.5 * cos2 + 1.0
-    phi2 = 0.5 * 9.8 * math.cos(theta1 + theta2 - math.pi / 2)
+    phi2 = 0.5 * 9.8 * math.cos(angle1 + angle2 - math.pi / 2)
     phi1 = (
-        -0.5 * dtheta2**2 * sin2
-        - dtheta2 * dtheta1 * sin2
-        + 1.5 * 9.8 * math.cos(theta1 - math.pi / 2)
+        -0.5 * spin2**2 * sin2
+        - spin2 * spin1 * sin2
+        + 1.5 * 9.8 * math.cos(angle1 - math.pi / 2)
         + phi2
     )
-    ddtheta2 = (torque + d2 / d1 * phi1 - 0.5 * dtheta1**2 * sin2 - phi2) / (1.25 - d2**2 / d1)
-    ddtheta1 = -(d2 * ddtheta2 + phi1) / d1
-    return dtheta1, dtheta2, ddtheta1, ddtheta2
+    dspin2 = (torque + d2 / d1 * phi1 - 0.5 * spin1**2 * sin2 - phi2) / (1.25 - d2**2 / d1)
+    dspin1 = -(d2 * dspin2 + phi1) / d1
+    return spin1, spin2, dspin1, dspin2
 
 
 @compiled
@@ -119,12 +119,12 @@ def _acrobot_step(physics, action):
     a4, b4, c4, d4 = _acrobot_derivatives(
         a + dt * a3, b + dt * b3, c + dt * c3, d + dt * d3, torque
     )
-    theta1 = _wrap(a + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4))
-    theta2 = _wrap(b + dt / 6 * (b1 + 2 * b2 + 2 * b3 + b4))
-    dtheta1 = c + dt / 6 * (c1 + 2 * c2 + 2 * c3 + c4)
-    dtheta2 = d + dt / 6 * (d1 + 2 * d2 + 2 * d3 + d4)
-    physics[0], physics[1] = theta1, theta2
-    physics[2] = min(max(dtheta1, -_MAX_VELOCITY_1), _MAX_VELOCITY_1)
-    physics[3] = min(max(dtheta2, -_MAX_VELOCITY_2), _MAX_VELOCITY_2)
-    done = -math.cos(theta1) - math.cos(theta2 + theta1) > 1.0
+    angle1 = _wrap(a + dt / 6 * (a1 + 2 * a2 + 2 * a3 + a4))
+    angle2 = _wrap(b + dt / 6 * (b1 + 2 * b2 + 2 * b3 + b4))
+    spin1 = c + dt / 6 * (c1 + 2 * c2 + 2 * c3 + c4)
+    spin2 = d + dt / 6 * (d1 + 2 * d2 + 2 * d3 + d4)
+    physics[0], physics[1] = angle1, angle2
+    physics[2] = min(max(spin1, -_MAX_VELOCITY_1), _MAX_VELOCITY_1)
+    physics[3] = min(max(spin2, -_MAX_VELOCITY_2), _MAX_VELOCITY_2)
+    done = -math.cos(angle1) - math.cos(angle2 + angle1) > 1.0
     return (0.0 if done else -1.0), done

@@ -33,7 +33,7 @@ def environment(
     solved_reward: float,
     initial_physics: NDArray[np.float64],
 ) -> Environment:
-    """Build an environment with its work space."""
+    """An environment with its work space."""
     return Environment(
         synthetic,
         se,
@@ -49,7 +49,7 @@ def environment(
 
 @compiled
 def reset(env, episode, state):
-    """Begin an episode and write its initial state into `state` (S,)."""
+    """Start an episode and write its initial state into `state` (S,)."""
     env.physics[:] = env.initial_physics[episode % env.initial_physics.shape[0]]
     dynamics.observe(env.dynamics, env.physics, state)
 
@@ -57,7 +57,7 @@ def reset(env, episode, state):
 @compiled
 def step(env, state, action, next_state):
     """Write the next state into `next_state` (S,); return the reward, the raw done output (0 or 1
-    for a real task) and whether the episode is over."""
+    for a real task) and True at the end of the episode."""
     if env.synthetic:
         reward, done = synthetic_env.step(env.se, state, action, next_state, env.work)
         return reward, done, done > synthetic_env.DONE

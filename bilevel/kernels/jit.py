@@ -1,4 +1,4 @@
-"""The compiler settings that every kernel shares."""
+"""Compiler settings of all kernels."""
 
 import atexit
 import hashlib
@@ -18,9 +18,9 @@ import numpy as np
 FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
 
 #: The compiler's options for a kernel. It is inlined, because the compiler may order its sums:
-#: otherwise several libraries hold their own optimised copy of a function, whose sums differ in the
-#: last bits, and the copy that a call reaches depends on what the process has compiled or loaded
-#: before.
+#: otherwise several libraries contain a separately optimised copy of a function, whose sums differ
+#: in the last bits, and the copy that a call reaches depends on the kernels that the process has
+#: compiled or loaded before.
 OPTIONS: dict[str, Any] = {
     "nogil": True,
     "error_model": "numpy",
@@ -29,39 +29,38 @@ OPTIONS: dict[str, Any] = {
 }
 
 
-def _cache_folder() -> str:
-    """Folder of the cached machine code, named by a digest of the kernels' sources.
+def cache_folder() -> Path:
+    """Create and return the folder of the cached machine code: in NUMBA_CACHE_DIR, else in this
+    package, else in the user's cache, else a temporary folder of this process.
 
-    Numba notices a change in a function's own file, but not in functions that it calls from other
-    files. So the digest covers all kernels, and the modules that they share with the definitions.
+    Its name contains a digest of all kernels and of the modules that they share with the
+    definitions, since Numba notices a change in a function's own file only.
     """
-    here = Path(__file__).parent
-    digest = hashlib.sha256()
-    shared = [here.parent / f"{name}.py" for name in ("activations", "networks", "splitmix")]
-    for source in [*sorted(here.glob("*.py")), *shared]:
+    package, digest = Path(__file__).parent, hashlib.sha256()
+    shared = (package.parent / f"{name}.py" for name in ("activations", "networks", "splitmix"))
+    for source in [*sorted(package.glob("*.py")), *shared]:
         digest.update(source.read_bytes())
-    name = f"kernels-{digest.hexdigest()[:16]}"
-    beside = here / "__pycache__"
-    places = [beside] if os.access(beside if beside.exists() else here, os.W_OK) else []
+    places = [package / "__pycache__"]
     if numba.config.CACHE_DIR:  # from NUMBA_CACHE_DIR
         places.insert(0, Path(numba.config.CACHE_DIR).absolute())
     with suppress(RuntimeError):  # no home folder is known
         places.append(Path.home() / ".cache" / "bilevel")
     for place in places:
+        folder = place / f"kernels-{digest.hexdigest()[:16]}"
         with suppress(OSError):
-            (place / name).mkdir(parents=True, exist_ok=True)
-            if os.access(place / name, os.W_OK):
-                return str(place / name)
-    own = tempfile.mkdtemp(prefix="bilevel-kernels-")
-    atexit.register(shutil.rmtree, own, ignore_errors=True)
-    return own
+            folder.mkdir(parents=True, exist_ok=True)
+            if os.access(folder, os.W_OK):
+                return folder
+    temporary = tempfile.mkdtemp(prefix="bilevel-kernels-")
+    atexit.register(shutil.rmtree, temporary, ignore_errors=True)
+    return Path(temporary)
 
 
-_CACHE_FOLDER = _cache_folder()
+_CACHE_FOLDER = str(cache_folder())
 
 
 def _compile(function: Callable[..., Any], **options: Any) -> Callable[..., Any]:
-    """Compile with other options than `OPTIONS` where they are given."""
+    """Compile with `OPTIONS`, except for the given ones."""
     before, numba.config.CACHE_DIR = numba.config.CACHE_DIR, _CACHE_FOLDER
     try:
         jitted: Callable[..., Any] = numba.njit(function, cache=True, **(OPTIONS | options))
@@ -76,8 +75,8 @@ def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def compiled_apart(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile as `compiled` does a function that orders its sums itself: no caller gets a copy of
-    its code, which shortens the compilation of kernels that call it often."""
+    """Compile a function that orders its sums itself. It is not inlined, which shortens the
+    compilation of kernels that call it often."""
     return _compile(function, forceinline=False)
 
 
@@ -101,7 +100,7 @@ def square_root(x):
 
 @compiled
 def is_finite(x):
-    """Whether a float is neither infinite nor NaN.
+    """Return True for a float that is neither infinite nor NaN.
 
     `np.isfinite` would not work here: it computes `x - x`, which reassociation turns into 0 for
     every x.
@@ -111,7 +110,7 @@ def is_finite(x):
 
 @compiled
 def all_finite(values):
-    """Whether all floats of a vector are finite; their sum need not be."""
+    """Return True if all floats of a vector are finite; their sum need not be."""
     finite = True
     for value in values:
         finite &= is_finite(value)

@@ -4,17 +4,20 @@ symbol   shape              meaning
 ------   ----------------   ------------------------------------------------
 depth    -                  number of hidden layers
 H        -                  width of every hidden layer
-B        -                  batch size
-x        (inputs, B)        inputs, one *column* a sample
-h        (depth, H, B)      hidden activations
-z        (depth, H, B)      values before activation (PReLU alone reads them)
-y        (outputs, B)       outputs, the heads one below the other
+B'       -                  batch size, padded to whole tiles
+x        (inputs, B')       inputs, one *column* per sample
+h        (depth, H, B')     hidden activations
+z        (depth, H, B')     values before activation (only PReLU reads them)
+y        (outputs, B')      outputs, the heads one below the other
 
 Columns are samples, so that a bias belongs to a row and every loop runs along the batch, in vector
 registers. Between two products (`products`) there is one pass over the batch.
 """
 
+from typing import NamedTuple
+
 import numpy as np
+from numpy.typing import NDArray
 
 from bilevel import networks
 from bilevel.activations import LRELU, LRELU_SLOPE, PRELU
@@ -22,9 +25,28 @@ from bilevel.kernels.activations import activate, activate_rows, activate_rows_b
 from bilevel.kernels.jit import compiled
 from bilevel.kernels.products import product
 from bilevel.kernels.tiles import LANES
+from bilevel.networks import Network
 
 _ZERO = np.float32(0)
 _LRELU_SLOPE = np.float32(LRELU_SLOPE)
+
+#: Compiled versions of the functions in `bilevel.networks`.
+layer_weights = compiled(networks.layer_weights)
+layer_biases = compiled(networks.layer_biases)
+
+
+class Work(NamedTuple):
+    """Memory for the hidden layers of a network."""
+
+    h: NDArray[np.float32]  # (depth, H, B')
+    z: NDArray[np.float32]  # (depth, H, B')
+    delta_h: NDArray[np.float32]  # (depth, H, B') gradient of h
+    single: NDArray[np.float32]  # (2, H) layers of a single sample, in turn
+
+
+def zeros(*shape: int) -> NDArray[np.float32]:
+    """A float32 array of zeros."""
+    return np.zeros(shape, np.float32)
 
 
 def padded(batch_size: int) -> int:
@@ -32,93 +54,75 @@ def padded(batch_size: int) -> int:
     return -(-batch_size // LANES) * LANES
 
 
-#: Compiled versions of the functions in `bilevel.networks`.
-layer_weights = compiled(networks.layer_weights)
-layer_biases = compiled(networks.layer_biases)
+def work_space(net: Network, batch_size: int) -> Work:
+    """Memory for batches of that size, which is padded."""
+    depth, hidden = net.sizes.size - 2, int(net.sizes[1])
+    h, z, delta_h = (zeros(depth, hidden, padded(batch_size)) for _ in range(3))
+    return Work(h, z, delta_h, single=zeros(2, hidden))
 
 
 @compiled
-def negative_slope(net, params):
-    """Slope of the activation for negative inputs."""
-    if net.activation == PRELU:
-        return params[params.size - 1]
-    return _LRELU_SLOPE if net.activation == LRELU else _ZERO
-
-
-@compiled
-def forward(net, params, x, h, z, y):
-    """Write the outputs for a batch into `y`, and the hidden layers into `h` (and `z`)."""
-    slope = negative_slope(net, params)
+def forward(net, params, x, work, y):
+    """Write the outputs for a batch into `y`, and the hidden layers into `work`."""
+    slope = _negative_slope(net, params)
     depth = net.sizes.size - 2
     inputs = x
     for layer in range(depth):
-        out = h[layer]
-        product(layer_weights(net, params, layer), inputs, out)
-        activate_rows(out, z[layer], layer_biases(net, params, layer), net.activation, slope)
-        inputs = out
-    unit = output = 0
+        h, z = work.h[layer], work.z[layer]
+        product(layer_weights(net, params, layer), inputs, h)
+        activate_rows(h, z, layer_biases(net, params, layer), net.activation, slope)
+        inputs = h
     for head in range(net.heads.shape[0]):
-        n_in, n_out = net.heads[head, 0], net.heads[head, 1]
+        unit, last_unit, output, last_output = _head(net, head)
         biases = layer_biases(net, params, depth + head)
-        out = y[output : output + n_out]
-        product(layer_weights(net, params, depth + head), inputs[unit : unit + n_in], out)
-        for a in range(n_out):
+        out = y[output:last_output]
+        product(layer_weights(net, params, depth + head), inputs[unit:last_unit], out)
+        for a in range(out.shape[0]):
             bias = biases[a]
             for i in range(out.shape[1]):
                 out[a, i] += bias
-        unit += n_in
-        output += n_out
 
 
 @compiled
-def backward(net, params, x, h, z, delta_y, delta_h, gradient):
+def backward(net, params, x, work, delta_y, gradient):
     """Write the gradient of all parameters into `gradient`, given the gradient `delta_y`
-    (outputs, B) of the outputs, and the gradient of the hidden layers into `delta_h`."""
+    (outputs, B') of the outputs, and the gradient of the hidden layers into `work`."""
     depth = net.sizes.size - 2
-    top, unit, output = h[depth - 1], 0, 0
     for head in range(net.heads.shape[0]):
-        n_in, n_out = net.heads[head, 0], net.heads[head, 1]
-        delta = delta_y[output : output + n_out]
-        weight_gradient = layer_weights(net, gradient, depth + head)
-        product(delta, top[unit : unit + n_in].T, weight_gradient)
+        unit, last_unit, output, last_output = _head(net, head)
+        delta = delta_y[output:last_output]
+        top = work.h[depth - 1][unit:last_unit]
+        product(delta, top.T, layer_weights(net, gradient, depth + head))
         bias_gradient = layer_biases(net, gradient, depth + head)
-        for a in range(n_out):
+        for a in range(delta.shape[0]):
             total = _ZERO
             for i in range(delta.shape[1]):
                 total += delta[a, i]
             bias_gradient[a] = total
-        unit += n_in
-        output += n_out
-    propagate(net, params, h, z, delta_y, delta_h, gradient)
+    propagate(net, params, work, delta_y, gradient)
     for layer in range(depth):
-        inputs = h[layer - 1] if layer > 0 else x
-        product(delta_h[layer], inputs.T, layer_weights(net, gradient, layer))
+        inputs = work.h[layer - 1] if layer > 0 else x
+        product(work.delta_h[layer], inputs.T, layer_weights(net, gradient, layer))
 
 
 @compiled
-def propagate(net, params, h, z, delta_y, delta_h, gradient):
-    """Compute the part of `backward` that passes down the layers: `delta_h` (depth, H, B), and the
-    gradients of hidden biases and slope."""
-    slope = negative_slope(net, params)
+def propagate(net, params, work, delta_y, gradient):
+    """Compute the part of `backward` that passes down the layers: the gradients of the hidden
+    layers, of their biases and of the slope."""
+    slope = _negative_slope(net, params)
     slope_gradient = _ZERO
     depth = net.sizes.size - 2
-    delta, unit, output = delta_h[depth - 1], 0, 0
+    delta_h = work.delta_h
     for head in range(net.heads.shape[0]):
-        n_in, n_out = net.heads[head, 0], net.heads[head, 1]
+        unit, last_unit, output, last_output = _head(net, head)
         weights = layer_weights(net, params, depth + head)
-        product(weights.T, delta_y[output : output + n_out], delta[unit : unit + n_in])
-        unit += n_in
-        output += n_out
+        product(weights.T, delta_y[output:last_output], delta_h[depth - 1][unit:last_unit])
     for layer in range(depth - 1, -1, -1):
         if layer < depth - 1:
             product(layer_weights(net, params, layer + 1).T, delta_h[layer + 1], delta_h[layer])
+        bias_gradient = layer_biases(net, gradient, layer)
         slope_gradient += activate_rows_backward(
-            delta_h[layer],
-            h[layer],
-            z[layer],
-            net.activation,
-            slope,
-            layer_biases(net, gradient, layer),
+            delta_h[layer], work.h[layer], work.z[layer], net.activation, slope, bias_gradient
         )
     if net.activation == PRELU:
         gradient[gradient.size - 1] = slope_gradient
@@ -126,24 +130,39 @@ def propagate(net, params, h, z, delta_y, delta_h, gradient):
 
 @compiled
 def forward_single(net, params, x, work, y):
-    """Write the outputs for one sample `x` (inputs,) into `y` (outputs,); `work` is (2, H)."""
-    slope = negative_slope(net, params)
+    """Write the outputs for one sample `x` (inputs,) into `y` (outputs,)."""
+    slope = _negative_slope(net, params)
     depth = net.sizes.size - 2
     inputs = x
     for layer in range(depth):
-        out = work[layer % 2]
+        out = work.single[layer % 2]
         weights = layer_weights(net, params, layer)
         _affine(weights, layer_biases(net, params, layer), inputs, out)
-        activate(out, net.activation, slope)
+        activate(out, _ZERO, net.activation, slope)
         inputs = out
-    unit = output = 0
     for head in range(net.heads.shape[0]):
-        n_in, n_out = net.heads[head, 0], net.heads[head, 1]
+        unit, last_unit, output, last_output = _head(net, head)
         weights = layer_weights(net, params, depth + head)
         biases = layer_biases(net, params, depth + head)
-        _affine(weights, biases, inputs[unit : unit + n_in], y[output : output + n_out])
-        unit += n_in
-        output += n_out
+        _affine(weights, biases, inputs[unit:last_unit], y[output:last_output])
+
+
+@compiled
+def _head(net, head):
+    """The hidden units that a head reads, and its outputs, as bounds of two slices."""
+    unit = output = 0
+    for earlier in range(head):
+        unit += net.heads[earlier, 0]
+        output += net.heads[earlier, 1]
+    return unit, unit + net.heads[head, 0], output, output + net.heads[head, 1]
+
+
+@compiled
+def _negative_slope(net, params):
+    """Slope of the activation for negative inputs."""
+    if net.activation == PRELU:
+        return params[params.size - 1]
+    return _LRELU_SLOPE if net.activation == LRELU else _ZERO
 
 
 @compiled

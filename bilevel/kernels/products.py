@@ -2,7 +2,7 @@
 
 The products of a gradient step are small, and some are thin: 4 inputs, 2 outputs. OpenBLAS copies
 all operands before it multiplies, which costs more than such a product, except on processors with
-AVX-512 (its pull request 3335). Everywhere else these products are made of tiles (`tiles`).
+AVX-512 (its pull request 3335). On all other processors `tiles` computes these products.
 """
 
 from typing import Any
@@ -21,7 +21,7 @@ from bilevel.kernels.tiles import (
     rows_tile,
 )
 
-#: Whether products are made of tiles on this processor.
+#: True on processors where products are made of tiles.
 TILED = not llvm.get_host_cpu_features().get("avx512f", False)
 #: Elements of a weight matrix, or of its gradient, up to which tiles are about as fast as BLAS
 #: (`benchmarks.speed.products`).
@@ -45,7 +45,7 @@ def _product(a, b, out):
 
 @compiled_apart
 def product_with_rows(a, b, out):
-    """`product` with a matrix of contiguous rows, `b`."""
+    """Compute `product` for a `b` with contiguous rows."""
     if TILED and b.shape[1] % LANES == 0 and a.size <= LARGEST:
         tiles_with_rows(a, b, out)
     else:
@@ -54,7 +54,7 @@ def product_with_rows(a, b, out):
 
 @compiled_apart
 def product_of_rows(a, b, out):
-    """`product` with a matrix of contiguous columns, `b`: dot products of these and rows of `a`."""
+    """Compute `product` for a `b` with contiguous columns: dot products with the rows of `a`."""
     whole = b.shape[0] % LANES == 0 and b.shape[1] >= DOTS_COLUMNS
     if TILED and whole and out.size <= LARGEST:
         tiles_of_rows(a, b, out)
@@ -64,33 +64,26 @@ def product_of_rows(a, b, out):
 
 @compiled_apart
 def tiles_with_rows(a, b, out):
-    """`product_with_rows` by tiles alone; LANES divides the number of columns."""
+    """Compute `product_with_rows` by tiles; LANES divides the number of columns."""
     rows = a.shape[0]
-    rest = rows % TILE_ROWS
+    tiled = rows - rows % TILE_ROWS
     for column in range(0, b.shape[1], LANES):
-        for row in range(0, rows - rest, TILE_ROWS):
+        for row in range(0, tiled, TILE_ROWS):
             rows_tile(TILE_ROWS, a, row, b, column, out)
-        if rest == 1:
+        for row in range(tiled, rows - 1, 2):
+            rows_tile(2, a, row, b, column, out)
+        if rows % 2 == 1:
             rows_tile(1, a, rows - 1, b, column, out)
-        elif rest == 2:
-            rows_tile(2, a, rows - 2, b, column, out)
-        elif rest == 3:
-            rows_tile(3, a, rows - 3, b, column, out)
-        elif rest == 4:
-            rows_tile(4, a, rows - 4, b, column, out)
-        elif rest == 5:
-            rows_tile(5, a, rows - 5, b, column, out)
 
 
 @compiled_apart
 def tiles_of_rows(a, b, out):
-    """`product_of_rows` by tiles alone; LANES divides the number of terms, and `b` has at least
+    """Compute `product_of_rows` by tiles; LANES divides the number of terms, and `b` has at least
     DOTS_COLUMNS columns."""
     rows, columns = out.shape
     for start in range(0, columns, DOTS_COLUMNS):
-        # The last tile overlaps the one before it, unless all are whole.
-        column = min(start, columns - DOTS_COLUMNS)
-        for row in range(0, rows - rows % DOTS_ROWS, DOTS_ROWS):
+        column = min(start, columns - DOTS_COLUMNS)  # the last tile may overlap the previous one
+        for row in range(0, rows - 1, DOTS_ROWS):
             dots_tile(DOTS_ROWS, a, row, b, column, out)
         if rows % DOTS_ROWS == 1:
             dots_tile(1, a, rows - 1, b, column, out)

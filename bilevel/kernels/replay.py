@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.kernels.jit import compiled
-from bilevel.kernels.mlp import padded
+from bilevel.kernels.mlp import padded, zeros
 from bilevel.kernels.random import below
 
 
@@ -33,14 +33,14 @@ class Batch(NamedTuple):
 def new_batch(state_size: int, action_size: int, batch_size: int) -> Batch:
     """An empty minibatch."""
     columns = padded(batch_size)
-    inputs = np.zeros((state_size + action_size, columns), np.float32)
+    inputs = zeros(state_size + action_size, columns)
     return Batch(
         inputs,
         inputs[:state_size],
         inputs[state_size:],
-        np.zeros((state_size, columns), np.float32),
-        np.zeros(batch_size, np.float32),
-        np.zeros(batch_size, np.float32),
+        zeros(state_size, columns),
+        zeros(batch_size),
+        zeros(batch_size),
     )
 
 

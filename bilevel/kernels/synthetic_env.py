@@ -23,6 +23,8 @@ from bilevel.networks import Network
 #: The done output above which an episode ends.
 DONE = 0.5
 
+_ZERO = np.float32(0)
+
 
 class SEKernel(NamedTuple):
     """Parameters of an SE, arranged for `step`."""
@@ -81,7 +83,7 @@ def step(se, state, action, next_state, work):
         x = state[k]
         for j in range(h.size):
             h[j] += x * se.state_weights[k, j]
-    activate(h, se.activation, se.slope)
+    activate(h, _ZERO, se.activation, se.slope)
 
     n_hidden = se.output_weights.shape[1]
     further = se.hidden_weights.shape[0] // 3
@@ -96,7 +98,7 @@ def step(se, state, action, next_state, work):
                 for j in range(n_hidden):
                     part[j] += x * weights[k, j]
         h = out
-        activate(h, se.activation, se.slope)
+        activate(h, _ZERO, se.activation, se.slope)
 
     n_states = next_state.size
     reward = se.output_biases[n_states]

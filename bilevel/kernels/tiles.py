@@ -1,15 +1,15 @@
 """Tiles of a matrix product that stay in vector registers, as LLVM instructions.
 
-Numba vectorises loops, but keeps no block of a matrix in registers: it stores and loads sums once
-for every term. The two functions here add up all terms first.
+Numba vectorises loops, but keeps no block of a matrix in registers: it loads and stores every sum
+once per term. The two intrinsics here keep their sums in registers.
 
 symbol    meaning
-------    ---------------------------------------------------------------
-LANES     columns of a tile of `rows_tile`: two AVX registers, four of ARM's
+------    -----------------------------------------------------------------
+LANES     columns of a `rows_tile`: two AVX registers, four on ARM
 R         rows of a tile, a literal
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from llvmlite import ir
@@ -18,42 +18,147 @@ from numba.core import cgutils
 from numba.extending import intrinsic
 
 LANES = 16
-#: Rows of the largest `rows_tile`: twelve of AVX's sixteen registers are then sums.
+#: Rows of the largest `rows_tile`. Its sums occupy twelve of AVX's sixteen registers.
 TILE_ROWS = 6
-#: Rows and columns of the largest `dots_tile`: eight registers of sums. A third row would need more
-#: registers than there are.
+#: Rows and columns of the largest `dots_tile`. A third row would need more registers than AVX has.
 DOTS_ROWS, DOTS_COLUMNS = 2, 4
+#: Products that `dots_tile` adds at once.
+_DOTS_LANES = 8
 
-_FLOAT, _INT, _BYTE = ir.FloatType(), ir.IntType(64), ir.IntType(8)
+_FLOAT, _INT, _INT32, _BYTE = ir.FloatType(), ir.IntType(64), ir.IntType(32), ir.IntType(8)
 #: Fuse a product with its sum, and reorder sums.
 _FLAGS = ("contract", "reassoc", "nsz")
 
 
 class _Matrix:
-    """A float32 matrix, in instructions."""
+    """A float32 matrix in LLVM instructions."""
 
     def __init__(self, context: Any, builder: Any, kind: types.Array, value: Any) -> None:
         array = context.make_array(kind)(context, builder, value)
         self._builder = builder
         self._bytes = builder.bitcast(array.data, _BYTE.as_pointer())
         self._strides = cgutils.unpack_tuple(builder, array.strides, 2)
-        self.shape = cgutils.unpack_tuple(builder, array.shape, 2)
+        self.rows, self.columns = cgutils.unpack_tuple(builder, array.shape, 2)
 
     def at(self, row: Any, column: Any, lanes: int = 1) -> Any:
-        """Pointer to the float in that place, or to a vector that begins there."""
-        builder = self._builder
-        offset = builder.add(
-            builder.mul(row, self._strides[0]), builder.mul(column, self._strides[1])
-        )
+        """Pointer to a float, or to a vector of `lanes` floats."""
+        builder, (row_stride, column_stride) = self._builder, self._strides
+        offset = builder.add(builder.mul(row, row_stride), builder.mul(column, column_stride))
         kind = _FLOAT if lanes == 1 else ir.VectorType(_FLOAT, lanes)
         return builder.bitcast(builder.gep(self._bytes, [offset]), kind.as_pointer())
 
     def load(self, row: Any, column: Any, lanes: int = 1) -> Any:
-        """The float in that place, or so many in a row of memory."""
+        """A float, or a vector of `lanes` contiguous floats."""
         return self._builder.load(self.at(row, column, lanes), align=4)
 
 
-def _after(builder: Any, start: Any, count: int) -> list[Any]:
+def _tile(generate: Callable[..., None]) -> Any:
+    """Make an intrinsic `(R, a, row, b, column, out)` of a function that generates its
+    instructions; R is a literal."""
+
+    def tile(typing_context, rows, a, row, b, column, out):
+        if not isinstance(rows, types.IntegerLiteral):
+            return None
+
+        def generate_call(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+            left, right, target = (
+                _Matrix(context, builder, signature.args[k], values[k]) for k in (1, 3, 5)
+            )
+            numbers = _count_from(builder, values[2], rows.literal_value)
+            generate(builder, numbers, left, right, values[4], target)
+            return context.get_dummy_value()
+
+        return types.void(rows, a, types.int64, b, types.int64, out), generate_call
+
+    return intrinsic(tile)
+
+
+@_tile
+def rows_tile(
+    builder: Any, rows: Sequence[Any], a: _Matrix, b: _Matrix, column: Any, out: _Matrix
+) -> None:
+    """out[row : row + R, column : column + LANES] = a[row : row + R] @ b[:, column : column +
+    LANES]; the rows of `b` and `out` are contiguous, those of `a` need not be."""
+
+    def add(k: Any, sums: Sequence[Any]) -> list[Any]:
+        terms = b.load(k, column, LANES)
+        undefined = ir.Constant(terms.type, ir.Undefined)
+        added = []
+        for row, total in zip(rows, sums, strict=True):
+            first = builder.insert_element(undefined, a.load(row, k), ir.Constant(_INT32, 0))
+            factors = _shuffle(builder, first, undefined, [0] * LANES)
+            added.append(_add_product(builder, total, factors, terms))
+        return added
+
+    for row, total in zip(rows, _sum(builder, len(rows), LANES, b.rows, 1, add), strict=True):
+        builder.store(total, out.at(row, column, LANES), align=4)
+
+
+@_tile
+def dots_tile(
+    builder: Any, rows: Sequence[Any], a: _Matrix, b: _Matrix, column: Any, out: _Matrix
+) -> None:
+    """out[row : row + R, column : column + DOTS_COLUMNS] = a[row : row + R] @ b[:, column : column
+    + DOTS_COLUMNS]; the rows of `a` and `out` and the columns of `b` are contiguous, and their
+    length is a multiple of eight."""
+    columns = _count_from(builder, column, DOTS_COLUMNS)
+
+    def add(k: Any, sums: Sequence[Any]) -> list[Any]:
+        xs = [a.load(row, k, _DOTS_LANES) for row in rows]
+        ys = [b.load(k, column, _DOTS_LANES) for column in columns]
+        pairs = ((x, y) for x in xs for y in ys)
+        return [_add_product(builder, s, x, y) for s, (x, y) in zip(sums, pairs, strict=True)]
+
+    count = len(rows) * DOTS_COLUMNS
+    sums = _sum(builder, count, _DOTS_LANES, b.rows, _DOTS_LANES, add)
+    for number, row in enumerate(rows):
+        total = _sum_each(builder, sums[number * DOTS_COLUMNS :][:DOTS_COLUMNS])
+        builder.store(total, out.at(row, column, DOTS_COLUMNS), align=4)
+
+
+def _sum(
+    builder: Any,
+    count: int,
+    lanes: int,
+    end: Any,
+    step: int,
+    add: Callable[[Any, Sequence[Any]], Sequence[Any]],
+) -> Sequence[Any]:
+    """Generate a loop over `range(0, end, step)`; `add(k, sums)` returns the new sums, which are
+    `count` vectors and start from 0."""
+    zeros = ir.Constant(ir.VectorType(_FLOAT, lanes), [0.0] * lanes)
+    before, body = builder.block, builder.append_basic_block("terms")
+    builder.branch(body)
+    builder.position_at_end(body)
+    k, sums = builder.phi(_INT), [builder.phi(zeros.type) for _ in range(count)]
+    added = add(k, sums)
+    following = builder.add(k, ir.Constant(_INT, step))
+    starts = [ir.Constant(_INT, 0), *[zeros] * count]
+    for phi, start, value in zip([k, *sums], starts, [following, *added], strict=True):
+        phi.add_incoming(start, before)
+        phi.add_incoming(value, body)
+    done = builder.append_basic_block("summed")
+    builder.cbranch(builder.icmp_signed("<", following, end), body, done)
+    builder.position_at_end(done)
+    return added
+
+
+def _sum_each(builder: Any, vectors: Sequence[Any]) -> Any:
+    """Reduce four vectors of eight to a vector of their sums. Vectors are added in pairs, so that
+    every addition uses all lanes."""
+
+    def pairwise(x: Any, y: Any) -> Any:
+        even = _shuffle(builder, x, y, [0, 2, 8, 10, 4, 6, 12, 14])
+        odd = _shuffle(builder, x, y, [1, 3, 9, 11, 5, 7, 13, 15])
+        return builder.fadd(even, odd, flags=_FLAGS)
+
+    first, second, third, fourth = vectors
+    halves = pairwise(pairwise(first, second), pairwise(third, fourth))
+    low, high = (_shuffle(builder, halves, halves, range(k, k + 4)) for k in (0, 4))
+    return builder.fadd(low, high, flags=_FLAGS)
+
+
+def _count_from(builder: Any, start: Any, count: int) -> list[Any]:
     """The integers start, start + 1, ..."""
     return [builder.add(start, ir.Constant(_INT, n)) for n in range(count)]
 
@@ -62,113 +167,6 @@ def _add_product(builder: Any, total: Any, x: Any, y: Any) -> Any:
     return builder.fadd(total, builder.fmul(x, y, flags=_FLAGS), flags=_FLAGS)
 
 
-def _shuffled(builder: Any, x: Any, y: Any, lanes: Sequence[int]) -> Any:
-    mask = ir.Constant(ir.VectorType(ir.IntType(32), len(lanes)), list(lanes))
+def _shuffle(builder: Any, x: Any, y: Any, lanes: Sequence[int]) -> Any:
+    mask = ir.Constant(ir.VectorType(_INT32, len(lanes)), list(lanes))
     return builder.shuffle_vector(x, y, mask)
-
-
-class _Sums:
-    """A loop over `range(0, end, step)` that adds to vectors of zeros."""
-
-    def __init__(self, builder: Any, count: int, lanes: int, end: Any, step: int) -> None:
-        self._builder, self._end, self._step = builder, end, step
-        vector = ir.VectorType(_FLOAT, lanes)
-        before, self._body = builder.block, builder.append_basic_block("terms")
-        builder.branch(self._body)
-        builder.position_at_end(self._body)
-        self.index = builder.phi(_INT)
-        self.index.add_incoming(ir.Constant(_INT, 0), before)
-        self.before = [builder.phi(vector) for _ in range(count)]
-        for total in self.before:
-            total.add_incoming(ir.Constant(vector, [0.0] * lanes), before)
-
-    def close(self, after: Sequence[Any]) -> None:
-        """End the loop's body, given the sums after a pass."""
-        builder = self._builder
-        following = builder.add(self.index, ir.Constant(_INT, self._step))
-        self.index.add_incoming(following, self._body)
-        for total, value in zip(self.before, after, strict=True):
-            total.add_incoming(value, self._body)
-        done = builder.append_basic_block("summed")
-        builder.cbranch(builder.icmp_signed("<", following, self._end), self._body, done)
-        builder.position_at_end(done)
-
-
-@intrinsic
-def rows_tile(typing_context, rows, a, row, b, column, out):
-    """out[row : row + R, column : column + LANES] = a[row : row + R] @ b[:, column : column +
-    LANES]; the rows of `b` and `out` are contiguous, those of `a` need not be."""
-    if not isinstance(rows, types.IntegerLiteral):
-        return None
-    count = rows.literal_value
-
-    def generate(context, builder, signature, values):
-        left = _Matrix(context, builder, signature.args[1], values[1])
-        right = _Matrix(context, builder, signature.args[3], values[3])
-        target = _Matrix(context, builder, signature.args[5], values[5])
-        first, column = values[2], values[4]
-        numbers = _after(builder, first, count)
-        sums = _Sums(builder, count, LANES, right.shape[0], 1)
-        terms = right.load(sums.index, column, LANES)
-        after = []
-        for number, total in zip(numbers, sums.before, strict=True):
-            factor = left.load(number, sums.index)
-            none = ir.Constant(terms.type, ir.Undefined)
-            alone = builder.insert_element(none, factor, ir.Constant(ir.IntType(32), 0))
-            factors = _shuffled(builder, alone, none, [0] * LANES)
-            after.append(_add_product(builder, total, factors, terms))
-        sums.close(after)
-        for number, total in zip(numbers, after, strict=True):
-            builder.store(total, target.at(number, column, LANES), align=4)
-        return context.get_dummy_value()
-
-    return types.void(rows, a, types.int64, b, types.int64, out), generate
-
-
-@intrinsic
-def dots_tile(typing_context, rows, a, row, b, column, out):
-    """out[row : row + R, column : column + DOTS_COLUMNS] = a[row : row + R] @ b[:, column : column
-    + DOTS_COLUMNS]; the rows of `a` and `out` and the columns of `b` are contiguous, of a
-    length that eight divides."""
-    if not isinstance(rows, types.IntegerLiteral):
-        return None
-    count, lanes = rows.literal_value, 8
-
-    def generate(context, builder, signature, values):
-        left = _Matrix(context, builder, signature.args[1], values[1])
-        right = _Matrix(context, builder, signature.args[3], values[3])
-        target = _Matrix(context, builder, signature.args[5], values[5])
-        numbers = _after(builder, values[2], count)
-        columns = _after(builder, values[4], DOTS_COLUMNS)
-        sums = _Sums(builder, count * DOTS_COLUMNS, lanes, right.shape[0], lanes)
-        xs = [left.load(number, sums.index, lanes) for number in numbers]
-        ys = [right.load(sums.index, column, lanes) for column in columns]
-        pairs = [(x, y) for x in xs for y in ys]
-        after = [
-            _add_product(builder, total, x, y)
-            for total, (x, y) in zip(sums.before, pairs, strict=True)
-        ]
-        sums.close(after)
-        for place, number in enumerate(numbers):
-            of_row = after[place * DOTS_COLUMNS : (place + 1) * DOTS_COLUMNS]
-            total = _sum_each(builder, of_row)
-            builder.store(total, target.at(number, values[4], DOTS_COLUMNS), align=4)
-        return context.get_dummy_value()
-
-    return types.void(rows, a, types.int64, b, types.int64, out), generate
-
-
-def _sum_each(builder: Any, vectors: Sequence[Any]) -> Any:
-    """The sums of four vectors of eight, as a vector of four. Vectors are added in pairs, so that
-    every addition makes use of all lanes."""
-
-    def pairwise(x: Any, y: Any) -> Any:
-        even = _shuffled(builder, x, y, [0, 2, 8, 10, 4, 6, 12, 14])
-        odd = _shuffled(builder, x, y, [1, 3, 9, 11, 5, 7, 13, 15])
-        return builder.fadd(even, odd, flags=_FLAGS)
-
-    first, second, third, fourth = vectors
-    halves = pairwise(pairwise(first, second), pairwise(third, fourth))
-    low = _shuffled(builder, halves, halves, range(4))
-    high = _shuffled(builder, halves, halves, range(4, 8))
-    return builder.fadd(low, high, flags=_FLAGS)

@@ -1,28 +1,39 @@
 """TrainAgent and EvaluateAgent (paper, Algorithm 1), compiled, for every compiled agent.
 
-An agent is a NamedTuple of its parameters and work space, with the fields `batch` (`replay.Batch`)
-and `action` ((M,) float32: the last action, as the replay buffer stores it). The agent's module
-registers implementations of the functions below for this type with `implements`; the compiler
-resolves the calls, so that training looks nothing up.
-
-    act(agent, state, exploring, rng)   returns a training action; `exploring` is true in the
-                                        initial episodes
-    greedy(agent, state)                returns the action in tests
-    learn(agent, rng)                   makes a gradient step on `agent.batch`, returns the loss
-    end_episode(agent)                  handles the end of a training episode
+An agent is a NamedTuple with the members of `Kernel`. Its module registers implementations of the
+functions `act`, `greedy`, `learn` and `end_episode` for this type with `implements`. The compiler
+resolves the calls.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numba import types
 from numba.extending import overload
+from numpy.typing import NDArray
 
 from bilevel.kernels.environment import reset, step
 from bilevel.kernels.jit import OPTIONS, all_finite, compiled, is_finite
-from bilevel.kernels.replay import sample, store
-from bilevel.kernels.stopping import CONVERGED, EPISODES_SPENT, NOT_FINITE, converged, solved
+from bilevel.kernels.replay import Batch, sample, store
+
+#: Reasons why training ended; CONVERGED is also that of a solved real task.
+CONVERGED, EPISODES_SPENT, NOT_FINITE = 0, 1, 2
+
+
+class Kernel(Protocol):
+    """The compiled twin of an agent: its parameters and its work space."""
+
+    @property
+    def batch(self) -> Batch:
+        """The minibatch that `learn` reads."""
+
+    @property
+    def action(self) -> NDArray[np.float32]:
+        """The last action (M,), as the replay buffer stores it."""
+
+    def parameters(self) -> list[NDArray[np.float32]]:
+        """All parameters, in the order of the definition's `parameters`."""
 
 
 class Schedule(NamedTuple):
@@ -36,7 +47,7 @@ class Schedule(NamedTuple):
 
 
 def act(agent: Any, state: Any, exploring: Any, rng: Any) -> Any:
-    """Choose a training action in `state` (S,)."""
+    """Choose a training action in `state` (S,); `exploring` is true in the initial episodes."""
     raise NotImplementedError
 
 
@@ -61,8 +72,8 @@ def implements(
     """Decorator: register a kernel, with the parameters of `call`, as its implementation for an
     agent type.
 
-    The compiler gets the kernel's source: a call of the compiled kernel would be a function of its
-    own, optimised once more before it is inlined.
+    The compiler gets the kernel's source: a call of the compiled kernel would be a separate
+    function, optimised once more before it is inlined.
     """
 
     def register(kernel: Any) -> Callable[..., Any]:
@@ -78,17 +89,36 @@ def implements(
 
 
 @compiled
+def converged(returns, schedule):
+    """The rule `returns_converged` of `bilevel.agents.training`, given the returns so far."""
+    d = schedule.early_out_episodes
+    if returns.size <= schedule.init_episodes + d:
+        return False
+    recent, earlier = returns[-d:].mean(), returns[-2 * d : -d].mean()
+    return abs(recent - earlier) <= schedule.early_out_difference * abs(earlier)
+
+
+@compiled
+def solved(returns, schedule, solved_reward):
+    """The rule `task_solved` of `bilevel.agents.training`, given the returns so far."""
+    d = schedule.early_out_episodes
+    if returns.size <= schedule.init_episodes or returns.size < d:
+        return False
+    return returns[-d:].mean() >= solved_reward
+
+
+@compiled
 def train(agent, env, schedule, rng):
     """Train on `env` until its stopping rule holds or all episodes were run.
 
     for each episode:                            # at most max_episodes
         for each step:                           # at most step_limit
             act, store the transition
-            gradient step                        # once init_episodes are over
+            gradient step                        # after init_episodes
         stop on an SE: returns have converged
         stop on the real task: mean return reaches the solved reward
 
-    Returns environment steps, episodes and the reason of the end (see `stopping`).
+    Returns environment steps, episodes and the reason of the end.
     """
     n_states = env.state_size
     state = np.zeros(n_states, np.float32)
@@ -117,22 +147,12 @@ def train(agent, env, schedule, rng):
             if over:
                 break
         end_episode(agent)
+        so_far = returns[: episode + 1]
         if env.synthetic:
-            if converged(
-                returns,
-                episode,
-                schedule.init_episodes,
-                schedule.early_out_episodes,
-                schedule.early_out_difference,
-            ):
-                return steps, episode + 1, CONVERGED
-        elif solved(
-            returns,
-            episode,
-            schedule.init_episodes,
-            schedule.early_out_episodes,
-            env.solved_reward,
-        ):
+            stop = converged(so_far, schedule)
+        else:
+            stop = solved(so_far, schedule, env.solved_reward)
+        if stop:
             return steps, episode + 1, CONVERGED
     return steps, schedule.max_episodes, EPISODES_SPENT
 
@@ -159,5 +179,5 @@ def test_returns(agent, env, episodes):
 
 @compiled
 def greedy_action(agent, state):
-    """The function `greedy`, for callers in Python."""
+    """Call `greedy` from Python."""
     return greedy(agent, state)

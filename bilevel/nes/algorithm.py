@@ -1,20 +1,20 @@
 """Natural evolution strategies over synthetic environments (paper, Algorithm 1).
 
-    theta <- a random SE, the best of some                      # bilevel.nes.start
+    psi <- a random SE, the best of several                     # bilevel.nes.start
     repeat n_o times:                                           # generations
-        for each member i = 1 .. n_p:                           # ask: requests, in any order
+        for each member i = 1 .. n_p:                           # ask
             eps_i ~ N(0, sigma^2 I)
-            for SE in theta + eps_i, theta - eps_i:
-                agent <- TrainAgent(fresh agent, SE)            # evaluation.evaluate
-                F     <- EvaluateAgent(agent, real task)
-        theta <- theta + UpdateSE({eps_i}, {F_i})               # tell; bilevel.nes.rules
+            for SE in psi + eps_i, psi - eps_i:
+                theta <- TrainAgent(fresh agent, SE)            # bilevel.evaluation
+                F_i   <- EvaluateAgent(theta, real task)
+        psi <- psi + alpha * gradient({F_i}, {eps_i})           # tell: bilevel.evolution
 
-Beside the members some agents are trained on the unperturbed SE, whose scores are the run's
-learning curve: on theta itself, or, with `nes.averaging`, on a moving average of it. theta are
-the coordinates of psi (`bilevel.synthetic_env.coordinates`); in the paper they are psi itself.
+NES moves a *genotype*, which a family of SEs decodes into psi (`bilevel.synthetic_env.families`).
+In the paper, and in the family `plain`, both are the same vector. In addition to the members, some
+agents train on the unperturbed SE. Their scores are the run's learning curve.
 
-Two things are not in the paper. A run that does not get going begins again from other random SEs,
-and one that solves the task is confirmed by fresh agents before it ends (bilevel.nes.confirmation).
+Two parts are not in the paper. A run that stagnates restarts from other random SEs. A run that
+solves the task ends once fresh agents confirm its SE (`bilevel.nes.confirmation`).
 """
 
 from collections.abc import Callable, Sequence
@@ -26,37 +26,40 @@ import numpy as np
 
 from bilevel.errors import InvalidInput, require
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, scores_of
+from bilevel.evolution import RULES, EvolutionStrategy, Fitness, Rule
+from bilevel.evolution.shaping import COMPARING
 from bilevel.hyperparameters import Hyperparameters
-from bilevel.nes.archive import Finalist, admitted
-from bilevel.nes.checkpoint import load_state
-from bilevel.nes.confirmation import Confirmation
+from bilevel.nes.checkpoint import load_state, save_state
+from bilevel.nes.confirmation import Confirming
 from bilevel.nes.records import GenerationRecord
-from bilevel.nes.requests import Requests
-from bilevel.nes.rules import RULES, MemberScores, UpdateRule
-from bilevel.nes.start import StartRace
-from bilevel.nes.state import NESState
-from bilevel.nes.steps import StepControl
-from bilevel.nes.transforms import COMPARING
+from bilevel.nes.requests import Requests, ordered_results
+from bilevel.nes.start import ChoosingStart
+from bilevel.nes.state import Evolving, Finished, NESState, best_finalists
 from bilevel.seeds import Purpose, checked_seed, derive
-from bilevel.synthetic_env import SEDistribution, coordinates
-from bilevel.tasks import Task
+from bilevel.synthetic_env import SE, Family, SEDistribution, StoredSE, family_of
+from bilevel.tasks import ObservationScale, Task
 from bilevel.version import __version__
 
 #: Evaluates requests, in any order, on a distribution of SEs.
 EvaluateAll = Callable[[SEDistribution, list[EvaluationRequest]], Sequence[EvaluationResult]]
 
+#: Maximum numbers of failed confirmations that refine the step, and the average.
+_FINEST_STEP, _FINEST_AVERAGE = 5, 2
+
 
 @dataclass(frozen=True)
 class NES:
-    """An NES run as ask and tell; it evaluates nothing itself::
+    """An NES run as ask and tell; the caller evaluates::
 
         state = nes.init()
         while not state.finished:
-            results = [evaluate(task, state.se, request) for request in nes.ask(state)]
+            ses = nes.distribution(state)
+            results = [evaluate(task, ses, request) for request in nes.ask(state)]
             state = nes.tell(state, results)
+        best = nes.best(state)
 
-    Raises InvalidInput for values of other kinds, a negative seed, and hyperparameters that do not
-    fit together, or not the task.
+    Raises InvalidInput for arguments of the wrong type, a negative seed, and hyperparameters that
+    contradict each other or the task.
     """
 
     task: Task
@@ -67,22 +70,47 @@ class NES:
         require(Task, self.task, "the task of NES", "as bilevel.get_task returns it")
         require(Hyperparameters, self.hp, "a recipe of NES", "as bilevel.load_recipe returns it")
         object.__setattr__(self, "seed", checked_seed(self.seed))
-        if self.rule.needs_pairs and not self.hp.nes.mirrored_sampling:
-            raise InvalidInput(
-                f"nes.update {self.hp.nes.update!r} needs nes.mirrored_sampling true; got false"
-            )
         nes = self.hp.nes
+        if self.rule.needs_pairs and not nes.mirrored_sampling:
+            raise InvalidInput(
+                f"nes.update {nes.update!r} needs nes.mirrored_sampling true; got false"
+            )
         if self.rule.transforms and nes.score_transform in COMPARING and nes.population_size < 2:
             raise InvalidInput(
                 f"nes.score_transform {nes.score_transform!r} compares members: "
                 f"nes.population_size must be at least 2; got {nes.population_size}"
             )
-        coordinates(self.task, self.hp.se, self.task.unit_scale)
+        self.family(self.task.unit_scale)
+
+    # -- the parts of a run ----------------------------------------------------------
 
     @property
-    def rule(self) -> UpdateRule:
+    def rule(self) -> Rule:
         """The update rule."""
         return RULES[self.hp.nes.update]
+
+    def strategy(self, refuted: int = 0) -> EvolutionStrategy:
+        """Return the evolution strategy after `refuted` failed confirmations.
+
+        Once generations solve the task, the ranks of single generations are mostly noise. Each
+        failed confirmation shows that the SE is good but not good enough. It therefore shortens the
+        step and lengthens the memory of the average.
+        """
+        nes, rule = self.hp.nes, self.rule
+        refinement = np.float32(nes.refinement ** min(refuted, _FINEST_STEP))
+        step_size = rule.step_size(nes.step_size, nes.std_dev)
+        rate = nes.refinement ** min(refuted, _FINEST_AVERAGE) * (1 - nes.averaging)
+        return EvolutionStrategy(
+            sigma=nes.std_dev,
+            shape=lambda fitness: rule.shape(fitness, nes.score_transform, nes.ties),
+            estimate=rule.estimate,
+            optimize=lambda gradient: refinement * (step_size * gradient).astype(np.float32),
+            averaging=1 - rate,
+        )
+
+    def family(self, scale: ObservationScale) -> Family:
+        """Return the family of SEs that the run searches."""
+        return family_of(self.task, self.hp.se, scale)
 
     @property
     def requests(self) -> Requests:
@@ -91,174 +119,178 @@ class NES:
 
     @property
     def provenance(self) -> dict[str, Any]:
-        """Hyperparameters, seed and version, which the run's SE files hold."""
+        """Hyperparameters, seed and version, which the run's SE files and checkpoints store."""
         hp = self.hp.to_dict()
         return {"hyperparameters": hp, "seed": self.seed, "bilevel_version": __version__}
 
-    # -- the loop ------------------------------------------------------------------
+    # -- the loop --------------------------------------------------------------------
 
     def run(
         self,
         evaluate_all: EvaluateAll,
         on_generation: Callable[[GenerationRecord], None] = lambda record: None,
     ) -> NESState:
-        """Run to the end; `on_generation` is called with the record of each generation."""
+        """Run to the end, and call `on_generation` with the record of each generation."""
         state = self.init()
         while not state.finished:
             generation = state.generation
-            state = self.tell(state, evaluate_all(state.se, self.ask(state)))
+            state = self.tell(state, evaluate_all(self.distribution(state), self.ask(state)))
             if state.generation > generation:
                 on_generation(state.records[-1])
         return state
 
-    # -- init ----------------------------------------------------------------------
-
     def init(self) -> NESState:
-        """The state before anything is evaluated.
-
-        It may make real steps for the scale of observations (`Task.observation_scale`); a
-        distilled start takes seconds and many more of them.
-        """
-        scale, real_steps = self.task.unit_scale, 0
-        if self.hp.se.structure == "exogenous":
+        """Return the first state. The exogenous family takes real steps to measure the scale of
+        observations (`Task.observation_scale`)."""
+        scale = self.task.unit_scale
+        if self.hp.se.family == "exogenous":
             scale = self.task.observation_scale(derive(self.seed, Purpose.OBSERVATIONS))
-            real_steps = scale.real_env_steps
-        space = coordinates(self.task, self.hp.se, scale)
-        sigma = np.full(space.size, self.hp.nes.std_dev, np.float32)
-        if self.hp.nes.start == "distilled":
-            from bilevel.distilled import distill
-
-            start = distill(self.task, space.architecture, derive(self.seed, Purpose.DISTILLED))
-            return NESState(
-                self.task,
-                SEDistribution(space, start.se.psi, sigma, start.se.psi),
-                scale,
-                self.provenance,
-                real_env_steps=real_steps + start.real_env_steps,
-            )
-        zero = np.zeros(space.size, np.float32)
-        origin = SEDistribution(space, zero, sigma, zero)
-        state = NESState(self.task, origin, scale, self.provenance, real_env_steps=real_steps)
-        return self._started(state, attempt=0)
-
-    def load(self, path: Path) -> NESState:
-        """Read a checkpoint of this run (`bilevel.nes.checkpoint`); a run that was out of
-        generations goes on if there are more now. Raises InvalidInput, OtherVersion and
-        StorageFailure as `load_state` does."""
-        state = load_state(path, self.task, self.hp.se, self.provenance)
-        return self._restarted(self._ended(state))
-
-    def _started(self, state: NESState, attempt: int) -> NESState:
-        """Begin an attempt: choose its start among random SEs, or take the only one."""
-        race = StartRace.of(self.requests.candidates(attempt))
-        state = replace(
-            state,
-            attempt=attempt,
-            attempt_began=state.generation,
-            judged=state.generation,
-            race=race,
-            refuted=0,
-        )
-        return self._at_winner(state)
-
-    def _at_winner(self, state: NESState) -> NESState:
-        """The state at the chosen start, or unchanged while several candidates are left."""
-        assert state.race is not None
-        winner = state.race.winner
-        if winner is None:
-            return state
-        space = state.se.coordinates
-        theta = space.initialize(np.random.default_rng(winner))
-        return replace(state, se=state.se.placed(theta), race=None)
-
-    # -- ask -----------------------------------------------------------------------
+        origin = self.strategy().init(np.zeros(self.family(scale).size, np.float32))
+        state = NESState(Evolving(), origin, scale, real_env_steps=scale.real_env_steps)
+        return self._restart(state, attempt=0)
 
     def ask(self, state: NESState) -> list[EvaluationRequest]:
-        """The evaluations that come next: a round of the choice of a start or of a confirmation,
-        or a generation."""
-        if state.race is not None:
-            return self.requests.start(state, state.race)
-        if state.confirmation is not None:
-            return self.requests.confirmation(state, state.confirmation)
-        return self.requests.generation(state)
-
-    # -- tell ----------------------------------------------------------------------
+        """Return the next evaluations: those of a generation, or of a round of another phase."""
+        match state.phase:
+            case ChoosingStart() as choosing:
+                return self.requests.start(choosing, state.attempt)
+            case Evolving():
+                return self.requests.generation(state)
+            case Confirming() as confirming:
+                return self.requests.confirmation(confirming, state.generation)
+            case Finished():
+                return []
 
     def tell(self, state: NESState, results: Sequence[EvaluationResult]) -> NESState:
-        """The state after what `ask(state)` asked for; `results` may come in any order. After a
-        generation, its record is the last of `records`. Raises InvalidInput unless there is one
-        result for each request, with finite returns."""
-        ordered = sorted(results, key=lambda result: result.index)
-        if [result.index for result in ordered] != [*range(self.requests.number(state))]:
-            raise InvalidInput(
-                f"NES asked for {self.requests.number(state)} evaluations and needs one result of "
-                f"each; got those of the requests {[result.index for result in ordered]}"
-            )
-        for result in ordered:
-            if not (result.test_returns and np.isfinite(result.test_returns).all()):
-                raise InvalidInput(
-                    f"the result of request {result.index} has the test returns "
-                    f"{result.test_returns}: they must be finite numbers, one or more"
-                )
-        real_steps = state.real_env_steps + sum(result.real_env_steps for result in ordered)
-        cost = state.cost + sum(result.cost for result in ordered)
-        state = replace(state, real_env_steps=real_steps, cost=cost)
-        if state.race is not None:
-            return self._at_winner(replace(state, race=state.race.after(ordered)))
-        if state.confirmation is not None:
-            scores = scores_of(ordered).tolist()
-            return self._judged(state, state.confirmation.after(scores))
-        return self._evolved(state, ordered)
+        """Return the state after the evaluations `ask(state)`, in any order.
 
-    def _evolved(self, state: NESState, ordered: Sequence[EvaluationResult]) -> NESState:
-        """The state after a generation."""
-        nes, se, control = self.hp.nes, state.se, StepControl(self.hp.nes, state.refuted)
-        z = np.stack([se.noise(seed) for seed in self.requests.perturbations(state)])
-        scores = self._member_scores(ordered)
-        step = control.refined(self.rule.step(nes, se.std_dev, z, scores))
-        record = state.record_of(ordered, nes.centre_agents, step)
+        After a generation, its record is the last of `records`. Raises InvalidInput unless there is
+        exactly one result per request, with finite test returns.
+        """
+        results = ordered_results(results, len(self.ask(state)))
         state = replace(
             state,
-            se=se.moved(step, control.averaging),
+            real_env_steps=state.real_env_steps + sum(r.real_env_steps for r in results),
+            cost=state.cost + sum(r.cost for r in results),
+        )
+        match state.phase:
+            case ChoosingStart() as choosing:
+                return self._start(replace(state, phase=choosing.after(results)))
+            case Confirming() as confirming:
+                scores = scores_of(results).tolist()
+                return self._judge(replace(state, phase=confirming.after(scores)))
+            case _:
+                return self._next_phase(self._evolve(state, results))
+
+    def _evolve(self, state: NESState, results: Sequence[EvaluationResult]) -> NESState:
+        """Take one step of the evolution strategy, and record the generation."""
+        scores, centre_agents = scores_of(results), self.hp.nes.centre_agents
+        centre, members = np.split(scores, [centre_agents])
+        plus, *minus = members.reshape(-1, self.hp.nes.population_size)
+        fitness = Fitness(plus, minus[0] if minus else None, centre)
+        seeds = self.requests.perturbations(state)
+        search, step = self.strategy(state.refuted).tell(state.search, seeds, fitness)
+        psi = self.distribution(state).centre.psi
+        record = state.record(results, centre_agents, psi, step, self.task.solved_reward)
+        return replace(
+            state,
+            search=search,
             generation=state.generation + 1,
-            finalists=admitted(state.finalists, Finalist.of(se.average, record)),
+            finalists=best_finalists(state.finalists, state.search.average, record),
             records=(*state.records, record),
         )
-        if nes.confirming_agents and state.solved_for_long(nes):
-            confirmation = Confirmation(nes.confirming_agents, state.refuted)
-            state = replace(state, confirmation=confirmation)
-        return self._restarted(self._ended(state))
 
-    def _judged(self, state: NESState, confirmation: Confirmation) -> NESState:
-        """The state after a round of a confirmation."""
-        verdict = confirmation.verdict(self.task.solved_reward)
-        left = confirmation if verdict is None else None
-        refuted = state.refuted + (verdict is False)
-        state = replace(state, confirmation=left, confirmed=bool(verdict), refuted=refuted)
-        if left is None:
-            state = replace(state, judged=state.generation)
-        return self._ended(state)
+    # -- transitions between phases --------------------------------------------------
 
-    def _ended(self, state: NESState) -> NESState:
-        """The state, finished if it is confirmed, or solved where nothing confirms it, or if its
-        generations are over and no confirmation is under way."""
-        nes = self.hp.nes
-        solved = not nes.confirming_agents and state.solved_for_long(nes)
-        over = state.generation >= nes.generations and state.confirmation is None
-        return replace(state, finished=state.confirmed or solved or over)
+    def _restart(self, state: NESState, attempt: int) -> NESState:
+        """Start an attempt with the choice of a start."""
+        seeds = self.requests.candidates(attempt)
+        state = replace(
+            state,
+            phase=ChoosingStart.between(seeds),
+            attempt=attempt,
+            attempt_start=state.generation,
+            last_judged=state.generation,
+            refuted=0,
+        )
+        return self._start(state)
 
-    def _member_scores(self, ordered: Sequence[EvaluationResult]) -> MemberScores:
-        centre, members = np.split(scores_of(ordered), [self.hp.nes.centre_agents])
-        plus, *minus = members.reshape(-1, self.hp.nes.population_size)
-        return MemberScores(centre, plus, minus[0] if minus else None)
-
-    def _restarted(self, state: NESState) -> NESState:
-        """The state begun again, if this attempt neither solved the task nor found a new best
-        SE for so many generations, and the run is not over."""
-        limit = self.hp.nes.restart_after
-        attempt = [r.score_mean for r in state.records[state.attempt_began :]]
-        if not limit or state.finished or not attempt or max(attempt) >= self.task.solved_reward:
+    def _start(self, state: NESState) -> NESState:
+        """Evolve the chosen SE, unless several candidates are left."""
+        assert isinstance(state.phase, ChoosingStart)
+        seed = state.phase.halving.winner
+        if seed is None:
             return state
-        if len(attempt) - 1 - int(np.argmax(attempt)) < limit:
+        genotype = self.family(state.scale).initialize(np.random.default_rng(seed))
+        return replace(state, phase=Evolving(), search=self.strategy().init(genotype))
+
+    def _next_phase(self, state: NESState) -> NESState:
+        """Choose the phase after a generation."""
+        nes, solved_reward = self.hp.nes, self.task.solved_reward
+        if state.solved(nes, solved_reward):
+            if nes.confirming_agents:
+                return replace(state, phase=Confirming(nes.confirming_agents, state.refuted))
+            return replace(state, phase=Finished())
+        if state.generation >= nes.generations:
+            return replace(state, phase=Finished())
+        if state.stagnates(nes, solved_reward):
+            return self._restart(state, state.attempt + 1)
+        return replace(state, phase=Evolving())
+
+    def _judge(self, state: NESState) -> NESState:
+        """End the run if the SE is confirmed, continue it if the SE is rejected."""
+        assert isinstance(state.phase, Confirming)
+        verdict = state.phase.verdict(self.task.solved_reward)
+        if verdict is None:
             return state
-        return self._started(state, state.attempt + 1)
+        state = replace(state, last_judged=state.generation, refuted=state.refuted + (not verdict))
+        if verdict or state.generation >= self.hp.nes.generations:
+            return replace(state, phase=Finished(confirmed=verdict))
+        return replace(state, phase=Evolving())
+
+    # -- SEs of a state --------------------------------------------------------------
+
+    def distribution(self, state: NESState) -> SEDistribution:
+        """Return the search distribution over SEs, from which requests draw theirs."""
+        return SEDistribution(self.family(state.scale), state.search)
+
+    def current(self, state: NESState) -> StoredSE:
+        """Return the unperturbed SE after the last step."""
+        info = {"generation": state.generation, "confirmed": state.confirmed}
+        return self._stored(state, self.distribution(state).centre, info)
+
+    def candidates(self, state: NESState) -> list[StoredSE]:
+        """Return the SEs whose agents scored highest, best first."""
+        names = ("generation", "score_mean", "perturbed_score_mean", "train_steps_mean")
+        ses = []
+        for finalist in state.finalists:
+            record = vars(state.records[finalist.generation])
+            info = {name: record[name] for name in names} | {"confirmed": False}
+            ses.append(self._stored(state, self.distribution(state).at(finalist.genotype), info))
+        return ses
+
+    def best(self, state: NESState) -> StoredSE:
+        """Return the current SE if it is confirmed, else the one whose agents scored highest."""
+        if state.confirmed or not state.finalists:
+            return self.current(state)
+        return self.candidates(state)[0]
+
+    def _stored(self, state: NESState, se: SE, info: dict[str, Any]) -> StoredSE:
+        info = {**self.provenance, "real_env_steps": state.real_env_steps, **info}
+        return StoredSE(se, self.task.id, self.task.step_limit, self.task.solved_reward, info)
+
+    # -- checkpoints -----------------------------------------------------------------
+
+    def save(self, state: NESState, path: Path) -> None:
+        """Write a checkpoint durably. Raises StorageFailure."""
+        save_state(state, path, self.task, self.provenance)
+
+    def load(self, path: Path) -> NESState:
+        """Read a checkpoint of this run; a run that was out of generations continues if
+        `nes.generations` has grown. Raises InvalidInput, OtherVersion and StorageFailure as
+        `bilevel.nes.checkpoint.load_state` does."""
+        state = load_state(path, self.task, self.provenance)
+        if state.search.mean.size != self.family(state.scale).size:
+            raise InvalidInput(f"damaged checkpoint {str(path)!r}: its genotype has another length")
+        between_generations = isinstance(state.phase, Evolving | Finished) and not state.confirmed
+        return self._next_phase(state) if between_generations else state

@@ -9,26 +9,25 @@ from typing import Self
 class GenerationRecord:
     """Aggregated results of one generation.
 
-    Scores are mean returns on the real task; `score_*`, `train_*` and `solved_fraction` are of
-    the agents trained on the unperturbed SE. The last three fields are measured by the caller
-    that runs the evaluations, and added by `timed`.
+    Scores are mean returns on the real task. `score_*`, `train_*` and `solved_fraction` belong to
+    the agents trained on the unperturbed SE. The caller measures the last three fields and adds
+    them by `timed`.
     """
 
     generation: int  #: from 0
-    attempt: int  #: from 0; number of restarts so far
+    attempt: int  #: number of restarts so far
     score_mean: float
     score_std: float
     score_best: float
     perturbed_score_mean: float  #: of the agents trained on perturbed SEs
     train_steps_mean: float  #: environment steps on the SE
     train_episodes_mean: float
-    solved_fraction: float  #: of the agents trained on the unperturbed SE
+    solved_fraction: float
     non_finite: int  #: evaluations of the generation that diverged
-    real_env_steps: int  #: real steps so far: tests, scale of observations, distilled start
+    real_env_steps: int  #: real steps so far: tests and the scale of observations
     cost: float  #: core seconds so far, estimated (`bilevel.cost`), of all evaluations
     psi_norm: float
     update_norm: float
-    std_dev: float  #: root mean square of this generation's sigma
     evaluation_seconds: float = 0.0  #: of all evaluations, on one core
     env_steps_per_second: float = 0.0  #: of training, on one core
     generation_seconds: float = 0.0
@@ -37,25 +36,20 @@ class GenerationRecord:
 
     @property
     def episode_length(self) -> float:
-        """Steps of a training episode on the unperturbed SE, on average; NaN if all agents diverged
-        in their first one."""
+        """Mean steps of a training episode on the unperturbed SE; NaN if all agents diverged in
+        their first episode."""
         episodes = self.train_episodes_mean
         return self.train_steps_mean / episodes if episodes else math.nan
 
-    def in_words(self) -> tuple[str, str]:
-        """The generation's number and score, and its train steps, of fixed widths."""
-        score = f"score {self.score_mean:7.1f} ± {self.score_std:5.1f}"
+    def __str__(self) -> str:
+        """Return a line of fixed width."""
         return (
-            f"generation {self.generation:3d}  {score}",
-            f"train steps {self.train_steps_mean:5.0f}",
+            f"generation {self.generation:3d}  score {self.score_mean:7.1f} ± {self.score_std:5.1f}"
+            f"  train steps {self.train_steps_mean:5.0f}"
         )
 
-    def __str__(self) -> str:
-        """`in_words`, in a line."""
-        return "  ".join(self.in_words())
-
     def timed(self, seconds: float, cores: int, finished: float) -> Self:
-        """Add the measurements: the generation took `seconds` on `cores` cores, until the unix
+        """Add measurements: the generation took `seconds` on `cores` cores, and ended at the unix
         time `finished`."""
         used = self.evaluation_seconds / max(seconds * cores, 1e-9)
         return replace(self, generation_seconds=seconds, core_utilisation=used, finished=finished)

@@ -1,90 +1,64 @@
-"""The choice of a random SE to start from, by successive halving (Jamieson and Talwalkar, 2016).
+"""The choice of a start among random SEs, by successive halving.
 
 Agents learn nothing on most random SEs. The first round trains one agent on each candidate, the
-second four on the best eighth, the third eight on the best thirty-second; parts of candidates count
-as whole ones. The choice ends once one candidate is left: up to 8 candidates after the first round,
-up to 32 after the second. All candidates of a round get the same agents and random numbers, so
-that scores are comparable. They train briefly: which start is better shows long before they are
-done, and the choice is a large part of a short run.
+second four on the best eighth, the third eight on the best thirty-second. All candidates of a round
+get the same agents and random numbers, so that scores are comparable. Agents train briefly, because
+a better start shows long before they are done, and the choice is a large part of a short run.
 """
 
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Literal, Self
 
 import numpy as np
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, Initialized, scores_of
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.hyperparameters.validation import within_range
+from bilevel.nes.halving import Halving, Round
 
-#: Training episodes of an agent in the choice, at most; twice its `init_episodes`, in which it does
-#: not learn, if these are more.
+#: Maximum number of training episodes in the choice, or twice the agent's `init_episodes`, in which
+#: it does not learn, if that is more.
 EPISODES = 40
 
-#: Per round: agents trained on each candidate, and the share of all candidates that take part.
-ROUNDS = ((1, 1.0), (4, 1 / 8), (8, 1 / 32))
+#: Agents per candidate, and share of all candidates, of each round.
+_ROUNDS = ((1, 1.0), (4, 1 / 8), (8, 1 / 32))
 
 
 @dataclass(frozen=True)
-class StartRace:
-    """One round of the choice of a start, with the initialisation seeds of its candidates."""
+class ChoosingStart:
+    """Phase of a run: a round of the choice. Candidates are initialisation seeds."""
 
-    seeds: tuple[int, ...]
-    candidates: int  # in the first round
-    round: int = 0
+    halving: Halving
+    phase: Literal["choosing a start"] = "choosing a start"
 
     @classmethod
-    def of(cls, seeds: Sequence[int]) -> Self:
-        """The first round, with all candidates."""
-        return cls(tuple(seeds), len(seeds))
-
-    @property
-    def agents(self) -> int:
-        """Number of agents trained on each candidate in this round."""
-        return ROUNDS[self.round][0]
-
-    @property
-    def winner(self) -> int | None:
-        """The seed of the chosen start; None while several candidates are left."""
-        return self.seeds[0] if len(self.seeds) == 1 else None
-
-    @property
-    def evaluations(self) -> int:
-        """Number of evaluations left, in all rounds."""
-        if self.winner is not None:
-            return 0
-        later = (self._size(number) for number in range(self.round + 1, len(ROUNDS)))
-        sizes = zip((len(self.seeds), *later), ROUNDS[self.round :], strict=True)
-        return sum(size * agents for size, (agents, _) in sizes if size > 1)
-
-    def _size(self, number: int) -> int:
-        """Number of candidates in round `number`; 1 after the last round."""
-        if number >= len(ROUNDS):
-            return 1
-        return math.ceil(self.candidates * ROUNDS[number][1])
+    def between(cls, seeds: Sequence[int]) -> Self:
+        """Start with all candidates."""
+        rounds = [Round(math.ceil(len(seeds) * share), agents) for agents, share in _ROUNDS]
+        return cls(Halving.between(seeds, rounds))
 
     def requests(
         self, trials: Sequence[tuple[int, AgentHyperparameters]]
     ) -> list[EvaluationRequest]:
-        """Requests of this round: every candidate with each of the trials (seed, agent)."""
-        brief = [(trial, _brief(agent)) for trial, agent in trials]
-        pairs = [(seed, *trial) for seed in self.seeds for trial in brief]
+        """Return this round's requests: every candidate with each of the trials (seed, agent)."""
+        trials = [(trial, _brief(agent)) for trial, agent in trials]
+        pairs = [(seed, *trial) for seed in self.halving.left for trial in trials]
         return [
             EvaluationRequest(index, trial, agent, Initialized(seed))
             for index, (seed, trial, agent) in enumerate(pairs)
         ]
 
     def after(self, results: Sequence[EvaluationResult]) -> Self:
-        """The next round, given this round's results in the order of their requests."""
-        scores = scores_of(results).reshape(len(self.seeds), -1)
-        order = np.argsort(-scores.mean(axis=1), kind="stable")[: self._size(self.round + 1)]
-        return replace(self, seeds=tuple(self.seeds[i] for i in order), round=self.round + 1)
+        """Return the next round, given this round's results in the order of their requests."""
+        scores = scores_of(results).reshape(len(self.halving.left), -1).mean(axis=1)
+        order = np.argsort(-scores, kind="stable").tolist()
+        return replace(self, halving=self.halving.after(order))
 
 
 def _brief(agent: AgentHyperparameters) -> AgentHyperparameters:
-    """The agent as it trains in the choice."""
+    """Shorten the agent's training."""
     episodes = max(EPISODES, 2 * agent.init_episodes)
     episodes = within_range(type(agent), "max_episodes", episodes)
     return replace(agent, max_episodes=min(agent.max_episodes, episodes))

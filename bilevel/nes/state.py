@@ -1,97 +1,146 @@
-"""The state of an NES run between generations."""
+"""The state of an NES run, which a checkpoint stores as a whole."""
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from typing import Any, Self
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal, Self
 
 import numpy as np
+from pydantic import Field
 
 from bilevel.evaluation import EvaluationResult, scores_of
+from bilevel.evolution import Genotype, SearchDistribution
 from bilevel.hyperparameters import NESHyperparameters
-from bilevel.nes.archive import Finalist
-from bilevel.nes.confirmation import Confirmation
+from bilevel.nes.confirmation import Confirming
 from bilevel.nes.records import GenerationRecord
-from bilevel.nes.start import StartRace
-from bilevel.synthetic_env import SE, SEDistribution, StoredSE
-from bilevel.synthetic_env.coordinates import Theta
-from bilevel.tasks import ObservationScale, Task
+from bilevel.nes.start import ChoosingStart
+from bilevel.synthetic_env import Psi
+from bilevel.tasks import ObservationScale
+
+#: Number of SEs that a run keeps for its end.
+FINALISTS = 4
+
+
+@dataclass(frozen=True)
+class Evolving:
+    """Phase of a run: generations of the evolution strategy."""
+
+    phase: Literal["evolving"] = "evolving"
+
+
+@dataclass(frozen=True)
+class Finished:
+    """Phase of a run: solved, or out of generations."""
+
+    confirmed: bool = False  #: whether fresh agents confirmed the current SE
+    phase: Literal["finished"] = "finished"
+
+
+Phase = ChoosingStart | Evolving | Confirming | Finished
+
+
+@dataclass(frozen=True)
+class Finalist:
+    """One of the best SEs of a run, with the scores of its generation.
+
+    A run may degrade after it has solved the task. It keeps several SEs, because the highest score
+    is often a lucky sample; the end of a run tests all of them again.
+    """
+
+    genotype: Genotype  # (D,)
+    generation: int
+    score_mean: float
+    perturbed_score_mean: float
+
+    @property
+    def rank(self) -> tuple[float, float]:
+        """Sort key, higher is better; ties go to the SE whose perturbations score higher."""
+        return self.score_mean, self.perturbed_score_mean
+
+
+def best_finalists(
+    finalists: Sequence[Finalist], genotype: Genotype, record: GenerationRecord
+) -> tuple[Finalist, ...]:
+    """Return the best FINALISTS of these and of the unperturbed SE of a new generation.
+
+    The best one comes first; ties go to earlier generations.
+    """
+    new = Finalist(genotype, record.generation, record.score_mean, record.perturbed_score_mean)
+    ranked = sorted([*finalists, new], key=lambda finalist: finalist.rank, reverse=True)
+    return tuple(ranked[:FINALISTS])
 
 
 @dataclass(frozen=True)
 class NESState:
-    """The run after `generation` generations."""
+    """The run after `generation` generations. `bilevel.nes.NES` interprets it."""
 
-    task: Task
-    se: SEDistribution
+    phase: Annotated[Phase, Field(discriminator="phase")]
+    search: SearchDistribution
     scale: ObservationScale
-    # Hyperparameters, seed and version of the run, which its SE files hold.
-    provenance: Mapping[str, Any] = field(default_factory=dict)
     generation: int = 0
-    attempt: int = 0  # how often the run has begun again from other random SEs
-    attempt_began: int = 0  # the generation in which it did last
-    race: StartRace | None = None  # while the start of the attempt is being chosen
-    judged: int = 0  # generation of the last confirmation, or in which the attempt began
-    real_env_steps: int = 0  # steps on the real task so far
-    cost: float = 0.0  # core seconds of all evaluations so far, estimated (`bilevel.cost`)
-    confirmation: Confirmation | None = None  # while one is under way
-    confirmed: bool = False  # solved for long enough, and confirmed by fresh agents
-    refuted: int = 0  # confirmations that failed, in this attempt
-    finished: bool = False  # confirmed (solved, where nothing confirms), or out of generations
-    finalists: tuple[Finalist, ...] = ()  # best first
+    attempt: int = 0  #: number of restarts
+    attempt_start: int = 0  #: generation of the last restart
+    last_judged: int = 0  #: generation of the last confirmation or restart
+    refuted: int = 0  #: failed confirmations in this attempt
+    real_env_steps: int = 0  #: steps on the real task so far
+    cost: float = 0.0  #: estimated core seconds of all evaluations so far (`bilevel.cost`)
+    finalists: tuple[Finalist, ...] = ()  #: best first
     records: tuple[GenerationRecord, ...] = ()
 
     @property
-    def started(self) -> bool:
-        """Whether the start is chosen."""
-        return self.race is None
+    def finished(self) -> bool:
+        """Whether the run has ended."""
+        return isinstance(self.phase, Finished)
 
     @property
-    def best(self) -> StoredSE:
-        """The SE to hand over: the current one if it is confirmed, else the one whose agents scored
-        highest (before the first generation the current one)."""
-        if self.confirmed or not self.finalists:
-            return self.current
-        return self.candidates[0]
-
-    @property
-    def current(self) -> StoredSE:
-        """The unperturbed SE as it is now, after the last step."""
-        return self._stored(self.se.centre, generation=self.generation, confirmed=self.confirmed)
-
-    @property
-    def candidates(self) -> list[StoredSE]:
-        """The SEs whose agents scored highest, best first."""
-        return [
-            self._stored(
-                self.se.at(f.theta),
-                generation=f.generation,
-                confirmed=False,
-                score_mean=f.score_mean,
-                perturbed_score_mean=f.perturbed_score_mean,
-                train_steps_mean=self.records[f.generation].train_steps_mean,
-            )
-            for f in self.finalists
-        ]
-
-    def _stored(self, se: SE, **info: object) -> StoredSE:
-        task, facts = self.task, {**self.provenance, "real_env_steps": self.real_env_steps, **info}
-        return StoredSE(se, task.id, task.step_limit, task.solved_reward, facts)
+    def confirmed(self) -> bool:
+        """Whether fresh agents have confirmed the current SE."""
+        return isinstance(self.phase, Finished) and self.phase.confirmed
 
     @property
     def best_score(self) -> float:
         """Highest mean score of a generation so far (-inf before the first)."""
         return max((record.score_mean for record in self.records), default=-math.inf)
 
-    def record_of(
-        self, results: Sequence[EvaluationResult], centre_agents: int, step: Theta
+    def solved(self, nes: NESHyperparameters, solved_reward: float) -> bool:
+        """Return whether the last `nes.solved_for` generations solve the task on average.
+
+        Generations before the last confirmation do not count.
+        """
+        if not 0 < nes.solved_for <= self.generation - self.last_judged:
+            return False
+        recent = [record.score_mean for record in self.records[-nes.solved_for :]]
+        return float(np.mean(recent)) >= solved_reward
+
+    def stagnates(self, nes: NESHyperparameters, solved_reward: float) -> bool:
+        """Return whether this attempt has not solved the task and set no new best score for
+        `nes.restart_after` generations."""
+        scores = [record.score_mean for record in self.records[self.attempt_start :]]
+        if not nes.restart_after or not scores or max(scores) >= solved_reward:
+            return False
+        return len(scores) - 1 - int(np.argmax(scores)) >= nes.restart_after
+
+    def timed(self, seconds: float, cores: int, finished: float) -> Self:
+        """Add the measured times of the last generation (`GenerationRecord.timed`)."""
+        *earlier, last = self.records
+        return replace(self, records=(*earlier, last.timed(seconds, cores, finished)))
+
+    def record(
+        self,
+        results: Sequence[EvaluationResult],
+        centre_agents: int,
+        psi: Psi,
+        step: Genotype,
+        solved_reward: float,
     ) -> GenerationRecord:
-        """The record of a generation's `results`, in the order of their requests, and of its update
-        `step` (D,)."""
+        """Aggregate a generation's results, in the order of their requests.
+
+        The first `centre_agents` results belong to the unperturbed SE psi (P,). `step` (D,) is the
+        update of the generation.
+        """
         scores = scores_of(results)
         centre, on_centre = scores[:centre_agents], results[:centre_agents]
         seconds = sum(result.seconds for result in results)
-        train_steps = sum(result.train_steps for result in results)
         return GenerationRecord(
             generation=self.generation,
             attempt=self.attempt,
@@ -99,28 +148,14 @@ class NESState:
             score_std=float(centre.std()),
             score_best=float(centre.max()),
             perturbed_score_mean=float(scores[centre_agents:].mean()),
-            train_steps_mean=float(np.mean([r.train_steps for r in on_centre])),
-            train_episodes_mean=float(np.mean([r.train_episodes for r in on_centre])),
-            solved_fraction=float((centre >= self.task.solved_reward).mean()),
-            non_finite=sum(not r.finite for r in results),
+            train_steps_mean=float(np.mean([result.train_steps for result in on_centre])),
+            train_episodes_mean=float(np.mean([result.train_episodes for result in on_centre])),
+            solved_fraction=float((centre >= solved_reward).mean()),
+            non_finite=sum(not result.finite for result in results),
             real_env_steps=self.real_env_steps,
             cost=self.cost,
-            psi_norm=float(np.linalg.norm(self.se.centre.psi)),
+            psi_norm=float(np.linalg.norm(psi)),
             update_norm=float(np.linalg.norm(step)),
-            std_dev=float(np.sqrt(np.mean(np.square(self.se.std_dev)))),
             evaluation_seconds=seconds,
-            env_steps_per_second=train_steps / max(seconds, 1e-9),
+            env_steps_per_second=sum(result.train_steps for result in results) / max(seconds, 1e-9),
         )
-
-    def solved_for_long(self, nes: NESHyperparameters) -> bool:
-        """Whether the last `nes.solved_for` generations, none of which a confirmation has judged,
-        solve the task on average."""
-        if not 0 < nes.solved_for <= self.generation - self.judged:
-            return False
-        recent = [record.score_mean for record in self.records[-nes.solved_for :]]
-        return float(np.mean(recent)) >= self.task.solved_reward
-
-    def timed(self, seconds: float, cores: int, finished: float) -> Self:
-        """With the measured times of the last generation (`GenerationRecord.timed`)."""
-        *before, last = self.records
-        return replace(self, records=(*before, last.timed(seconds, cores, finished)))

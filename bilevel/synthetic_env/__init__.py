@@ -1,21 +1,21 @@
-"""Synthetic environments (SEs): three networks that stand in for a real task."""
+"""Synthetic environments (SEs): three networks that replace a real task in training."""
 
 from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi
-from bilevel.synthetic_env.coordinates import Coordinates, coordinates, least_units
 from bilevel.synthetic_env.distribution import SEDistribution
+from bilevel.synthetic_env.families import Family, family_of, smallest_hidden_size
 from bilevel.synthetic_env.storage import StoredSE, load_se, save_se, se_bytes
 
 __all__ = [
     "NETWORKS",
     "SE",
     "Architecture",
-    "Coordinates",
+    "Family",
     "Psi",
     "SEDistribution",
     "StoredSE",
-    "coordinates",
-    "least_units",
+    "family_of",
     "load_se",
     "save_se",
     "se_bytes",
+    "smallest_hidden_size",
 ]

@@ -1,64 +1,64 @@
-"""The architecture of an SE, and its parameters as one flat vector psi.
+"""A synthetic environment (SE): its architecture, and its parameters as one flat vector psi.
 
 Three MLPs with equal hidden layers (next state, reward, done) read the same input,
 concat(one_hot(action), state). psi concatenates their parameters, in the layout of
 `bilevel.networks`.
 
-symbol   meaning
-------   ---------------------------------------
-S, A     state size, number of actions
-P        length of psi
+S and A are the state size and the number of actions, P is the length of psi.
 """
 
 import json
 from dataclasses import asdict, dataclass, field
+from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import Field
 
 from bilevel.activations import LRELU_SLOPE, PRELU_INITIAL_SLOPE
 from bilevel.durable import checksum
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
+from bilevel.hyperparameters.agents import Activation
 from bilevel.kernels.synthetic_env import SEKernel, prepare
 from bilevel.networks import Network, initial_parameters, network
-from bilevel.tasks import Task
+from bilevel.tasks import MAX_STEP_LIMIT, Task
 
 #: The networks of an SE, in the order of psi.
 NETWORKS = ("next_state", "reward", "done")
 
-#: Slopes for negative inputs. NES changes weights and biases only, so a PReLU keeps its initial
+#: Slopes for negative inputs. NES changes only weights and biases, so a PReLU keeps its initial
 #: slope.
 _SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": LRELU_SLOPE, "prelu": PRELU_INITIAL_SLOPE}
 
 Psi = NDArray[np.float32]
 
+StepLimit = Annotated[int, Field(ge=1, le=MAX_STEP_LIMIT)]
+_Size = Annotated[int, Field(ge=1, le=65536)]
+
 
 @dataclass(frozen=True)
 class Architecture:
-    """Sizes of an SE's networks, and the step limit that truncates its episodes."""
+    """Sizes of an SE's networks, and the step limit that truncates its episodes.
 
-    state_size: int
-    n_actions: int
-    hidden_layers: int
-    hidden_size: int
-    activation: str
-    step_limit: int
+    The ranges are checked when an SE file is read or written.
+    """
+
+    state_size: _Size
+    n_actions: _Size
+    hidden_layers: _Size
+    hidden_size: _Size
+    activation: Activation
+    step_limit: StepLimit
 
     @classmethod
     def of(cls, task: Task, hp: SEHyperparameters) -> "Architecture":
-        """The architecture of an SE for `task`."""
-        return cls(
-            task.state_size,
-            task.n_actions,
-            hp.hidden_layers,
-            hp.hidden_size,
-            hp.activation,
-            hp.step_limit or task.step_limit,
-        )
+        """Return the architecture of an SE for `task`."""
+        sizes = task.state_size, task.n_actions, hp.hidden_layers, hp.hidden_size
+        return cls(*sizes, hp.activation, hp.step_limit or task.step_limit)
 
     def check_fits(self, task: Task) -> None:
-        """Raise InvalidInput if the task has other sizes."""
+        """Raise InvalidInput unless the task has the same numbers of states and actions."""
         if (self.state_size, self.n_actions) != (task.state_size, task.n_actions):
             raise InvalidInput(
                 f"the SE has {self.state_size} state dimensions and {self.n_actions} actions: "
@@ -73,16 +73,11 @@ class Architecture:
     @property
     def networks(self) -> tuple[Network, Network, Network]:
         """Shapes of the next-state, reward and done network."""
-        # A fixed slope is no parameter, so the kernels treat a PReLU as a LeakyReLU.
+        # The slope of a PReLU is not a parameter of the SE: it becomes a LeakyReLU.
         activation = "lrelu" if self.activation == "prelu" else self.activation
+        inputs = self.n_actions + self.state_size
         next_state, reward, done = (
-            network(
-                self.n_actions + self.state_size,
-                self.hidden_size,
-                self.hidden_layers,
-                outputs,
-                activation,
-            )
+            network(inputs, self.hidden_size, self.hidden_layers, outputs, activation)
             for outputs in (self.state_size, 1, 1)
         )
         return next_state, reward, done
@@ -93,7 +88,7 @@ class Architecture:
         return sum(net.parameter_count for net in self.networks)
 
     def split(self, psi: Psi) -> tuple[Psi, Psi, Psi]:
-        """Views of psi (P,), one per network."""
+        """Return views of psi (P,), one per network."""
         counts = [net.parameter_count for net in self.networks]
         next_state, reward, done = np.split(psi, np.cumsum(counts)[:-1])
         return next_state, reward, done
@@ -105,17 +100,14 @@ class Architecture:
 
 @dataclass(frozen=True, eq=False)
 class SE:
-    """A synthetic environment: its architecture and its parameters psi (P,). SEs are equal if both
-    are.
-
-    Raises InvalidInput for psi of another length.
-    """
+    """A synthetic environment: an architecture and parameters psi (P,). Raises InvalidInput if psi
+    has another length."""
 
     architecture: Architecture
     psi: Psi = field(repr=False)
 
     def __post_init__(self) -> None:
-        psi = np.array(self.psi, np.float32)  # a copy: an SE does not change with its source
+        psi = np.array(self.psi, np.float32)  # copies: callers may change their array
         if psi.shape != (self.architecture.parameter_count,):
             raise InvalidInput(
                 f"psi has shape {psi.shape}: the SE's networks have "
@@ -133,12 +125,12 @@ class SE:
 
     @property
     def finite(self) -> bool:
-        """Whether all parameters are finite numbers."""
+        """True if all parameters are finite."""
         return bool(np.isfinite(self.psi).all())
 
     @property
     def kernel(self) -> SEKernel:
-        """The SE arranged for the compiled step."""
+        """Parameters arranged for the compiled step."""
         return prepare(
             self.architecture.networks,
             self.architecture.split(self.psi),
@@ -148,6 +140,6 @@ class SE:
 
     @property
     def digest(self) -> str:
-        """A short hash that identifies the SE."""
+        """Short hash of the architecture and psi."""
         facts = json.dumps(asdict(self.architecture)).encode()
         return checksum(facts, self.psi.tobytes())[:16]

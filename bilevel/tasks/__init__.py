@@ -1,7 +1,8 @@
-"""The real tasks and their fixed values."""
+"""Real tasks, on which agents are tested."""
 
-from bilevel.tasks.actions import checked_action
-from bilevel.tasks.task import BUILT_IN_TASKS, MAX_STEP_LIMIT, ObservationScale, Task, get_task
+from bilevel.tasks.adapter import checked_action
+from bilevel.tasks.specification import BUILT_IN_TASKS, get_task
+from bilevel.tasks.task import MAX_STEP_LIMIT, ObservationScale, Task
 
 __all__ = [
     "BUILT_IN_TASKS",

@@ -1,51 +1,33 @@
-"""Names of the observations and actions of some tasks, and the axes of their pictures."""
+"""Names of observations and actions, and the observations that plots show."""
 
-#: By the beginning of the task's id, in the order of the task.
-_OBSERVATIONS = {
-    "CartPole": (
-        "cart position (m)",
-        "cart velocity (m/s)",
-        "pole angle (rad)",
-        "pole velocity (rad/s)",
-    ),
-    "Acrobot": (
-        "cosine of angle 1",
-        "sine of angle 1",
-        "cosine of angle 2",
-        "sine of angle 2",
-        "velocity of link 1 (rad/s)",
-        "velocity of link 2 (rad/s)",
-    ),
-    "MountainCar": ("position", "velocity"),
+from bilevel.tasks.compiled import Labels
+from bilevel.tasks.task import COMPILED
+
+#: Labels by the task's id without its version.
+_LABELS = {task.id.partition("-")[0]: task.labels for task in COMPILED.values()} | {
+    "MountainCar": Labels(("position", "velocity"), ("push left", "no push", "push right"))
 }
-_ACTIONS = {
-    "CartPole": ("push left", "push right"),
-    "Acrobot": ("torque -1", "torque 0", "torque +1"),
-    "MountainCar": ("push left", "no push", "push right"),
-}
-#: The two observations over which pictures are drawn.
-_AXES = {"CartPole": (2, 3), "Acrobot": (4, 5)}
+_UNKNOWN = Labels((), ())
 
 
 def observation_names(task_id: str, size: int) -> tuple[str, ...]:
-    """Names of the observations of a task that has so many; numbers, if none are known."""
-    return _known(_OBSERVATIONS, task_id, size, "observation")
+    """Return the names of a task's observations, or numbered names if they are unknown."""
+    names = _labels(task_id).observations
+    return names if len(names) == size else tuple(f"observation {i}" for i in range(size))
 
 
 def action_names(task_id: str, number: int) -> tuple[str, ...]:
-    """Names of the actions of a task that has so many; numbers, if none are known."""
-    return _known(_ACTIONS, task_id, number, "action")
+    """Return the names of a task's actions, or numbered names if they are unknown."""
+    names = _labels(task_id).actions
+    return names if len(names) == number else tuple(f"action {i}" for i in range(number))
 
 
 def picture_axes(task_id: str, size: int) -> tuple[int, int]:
-    """Indices of the two observations, of so many, over which pictures of the task are drawn: the
-    first ones if none are known, the only one twice."""
-    i, j = _AXES.get(task_id.partition("-")[0], (0, 1))
+    """Return the indices of the two observations that plots of the task show: by default the first
+    two, or twice the only one."""
+    i, j = _labels(task_id).axes
     return (i, j) if max(i, j) < size else (0, 1 % size)
 
 
-def _known(
-    names: dict[str, tuple[str, ...]], task_id: str, number: int, usual: str
-) -> tuple[str, ...]:
-    found = names.get(task_id.partition("-")[0], ())
-    return found if len(found) == number else tuple(f"{usual} {i}" for i in range(number))
+def _labels(task_id: str) -> Labels:
+    return _LABELS.get(task_id.partition("-")[0], _UNKNOWN)

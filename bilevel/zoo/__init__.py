@@ -1,11 +1,11 @@
-"""The zoo: SEs that come with this package, learned by NES from scores alone, and their cards.
+"""The zoo: SEs that are part of this package, learned by NES from scores alone.
 
     import bilevel, gymnasium
     env = gymnasium.make("bilevel/Synthetic-CartPole-v0")
     se = bilevel.load("CartPole-v0")
 
-The files lie beside this module: `NAME.safetensors`, the SE, and `NAME.json`, its card.
-`bilevel zoo build NAME` makes both anew.
+This folder contains `NAME.safetensors`, the SE, and `NAME.json`, its card with results.
+`bilevel zoo build NAME` creates both.
 """
 
 from dataclasses import dataclass
@@ -26,33 +26,33 @@ class Taught:
     agents: int
     mean_return: float  # on the real task
     std_return: float  # over agents, each with its mean over test episodes
-    solved_fraction: float  # share of the agents whose mean return solves the task
+    solved_fraction: float  # of the agents, those whose mean return solves the task
     train_steps: float  # mean over agents, on the SE
 
 
 @dataclass(frozen=True)
 class Card:
-    """The card of an SE of the zoo."""
+    """Origin and results of an SE of the zoo."""
 
     name: str
     task: str
     recipe: str
     seed: int
-    version: str  # of this package, which learned it
-    commands: tuple[str, ...]  # that learned it, and that trained the agents
-    real_env_steps: int  # made to learn it, its confirmation and retests included
-    sha256: str  # of the file
+    version: str  # of this package
+    commands: tuple[str, ...]  # that learned the SE and trained the agents
+    real_env_steps: int  # used to learn the SE, including its confirmation and retests
+    sha256: str  # of the SE file
     taught: tuple[Taught, ...]
 
     @property
     def env_id(self) -> str:
-        """Its id in gymnasium."""
+        """Id of the environment in gymnasium."""
         return env_id(self.name)
 
 
 @dataclass(frozen=True)
 class Entry:
-    """The run that makes an SE of the zoo."""
+    """The run that learns an SE of the zoo."""
 
     name: str
     task: str
@@ -68,30 +68,30 @@ ENTRIES = {
 
 
 def label(name: str) -> str:
-    """What the SE with that name is called beside its real task, which has the same name."""
+    """Return the label of an SE of the zoo, which differs from its task's name."""
     return f"Synthetic-{name}"
 
 
 def env_id(name: str) -> str:
-    """The id in gymnasium of the SE with that name."""
+    """Return the gymnasium id of an SE of the zoo."""
     return f"bilevel/{label(name)}"
 
 
 def get_entry(name: str) -> Entry:
-    """The entry with that name. Raises InvalidInput for another name."""
+    """Return an entry by name. Raises InvalidInput for an unknown name."""
     if name not in ENTRIES:
         raise one_of("SE of the zoo", name, ENTRIES)
     return ENTRIES[name]
 
 
 def zoo_file(name: str) -> Path:
-    """The file of the SE with that name. Raises InvalidInput for another name."""
+    """Return the file of an SE of the zoo. Raises InvalidInput for an unknown name."""
     return _FOLDER / f"{get_entry(name).name}.safetensors"
 
 
 @cache
 def card(name: str) -> Card:
-    """The card of the SE with that name. Raises InvalidInput for another name."""
+    """Return the card of an SE of the zoo. Raises InvalidInput for an unknown name."""
     from bilevel.decode import decode_file
 
     return decode_file(Card, zoo_file(name).with_suffix(".json"), "the card")

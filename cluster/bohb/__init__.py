@@ -1,6 +1,6 @@
-"""BOHB (Falkner et al., 2018): a study of a task's hyperparameters, and what becomes of it.
+"""BOHB (Falkner et al., 2018) over NES runs: studies of a task's hyperparameters.
 
-`study` says what is searched and keeps what was found, `search` is hpbandster's brackets and model
-with the NES runs that they ask for, `results` is what is drawn and told of them. None of these
-knows Ray: a search can be run in one process. `tune` runs it on Ray Tune.
+`study` defines a search and stores its journal. `search` has hpbandster's brackets and model, and
+the NES runs. `results` has tables and pictures. These three run in one process, without Ray. `tune`
+runs a search on Ray Tune.
 """

@@ -1,7 +1,6 @@
 """`bilevel bohb --dry-run`: the brackets of a study and their estimated time."""
 
 from bisect import bisect_right
-from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from typing import Self
@@ -13,13 +12,15 @@ from bilevel.evaluation import evaluate
 from bilevel.nes import NES
 from cluster.bohb.command import StudyCommand
 from cluster.bohb.search.validation import validation_seconds
-from cluster.bohb.study.brackets import Schedule, configurations_to_begin, core_seconds_to_run
+from cluster.bohb.study.brackets import Schedule, core_seconds_to_run, initial_configurations
+from cluster.bohb.study.definition import Study
+from cluster.bohb.study.prior import check_prior
 from cluster.session.terminal import Terminal, count, duration
 from cluster.storage.home import require_writable
 from cluster.storage.run_folder import check_settings
 from search_spaces.translation import to_hyperparameters
 
-#: Random configurations, and the evaluations of each, that are timed.
+#: Random configurations, and evaluations of each, that are timed.
 _SAMPLES, _EVALUATIONS = 6, 8
 
 
@@ -29,121 +30,101 @@ class Estimate:
 
     schedule: Schedule
     brackets: int
-    speed: float  # seconds that a core of this machine takes for a core second of a budget
+    speed: float  # measured seconds of an estimated core second
     cores: int
 
     @property
-    def searched(self) -> int:
-        """Core seconds of all configurations, by their budgets."""
-        return core_seconds_to_run(self.schedule.brackets(self.brackets))
-
-    @property
-    def validated(self) -> int:
-        """Core seconds of the validation; 0 for a search that is too short for one."""
-        seconds = validation_seconds(self.searched)
-        return round(seconds) if seconds >= self.schedule.budgets[-1] else 0
-
-    @property
-    def configurations(self) -> int:
-        """Number of configurations that are begun."""
-        return configurations_to_begin(self.schedule.brackets(self.brackets))
+    def core_seconds(self) -> tuple[int, int]:
+        """Core seconds of search and validation, by budgets. Short searches have no validation."""
+        searched = core_seconds_to_run(self.schedule.brackets(self.brackets))
+        validated = round(validation_seconds(searched))
+        return searched, validated if validated >= self.schedule.budgets[-1] else 0
 
     @property
     def seconds(self) -> float:
-        """Wall-clock seconds on all cores."""
-        return (self.searched + self.validated) * self.speed / self.cores
+        """Elapsed seconds on all cores."""
+        return sum(self.core_seconds) * self.speed / self.cores
 
     def within(self, seconds: float) -> Self:
-        """The estimate for as many brackets as fit into `seconds`, at least one."""
-        brackets = bisect_right(
-            range(1, self.brackets + 1),
-            seconds,
-            key=lambda number: replace(self, brackets=number).seconds,
-        )
-        return replace(self, brackets=max(brackets, 1))
+        """Return the estimate for the brackets that fit into `seconds`, at least one."""
+        numbers = range(1, self.brackets + 1)
+        fit = bisect_right(numbers, seconds, key=lambda n: replace(self, brackets=n).seconds)
+        return replace(self, brackets=max(fit, 1))
 
     def __str__(self) -> str:
-        validation = " (too few for a validation)"
-        if self.validated:
-            validation = f" and {self.validated} of validation"
+        configurations = initial_configurations(self.schedule.brackets(self.brackets))
+        searched, validated = self.core_seconds
         return (
-            f"{count(self.brackets, 'bracket')}: {self.configurations} configurations, "
-            f"{self.searched} core seconds{validation}: "
+            f"{count(self.brackets, 'bracket')}: {configurations} configurations, "
+            f"{searched} core seconds"
+            f"{f' and {validated} of validation' if validated else ' (too few for a validation)'}: "
             f"{duration(self.seconds)} on {count(self.cores, 'core')}, where a core second takes "
             f"{self.speed:.2f} s"
         )
 
 
 def dry_run(command: StudyCommand) -> None:
-    """Print the bracket table, the cost, and whether the cluster can place it.
+    """Print the brackets, the estimated time, and whether the cluster can place the trials.
 
-    The time is estimated from a few evaluations of random configurations, measured on this machine
-    with as many cores busy as the study would use. Raises InvalidInput where the study itself
-    would.
+    Raises InvalidInput where the study would.
     """
+    study, budget = command.study, command.time_budget
+    check_prior(study)
     require_writable(command.context.home.folder)
-    check_settings(command.study.folder, command.study.settings())
+    check_settings(study.folder, study.settings())
     capacity = command.context.capacity()
     command = command.placed(capacity)
     trials = command.trials_on(capacity)
     capacity.require(command.workers_per_trial, trials)
     with Terminal() as terminal:
-        _print_estimate(command, trials, terminal)
+        terminal.log(
+            f"{study.method_name} on {study.task.id}: study {study.name!r}, prior {study.prior}, "
+            "budgets in core seconds"
+        )
+        _print_brackets(study.schedule, command.brackets, terminal)
+        cores = trials * command.workers_per_trial
+        speed = measured_speed(study, cores, terminal)
+        estimate = Estimate(study.schedule, command.brackets, speed, cores)
+        if budget is not None and estimate.seconds > budget:
+            estimate = estimate.within(budget)
+            enough = estimate.seconds <= budget
+            fits = "is enough for about" if enough else "is not enough for one bracket:"
+            terminal.log(f"the time budget of {duration(budget)} {fits}")
+        terminal.log(str(estimate))
+        terminal.log(
+            f"the cluster can place it: {count(trials, 'trial')} at a time, "
+            f"{count(command.workers_per_trial, 'worker')} each"
+        )
 
 
-def _print_estimate(command: StudyCommand, trials: int, terminal: Terminal) -> None:
-    study, schedule = command.study, command.study.schedule
-    terminal.log(
-        f"{study.method_name} on {study.task.id}: study {study.name!r}, prior {study.prior}, "
-        "budgets in core seconds"
-    )
+def _print_brackets(schedule: Schedule, brackets: int, terminal: Terminal) -> None:
     terminal.log("bracket   configurations x budget")
-    for bracket in range(min(command.brackets, schedule.cycle)):
+    for bracket in range(min(brackets, schedule.cycle)):
         rungs = schedule.bracket(bracket)
         row = " -> ".join(f"{rung.configurations} x {rung.budget}" for rung in rungs)
         terminal.log(f"{bracket:7d}   {row}")
-    if command.brackets > schedule.cycle:
+    if brackets > schedule.cycle:
         terminal.log("    ...   and so on")
 
-    estimate = _estimate(command, trials, terminal)
-    if command.time_budget is not None and estimate.seconds > command.time_budget:
-        estimate, budget = estimate.within(command.time_budget), duration(command.time_budget)
-        enough = estimate.seconds <= command.time_budget
-        terminal.log(
-            f"the time budget of {budget} is enough for about"
-            if enough
-            else f"the time budget of {budget} is not enough for one bracket:"
-        )
-    terminal.log(str(estimate))
-    terminal.log(
-        f"the cluster can place it: {count(trials, 'trial')} at a time, "
-        f"{count(command.workers_per_trial, 'worker')} each"
-    )
 
-
-def _estimate(command: StudyCommand, trials: int, terminal: Terminal) -> Estimate:
-    study, cores = command.study, trials * command.workers_per_trial
+def measured_speed(study: Study, cores: int, terminal: Terminal) -> float:
+    """Return the measured seconds of an estimated core second, from evaluations of random
+    configurations on the cores that the study would use."""
     samples = study.space.build(study.agents, study.seed % 2**32).sample_configuration(_SAMPLES)
     jobs = []
     for number, sample in enumerate(samples):
         nes = NES(study.task, to_hyperparameters(study.base, dict(sample)), number)
         state = nes.init()
-        jobs += [(state.se, request) for request in nes.ask(state)[:_EVALUATIONS]]
+        ses = nes.distribution(state)
+        jobs += [(ses, request) for request in nes.ask(state)[:_EVALUATIONS]]
     terminal.bar("timing", 0, len(jobs), "evaluations")
-    evaluate(study.task, *jobs[0])  # loads the kernels, untimed
+    evaluate(study.task, *jobs[0])  # compiles or loads the kernels, untimed
+    # Only compiled agents release Python's lock.
+    compiled = all(get_agent(agent).build_kernel is not None for agent in study.agents)
     results = []
-    with ThreadPoolExecutor(_busy(study.agents, cores)) as pool:
+    with ThreadPoolExecutor(min(cores, cpu_count()) if compiled else 1) as pool:
         for result in pool.map(lambda job: evaluate(study.task, *job), jobs):
             results.append(result)
-            terminal.bar("timing", len(results), len(jobs), "evaluations")
-    seconds = sum(result.seconds for result in results)
+            terminal.step()
     cost = sum(result.cost for result in results)
-    return Estimate(study.schedule, command.brackets, seconds / max(cost, 1e-9), cores)
-
-
-def _busy(agents: Sequence[str], cores: int) -> int:
-    """Number of evaluations that are timed at once: cores share caches, memory and frequency, so
-    that each is slower while others work. Compiled agents release Python's lock; others would only
-    wait for each other."""
-    compiled = all(get_agent(agent).build_kernel is not None for agent in agents)
-    return min(cores, cpu_count()) if compiled else 1
+    return sum(result.seconds for result in results) / max(cost, 1e-9)

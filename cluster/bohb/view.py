@@ -1,4 +1,4 @@
-"""MLflow views of a study: one parent run with BOHB's results, one child run per configuration."""
+"""MLflow views of a study: a run with BOHB's results, and a nested run per configuration."""
 
 import json
 import time
@@ -18,28 +18,40 @@ from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.results.tables import TALLIED, leaders_csv, results_csv
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
-from cluster.bohb.study.journal import ConfigId, ConfigLine, Journal, ResultLine
+from cluster.bohb.study.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.study.profiles import ENDLESS
-from cluster.nes.view import (
-    edition,
-    registered,
-    run_documents,
-)
+from cluster.nes.view import registered, run_documents
 from cluster.pictures import png
 from cluster.session.terminal import last_line
 from cluster.storage.run_folder import BEST_FILE, Lifetime, RunIdentity, Status, finals
 from cluster.tracking import Document, Point, Progress, RunView
 
+_DESCRIPTION = (
+    "Each nested run is one configuration, which runs NES with one seed after the other; a "
+    "promoted configuration continues in the same run. `objective`, which is minimised, is the "
+    "expected core time until fresh agents confirm an SE: the core seconds of all runs of a "
+    "configuration, divided by the number of its confirmed SEs (an unfinished run counts as at "
+    "most half of one). The study's `objective` is the one of the best configuration at the "
+    "largest budget so far, and rises when a larger budget is reached; `best_at_*` are the best "
+    "ones at each budget. `validated_objective` is the objective of the final recipe in new runs "
+    "with other seeds (validation.md). `final_*` describe fresh agents trained on the best SE of "
+    "all configurations."
+)
+
 
 @dataclass(frozen=True)
 class StudyViews:
-    """The MLflow runs of a study; `live` while a process works on it, and `running` are the names
-    of the configurations that it runs."""
+    """The MLflow runs of a study.
+
+    `live` while this process works on the study; `running` are the names of the configurations
+    that run. Without a `journal`, the study's files are read for every view.
+    """
 
     study: Study
     identity: RunIdentity
     live: bool
     running: set[str] = field(default_factory=set)
+    journal: Journal | None = None
 
     @classmethod
     def of(cls, folder: Path) -> "StudyViews":
@@ -62,12 +74,12 @@ class StudyViews:
 
     def keys(self) -> list[str]:
         """All keys, the study's own first. Raises InvalidInput."""
-        journal = Journal(self.study.folder)
-        return [self.parent, *(self.key(configuration_name(line.id)) for line in journal.configs)]
+        configs = self._journal().configs
+        return [self.parent, *(self.key(configuration_name(line.id)) for line in configs)]
 
     def view(self, key: str) -> RunView:
-        """The run with that key as it is on disk. Raises InvalidInput."""
-        journal = Journal(self.study.folder)
+        """View of the run with that key. Raises InvalidInput."""
+        journal = self._journal()
         if key == self.parent:
             return self._study(journal)
         for line in journal.configs:
@@ -76,34 +88,17 @@ class StudyViews:
                 return self._configuration(line, results)
         raise InvalidInput(f"study {self.study.name!r} has no run {key}")
 
-    # -- the study's own run -----------------------------------------------------
+    def _journal(self) -> Journal:
+        return self.journal or Journal(self.study.folder)
 
     def _study(self, journal: Journal) -> RunView:
         study, ends = self.study, finals(self.study.folder)
         lifetime = Lifetime.of(study.folder, self.identity.began, self.live)
         summary = StudySummary.of(journal, study.schedule.brackets(lifetime.target))
         tags = {"bilevel.kind": KIND}
-        incumbent = summary.incumbent
-        if incumbent is not None:
-            tags["bilevel.incumbent"] = configuration_name(incumbent.id)
-        points = [
-            Point(
-                {"objective": line.objective, "budget": line.budget},
-                number,
-                journal.results[number - 1].finished,
-            )
-            for number, line in summary.leaders()
-        ]
-        points += _best_at_each_budget(journal.results)
-        if summary.validation is not None:
-            winner = summary.validation.winner
-            validated = {"validated_objective": winner.objective}
-            points.append(Point(validated, summary.validation.results, winner.finished))
-        points += [
-            Point({"core_utilisation": line.info["core_utilisation"]}, number, line.finished)
-            for number, line in enumerate(journal.results, start=1)
-            if "core_utilisation" in line.info
-        ]
+        if summary.incumbent is not None:
+            tags["bilevel.incumbent"] = configuration_name(summary.incumbent.id)
+        budgets = list(study.schedule.budgets)
         return RunView(
             self.parent,
             study.name,
@@ -112,98 +107,35 @@ class StudyViews:
                 "task": study.task.id,
                 "seed": study.seed,
                 "space": study.space.name,
-                "budgets": list(study.schedule.budgets),
+                "budgets": budgets,
                 "cycle": study.schedule.cycle,
                 "method": study.method,
                 "prior": study.prior,
                 "base": study.base.to_dict(),
             },
             tags,
-            (*points, *(Point.of_final(end) for end in ends)),
-            tuple(self._documents(journal, summary, bool(ends), lifetime.over)),
+            (*study_points(summary), *(Point.of_final(end) for end in ends)),
+            tuple(_documents(study, summary, bool(ends))),
             model=registered(study.folder, study.task.id, ends[-1]) if ends else None,
             identity=self.identity,
-            description=self._description(),
+            description=(
+                f"{study.method_name} over NES on **{study.task.id}**, recipe "
+                f"`{study.base.recipe}`, {study.start}rule `{study.base.nes.update}`: search space "
+                f"`{study.space.name}`, budgets {budgets} core seconds, seed {study.seed}. "
+                f"{_DESCRIPTION}"
+            ),
         )
-
-    def _documents(
-        self, journal: Journal, summary: StudySummary, ended: bool, over: bool
-    ) -> list[Document]:
-        study = self.study
-        documents = [Document.of_file(study.folder / BEST_FILE)] if ended else []
-        incumbent = summary.incumbent
-        if not journal.results:
-            return documents
-
-        def picture() -> bytes:
-            points, validated = summary.points(), summary.validated_points()
-            figure = pictures.objective_against_cost(points, validated, study.task, study.name)
-            return png(figure)
-
-        validated = 0 if summary.validation is None else summary.validation.results
-        results = f"{len(journal.results)} results, {validated} validated"
-        documents += [
-            Document("objective_against_cost.png", results, picture),
-            Document.of_text("brackets.md", summary.bracket_table()),
-            Document.of_text("results.csv", results_csv(summary)),
-            Document.of_text("leaders.csv", leaders_csv(summary)),
-            *(Document.of_file(path, "journal/") for path in journal.paths),
-        ]
-        if (study.folder / SPACE_FILE).exists():
-            documents.append(Document.of_file(study.folder / SPACE_FILE, "journal/"))
-        if summary.validation is not None:
-            documents.append(Document.of_text("validation.md", summary.validation_table()))
-        if incumbent is not None:
-            # While the study runs, at every tenth result from the tenth on: the forests take a
-            # second.
-            number = len(journal.results)
-            if number > 10 and not over:
-                number -= number % 10
-            name = configuration_name(incumbent.id)
-            documents.append(
-                Document(
-                    "hyperparameters.png",
-                    f"{number} results" + (f", incumbent {name}" if summary.validation else ""),
-                    lambda: png(hyperparameter_picture(study, summary)),
-                )
-            )
-            values = summary.configuration(incumbent.id)
-            documents.append(Document.of_text("incumbent.json", json.dumps(values, indent=2)))
-            text = study.recipe_text(incumbent.id, values)
-            documents.append(Document.of_text(RECIPE_FILE, text))
-        return documents
-
-    def _description(self) -> str:
-        study = self.study
-        return (
-            f"{study.method_name} over NES on **{study.task.id}**, recipe "
-            f"`{study.base.recipe}`, {study.start}"
-            f"rule `{study.base.nes.update}`: search space `{study.space.name}`, "
-            f"budgets {list(study.schedule.budgets)} core seconds (eta 3), seed {study.seed}. Each "
-            "child run is one configuration, which runs NES with one seed after the other; a "
-            "promoted one continues in the same run. `objective`, which is minimised, is the "
-            "expected core time to an SE that fresh agents confirm: the core seconds of all runs "
-            "of a configuration, divided by the number of its confirmed SEs (a run that is not "
-            "over counts as half of one at most). It is that of the best configuration at the "
-            "largest budget so far, and rises when a larger one is reached; `best_at_*` are those "
-            "at each budget. `validated_objective` is that of the recipe that "
-            "is handed over, from new runs with seeds that the search made no choice on "
-            "(validation.md). "
-            "`final_*` are of fresh agents trained on the best SE of all configurations."
-        )
-
-    # -- a configuration's run ---------------------------------------------------
 
     def _configuration(self, line: ConfigLine, results: list[ResultLine]) -> RunView:
         study, name = self.study, configuration_name(line.id)
+        running = name in self.running
         failure = next((r.exception for r in results if r.exception is not None), None)
         try:
             runs = ConfigurationRuns.read(study, line.id, line.configuration)
         except InvalidInput:
             if failure is None:
                 raise
-            runs = ConfigurationRuns(study, line.id, line.configuration)  # was never allowed to run
-        running = name in self.running
+            runs = ConfigurationRuns(study, line.id, line.configuration)  # invalid, so it never ran
         tags = {
             "bilevel.kind": "configuration",
             "bilevel.bracket": str(line.id[0]),
@@ -215,54 +147,63 @@ class StudyViews:
             documents.append(Document.of_text("error.txt", failure))
         best = runs.best
         if best is not None and not running:
-            version = f"generation {runs.generations}"
-            document = Document(BEST_FILE, version, lambda: se_bytes(best))
-            hp = runs.run(0).hp
-            documents += run_documents(runs.states, hp, f"{study.name}, {name}", document)
-        points = _points(runs.states)
-        points += [
-            Point(
-                {"objective": r.loss, "budget": float(r.budget), **_tallied(r)},
-                r.budget,
-                r.finished,
-            )
-            for r in results
-            if r.loss is not None
-        ]
-        times = [point.time for point in points] + [result.finished for result in results]
+            document = Document(BEST_FILE, f"generation {runs.generations}", lambda: se_bytes(best))
+            title = f"{study.name}, {name}"
+            documents += run_documents(runs.states, runs.run(0), title, document)
+        points = _generations(runs.states)
         started = self.identity.began if results else time.time()
-        if runs.generations:
-            first = next(state.records[0] for state in runs.states if state.records)
-            started = first.finished - first.generation_seconds
-        lifetime = (
-            Lifetime("RUNNING", started, None)
-            if running
-            else Lifetime(_status(results, runs.tally.cost), started, max(times, default=started))
-        )
+        if points:
+            started = points[0].time - points[0].values["generation_seconds"]
+        points += [_result(line) for line in results if line.loss is not None]
+        ended = max([started, *(p.time for p in points), *(r.finished for r in results)])
+        status = "RUNNING" if running else _status(results, runs.tally.cost)
         return RunView(
             self.key(name),
             name,
-            lifetime,
-            line.configuration,  # and all the rest in configuration.json
+            Lifetime(status, started, None if running else ended),
+            line.configuration,  # configuration.json has all hyperparameters
             tags,
             tuple(points),
             tuple(documents),
             parent=self.parent,
-            edition=edition(runs.states),
-            identity=replace(self.identity, code={}),  # which of it has run, nobody knows
+            identity=replace(self.identity, code={}),  # unknown: the study may have run several
             description=f"Configuration {name} of the study `{study.name}`.",
         )
 
 
+def study_points(summary: StudySummary) -> list[Point]:
+    """Points of a study's own run; the step is the number of the result, from 1."""
+    points = []
+    for number, line in summary.leaders():
+        values = {"objective": line.objective, "budget": float(line.budget)}
+        points.append(Point(values, number, line.finished))
+    best: dict[int, float] = {}
+    for number, line in enumerate(summary.journal.results, start=1):
+        if line.loss is not None and line.loss < best.get(line.budget, np.inf):
+            best[line.budget] = line.loss
+            points.append(Point({f"best_at_{line.budget}": line.loss}, number, line.finished))
+        if "core_utilisation" in line.info:
+            values = {"core_utilisation": line.info["core_utilisation"]}
+            points.append(Point(values, number, line.finished))
+    if summary.validation is not None:
+        winner = summary.validation.winner
+        values = {"validated_objective": winner.objective}
+        points.append(Point(values, summary.validation.results, winner.finished))
+    return points
+
+
 def hyperparameter_picture(study: Study, summary: StudySummary) -> Figure:
-    """The picture of what was tried, and what it did. Raises InvalidInput if the file of the space
-    is damaged."""
+    """Plot the values of all configurations, and the importance of each hyperparameter. Raises
+    InvalidInput if the file of the search space is damaged."""
     space, journal = study.stored_space(), summary.journal
     values = {line.id: unit_values(space, line.configuration) for line in journal.configs}
-    width = len(space)
+    leaders = [line.id for _, line in summary.leaders()]
+    incumbent = summary.incumbent
+    if incumbent is not None and incumbent.id != leaders[-1]:
+        leaders.append(incumbent.id)  # the winner of the validation
     return pictures.hyperparameters(
-        np.array([values[one] for one in summary.ranked]).reshape(-1, width),
-        np.array([values[one] for one in _way(summary)]).reshape(-1, width),
+        np.array([values[config_id] for config_id in summary.ranked]).reshape(-1, len(space)),
+        np.array([values[config_id] for config_id in leaders]).reshape(-1, len(space)),
         unit_values(space, study.of_recipe),
         tuple(space),
         importance(space, journal),
@@ -270,51 +211,9 @@ def hyperparameter_picture(study: Study, summary: StudySummary) -> Figure:
     )
 
 
-def _way(summary: StudySummary) -> list[ConfigId]:
-    """The configurations that led one after the other, and the incumbent, which may be another one
-    since the validation."""
-    way = [line.id for _, line in summary.leaders()]
-    incumbent = summary.incumbent
-    return way if incumbent is None or incumbent.id == way[-1] else [*way, incumbent.id]
-
-
-def _best_at_each_budget(results: Sequence[ResultLine]) -> list[Point]:
-    """One point for each result that is the best so far at its budget."""
-    best: dict[int, float] = {}
-    points = []
-    for number, line in enumerate(results, start=1):
-        if line.loss is not None and line.loss < best.get(line.budget, np.inf):
-            best[line.budget] = line.loss
-            points.append(Point({f"best_at_{line.budget}": line.loss}, number, line.finished))
-    return points
-
-
-def _points(states: Sequence[NESState]) -> list[Point]:
-    """One point per generation of all runs, one run after the other."""
-    points: list[Point] = []
-    for number, state in enumerate(states):
-        before = len(points)
-        points += [Point.of(record, before, run=number) for record in state.records]
-    return points
-
-
-def _tallied(result: ResultLine) -> dict[str, float]:
-    """What an objective rests on, as metrics."""
-    return {name: float(result.info[name]) for name in TALLIED if name in result.info}
-
-
-def _status(results: list[ResultLine], cost: float) -> Status:
-    """MLflow status of a configuration's run that no process works on, whose runs have cost so many
-    core seconds."""
-    if any(result.loss is None for result in results):
-        return "FAILED"
-    spent = max((result.info.get("core_seconds", 0.0) for result in results), default=-1.0)
-    return "FINISHED" if spent >= round(cost, 2) else "KILLED"
-
-
 def study_progress(folder: Path, brackets: int) -> Progress:
-    """Number of results, and the incumbent's objective, of a study of so many brackets. Raises
-    InvalidInput."""
+    """Number of results of a study with that number of brackets, and the incumbent's objective.
+    Raises InvalidInput."""
     journal = Journal(folder)
     rungs = Study.schedule_in(folder).brackets(brackets)
     incumbent = StudySummary.of(journal, rungs).incumbent
@@ -324,3 +223,63 @@ def study_progress(folder: Path, brackets: int) -> Progress:
         return Progress(f"{results} results", best)
     total = max(sum(rung.configurations for rung in rungs), results)
     return Progress(f"{results}/{total} results", best)
+
+
+def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Document]:
+    documents = [Document.of_file(study.folder / BEST_FILE)] if ended else []
+    journal, incumbent = summary.journal, summary.incumbent
+    if not journal.results:
+        return documents
+    if (study.folder / SPACE_FILE).exists():
+        documents.append(Document.of_file(study.folder / SPACE_FILE, "journal/"))
+    version = f"{len(journal.results)} results"
+    if summary.validation is not None:
+        version += f", {summary.validation.results} validated"
+        documents.append(Document.of_text("validation.md", summary.validation_table()))
+
+    def objectives() -> bytes:
+        points, validated = summary.points(), summary.validated_points()
+        return png(pictures.objective_against_cost(points, validated, study.task, study.name))
+
+    documents += [
+        Document("objective_against_cost.png", version, objectives),
+        Document.of_text("brackets.md", summary.bracket_table()),
+        Document.of_text("results.csv", results_csv(summary)),
+        Document.of_text("leaders.csv", leaders_csv(summary)),
+        *(Document.of_file(path, "journal/") for path in journal.paths),
+    ]
+    if incumbent is not None:
+        values = summary.configuration(incumbent.id)
+        documents += [
+            Document(
+                "hyperparameters.png",
+                version,
+                lambda: png(hyperparameter_picture(study, summary)),
+            ),
+            Document.of_text("incumbent.json", json.dumps(values, indent=2)),
+            Document.of_text(RECIPE_FILE, study.recipe_text(incumbent.id, values)),
+        ]
+    return documents
+
+
+def _generations(states: Sequence[NESState]) -> list[Point]:
+    """One point per generation of consecutive runs."""
+    points: list[Point] = []
+    for number, state in enumerate(states):
+        before = len(points)
+        points += [Point.of(record, before, run=number) for record in state.records]
+    return points
+
+
+def _result(line: ResultLine) -> Point:
+    tally = {name: float(line.info[name]) for name in TALLIED if name in line.info}
+    values = {"objective": line.objective, "budget": float(line.budget), **tally}
+    return Point(values, line.budget, line.finished)
+
+
+def _status(results: list[ResultLine], cost: float) -> Status:
+    """MLflow's status of a configuration that does not run and has cost that many core seconds."""
+    if any(result.loss is None for result in results):
+        return "FAILED"
+    spent = max((result.info.get("core_seconds", 0.0) for result in results), default=-1.0)
+    return "FINISHED" if spent >= round(cost, 2) else "KILLED"

@@ -1,1 +1,1 @@
-"""The kinds of runs, their listing, and writing them to MLflow again."""
+"""Kinds of runs, the list of all runs, and `bilevel sync`."""

@@ -19,16 +19,16 @@ from cluster.tracking import Progress, Views
 
 @dataclass(frozen=True)
 class Kind:
-    """Readers of the folders of one kind of runs while no process works on them.
+    """Readers of run folders of one kind.
 
-    Both functions raise InvalidInput for a damaged folder; `progress` also takes the run's target.
+    Both functions raise InvalidInput for a damaged folder. `progress` also takes the run's target.
     """
 
     views: Callable[[Path], Views]
     progress: Callable[[Path, int], Progress]
 
 
-#: All kinds by the name that a run's settings give.
+#: All kinds by their name in a run's settings.
 KINDS = {
     STUDY: Kind(StudyViews.of, study_progress),
     NES: Kind(NESViews.of, nes_progress),
@@ -38,8 +38,8 @@ KINDS = {
 
 
 def kind_of(folder: Path) -> str:
-    """Name of the kind of run in a folder. Raises InvalidInput for a damaged folder, or for a kind
-    that this version does not know."""
+    """Name of the kind of run in a folder. Raises InvalidInput for a damaged folder or an unknown
+    kind."""
     kind = str(read_settings(folder).get("kind"))
     if kind not in KINDS:
         raise one_of("kind of run", kind, KINDS)

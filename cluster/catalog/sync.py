@@ -10,47 +10,37 @@ from cluster.storage.author import without_password
 from cluster.storage.home import Home
 from cluster.storage.run_folder import held
 from cluster.tracking import Tracker
-from cluster.tracking.connection import check_tracking_uri
-from cluster.tracking.view import DocumentFailed
-
-#: Runs that MLflow refuses one after the other until it is taken to be out of order.
-_REFUSED_IN_A_ROW = 2
+from cluster.tracking.tracker import Incomplete
 
 
 def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> None:
-    """Write what MLflow lacks of the run in `folder`, from its files alone.
+    """Write the parts of a run that MLflow lacks, from the run's files alone.
 
-    The call may be repeated. A run that MLflow does not take, and a document that cannot be made,
-    are named and left out. Raises InvalidInput at the end if there were any, and at once if the
-    folder is damaged or in use by another process, or if MLflow fails.
+    The call may be repeated. It logs runs that MLflow rejects and documents that cannot be created,
+    and then raises InvalidInput at the end. It raises InvalidInput at once if the folder is damaged
+    or in use by another process, or if MLflow fails.
     """
-    check_tracking_uri(tracking_uri)
     shown = without_password(tracking_uri)
     with held(folder):
         views = views_of(folder)
         keys = views.keys()
         tracker = Tracker(tracking_uri, views.task_id, home.artifacts, thorough=True)
-        incomplete, refused = 0, 0
+        incomplete = 0
         with terminal:
             for done, key in enumerate(keys):
                 view = views.view(key)
                 terminal.bar(f"sync {view.name}", done, len(keys), "runs")
                 try:
                     tracker.show(view)
-                    refused = 0
-                except DocumentFailed as error:
-                    terminal.log(f"{view.name}: MLflow lacks {error}")
-                    incomplete, refused = incomplete + 1, 0
+                except Incomplete as error:
+                    terminal.log(str(error))
+                    incomplete += 1
                 except Exception as error:  # MLflow raises errors of many kinds
                     reason = without_password(first_line(error))
-                    incomplete, refused = incomplete + 1, refused + 1
-                    if refused == min(_REFUSED_IN_A_ROW, len(keys)):
-                        raise InvalidInput(
-                            f"MLflow at {shown} failed after {done} of {len(keys)} runs: {reason}; "
-                            "run the same command again to resume"
-                        ) from None
-                    terminal.log(f"{view.name}: MLflow does not take the run ({reason})")
-                    tracker.forget()
+                    raise InvalidInput(
+                        f"MLflow at {shown} failed after {done} of {len(keys)} runs: {reason}; "
+                        "run the same command again to resume"
+                    ) from None
         terminal.log(
             f"{folder.name}: {len(keys) - incomplete} of {count(len(keys), 'run')} in MLflow now "
             "match the disk"
@@ -58,6 +48,6 @@ def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> Non
         terminal.log(f"MLflow {shown_at(home, tracker, keys[0])}")
     if incomplete:
         raise InvalidInput(
-            f"MLflow at {shown} lacks {count(incomplete, 'run')} of {folder.name!r}, or parts of "
-            "them, for the reasons told above"
+            f"could not sync {count(incomplete, 'run')} of {folder.name!r} completely to MLflow at "
+            f"{shown}; see the errors above"
         )

@@ -1,11 +1,11 @@
-"""The console script `bilevel`: `program` joins the commands, one module per group of them."""
+"""The console script `bilevel`: `program` joins the commands, one module per group of commands."""
 
 import sys
 
 
 def main() -> None:
-    """Entry point; invalid input prints one line and exits with code 2, an interruption exits with
-    code 130, also while the program is still being loaded."""
+    """Run the console script. Invalid input prints one line and exits with code 2. An interruption,
+    also during imports, exits with code 130."""
     try:
         from cluster.cli.program import run
 

@@ -4,8 +4,10 @@ from typing import Any
 
 import click
 
-from cluster.cli.options import RunOptions, common_options, workers_option
-from cluster.cli.parameters import WholeNumber
+from cluster.cli.decorators import common_options, workers_option
+from cluster.cli.options import RunOptions
+
+_AGENTS = click.IntRange(1, 100_000)
 
 
 @click.command()
@@ -20,20 +22,13 @@ from cluster.cli.parameters import WholeNumber
 )
 @click.option(
     "--ses",
-    type=WholeNumber(min=1, max=1000),
+    type=click.IntRange(1, 1000),
     help="SEs per condition, and NES runs per recipe in success (default: the size's).",
 )
 @click.option(
-    "--agents",
-    "per_se",
-    type=WholeNumber(min=1, max=100_000),
-    help="Fresh agents of each kind trained on each SE (default: the size's).",
+    "--agents", "per_se", type=_AGENTS, help="Fresh agents of each kind trained on each SE."
 )
-@click.option(
-    "--real-agents",
-    type=WholeNumber(min=1, max=100_000),
-    help="Agents of each kind trained on the real task (default: the size's).",
-)
+@click.option("--real-agents", type=_AGENTS, help="Agents of each kind trained on the real task.")
 @workers_option
 @common_options
 def experiment(
@@ -46,11 +41,11 @@ def experiment(
     workers: int | None,
     **options: Any,
 ) -> None:
-    """Run the paper's experiment NAME on TASK, or write the report of all that have been run.
+    """Run the paper's experiment NAME on TASK, or write a report of all finished experiments.
 
-    NAME is success, transfer, behaviour, sample-efficiency, sensitivity, cost, all or report. SEs
-    are learned by NES runs in the same home, which all experiments of a task share. The same
-    command resumes, and a larger size adds to what is there (docs/experiments.md).
+    NAME is success, transfer, behaviour, sample-efficiency, sensitivity, cost, all or report. NES
+    runs in the same home learn the SEs, and all experiments of a task share them. The same command
+    resumes, and a larger size extends earlier results (docs/experiments.md).
     """
     from cluster.experiments.sizes import get_size
 

@@ -23,9 +23,9 @@ _FORMATS = {".onnx": "ONNX", ".pt2": "torch.export"}
 def export_se(given: GivenSE, out: Path) -> None:
     """Write an SE as ONNX (OUT ends in .onnx) or as a program of torch.export (.pt2).
 
-    SE is a file, the name of one of the zoo, or MLflow's address (runs:/..., models:/...). Inputs
-    are states (n, S) and actions (n,), outputs next states, rewards, and done, which ends an
-    episode above 0.5.
+    SE is a file, a name in the zoo, or an address in MLflow (runs:/..., models:/...). Inputs are
+    states (n, S) and actions (n,). Outputs are next states, rewards and done; an episode ends where
+    done exceeds 0.5.
     """
     if out.suffix not in _FORMATS:
         allowed = ", ".join(f"*{ending} ({name})" for ending, name in _FORMATS.items())
@@ -58,17 +58,16 @@ def _program(se: "StoredSE") -> bytes:
 @click.command("import")
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 @click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--task", metavar="ID", help="Task of gymnasium (default: the one the file names).")
+@click.option("--task", metavar="ID", help="Task of gymnasium (default: the file's).")
 def import_se(file: Path, out: Path, task: str | None) -> None:
-    """Read an SE that the paper's own code wrote (.pt), and write it as an SE file (OUT ends in
-    .safetensors).
+    """Convert an SE of the paper's own code (.pt) to an SE file (OUT ends in .safetensors).
 
     Only plain values and tensors are read, so that the file cannot run code.
     """
     if out.suffix != ".safetensors":
         raise InvalidInput(f"cannot import to {str(out)!r}: allowed is *.safetensors, an SE file")
     if out.exists() and file.exists() and out.samefile(file):
-        raise InvalidInput(f"cannot import {str(file)!r} to itself: it would be lost")
+        raise InvalidInput(f"cannot import {str(file)!r} to itself")
     from bilevel.interop.paper_code import read_paper_se
     from bilevel.synthetic_env import se_bytes
 

@@ -6,29 +6,26 @@ from typing import Any
 
 import click
 
-from cluster.cli.options import RunOptions, run_options, workers_option
-from cluster.cli.parameters import Duration, WholeNumber
+from cluster.cli.decorators import run_options, workers_option
+from cluster.cli.options import RunOptions
+from cluster.cli.parameters import POSITIVE, Duration
 from cluster.storage.home import plain_name
 
 
 @click.command()
 @run_options
-@click.option(
-    "--generations",
-    type=WholeNumber(min=1),
-    help="Maximum number of generations (default: the recipe's).",
-)
+@click.option("--generations", type=POSITIVE, help="Maximum number (default: the recipe's).")
 @workers_option
 @click.option(
     "--solved-for",
-    type=WholeNumber(min=1),
-    help="Stop once this many generations have solved the task on average and fresh agents confirm "
-    "it (default: the recipe's; paper and authors never stop early).",
+    type=POSITIVE,
+    help="Stop once the mean of this many generations solves the task and fresh agents confirm it "
+    "(default: the recipe's; paper and authors never stop early).",
 )
 @click.option(
     "--name",
-    help="Name of the run and its folder; an existing name resumes (default: made of recipe, "
-    "agents and seed, as nes-default-seed0).",
+    help="Name of the run and its folder; an existing name resumes (default: from recipe, agents "
+    "and seed, as nes-default-seed0).",
 )
 def nes(
     generations: int | None,
@@ -43,12 +40,11 @@ def nes(
     common = RunOptions(**options)
     task = common.the_task()
     hp = common.the_hyperparameters(task, generations=generations, solved_for=solved_for)
-    # A recipe whose runs never stop early has no agents that confirm.
+    # Recipes that never stop early have no confirming agents.
     if solved_for and "nes.confirming_agents" not in dict(common.settings):
         confirming = hp.nes.confirming_agents or CONFIRMING_AGENTS
         hp = replace(hp, nes=replace(hp.nes, confirming_agents=confirming))
     name = name or plain_name(f"nes{common.suffix(hp.recipe)}-seed{common.seed}")
-
     context = common.the_context()
     folder = context.home.run_folder(task.id, name)
 
@@ -63,7 +59,7 @@ def nes(
 @run_options
 @click.option(
     "--study",
-    help="Name of the study and its folder; an existing name resumes (default: made of method, "
+    help="Name of the study and its folder; an existing name resumes (default: from method, "
     "profile, space, recipe, agents and seed, as bohb-local-core-default-seed0).",
 )
 @click.option(
@@ -75,13 +71,9 @@ def nes(
 @click.option(
     "--space",
     help="Search space: full (the paper's 18 hyperparameters), core (eight of NES and the SE), or "
-    "the path of a file that ConfigSpace has written, *.json or *.yaml (default: the profile's).",
+    "a file of ConfigSpace, *.json or *.yaml (default: the profile's).",
 )
-@click.option(
-    "--brackets",
-    type=WholeNumber(min=1, max=1000),
-    help="Number of brackets, at most 1000 (default: the profile's).",
-)
+@click.option("--brackets", type=click.IntRange(1, 1000), help="Number (default: the profile's).")
 @click.option(
     "--time-budget",
     type=Duration(),
@@ -89,41 +81,33 @@ def nes(
 )
 @click.option(
     "--workers-per-trial",
-    type=WholeNumber(min=1),
-    help="Actors, of one core each, per trial (default: 1, or more where there are more cores than "
-    "configurations).",
+    type=POSITIVE,
+    help="Actors per trial (default: 1, or more if there are more cores than configurations).",
 )
 @click.option(
     "--concurrent-trials",
-    type=WholeNumber(min=1),
-    help="Trials at a time (default: as many as this study's share of the cores holds).",
+    type=POSITIVE,
+    help="Default: all that fit into this study's share of the cores.",
 )
 @click.option(
     "--method",
     default="bohb",
     show_default=True,
-    help="bohb, hyperband (the same brackets without BOHB's model) or random (random search at the "
-    "largest budget).",
+    help="bohb, hyperband (brackets without a model) or random (search at the largest budget).",
 )
 @click.option(
     "--prior",
-    help="none; recipe: the first configuration is the recipe's, and about half of the random ones "
-    "are drawn around it; or the name of a study on the task, with whose results the model begins "
-    "(default: recipe in the profile local, else none).",
+    help="none; recipe, to evaluate the recipe's configuration first and draw about half of the "
+    "random configurations around it; or the name of a study on the task, to start the model with "
+    "its results (default: recipe in the profile local, else none).",
 )
-@click.option(
-    "--dry-run", is_flag=True, help="Print brackets, cost and estimated time without running."
-)
+@click.option("--dry-run", is_flag=True, help="Only print brackets, cost and estimated time.")
 def bohb(
     study: str | None,
     profile: str,
-    space: str | None,
-    brackets: int | None,
-    time_budget: float | None,
     workers_per_trial: int | None,
     concurrent_trials: int | None,
     method: str,
-    prior: str | None,
     dry_run: bool,
     **options: Any,
 ) -> None:
@@ -132,23 +116,17 @@ def bohb(
     from cluster.bohb.study.rules import searched_space
     from search_spaces.space import Space
 
+    changes = {name: options.pop(name) for name in ("space", "brackets", "time_budget", "prior")}
     common = RunOptions(**options)
     task = common.the_task()
     get_method(method)
     size = get_profile(profile)
-    changes: dict[str, Any] = {
-        "space": space,
-        "brackets": brackets,
-        "time_budget": time_budget,
-        "prior": prior,
-    }
-    size = replace(size, **{key: value for key, value in changes.items() if value is not None})
+    size = replace(size, **{name: value for name, value in changes.items() if value is not None})
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
     searched = searched_space(Space.of(size.space), task, hp, common.replaced, size.prior)
     context = common.the_context()
     default = f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"
-    name = study or plain_name(default)
-    folder = context.home.run_folder(task.id, name)
+    folder = context.home.run_folder(task.id, study or plain_name(default))
 
     from cluster.bohb.command import StudyCommand, run_study
     from cluster.bohb.estimate import dry_run as estimate
@@ -158,7 +136,6 @@ def bohb(
     schedule = Schedule.of(method, size.smallest_budget, size.largest_budget, size.cycle)
     defined = Study(folder, task, common.seed, searched, schedule, hp, method, size.prior)
     context.home.run_folder(task.id, size.prior)  # raises for a name that is not allowed
-    defined.check_prior()
     command = StudyCommand(
         defined,
         context,

@@ -2,7 +2,6 @@
 
 import json
 import re
-from pathlib import Path
 from typing import Any
 
 import click
@@ -11,7 +10,7 @@ _SECONDS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
 
 
 class Duration(click.ParamType[float]):
-    """Parses `90s`, `45m`, `2h` or plain seconds into a float of seconds."""
+    """Parse `90s`, `45m`, `2h` or plain seconds into seconds."""
 
     name = "duration"
 
@@ -26,40 +25,22 @@ class Duration(click.ParamType[float]):
         return float(match[1]) * _SECONDS[match[2]]
 
 
-class WholeNumber(click.IntRange):
-    """An IntRange that also names the allowed range if the value is not an integer."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
-        if not re.fullmatch(r"[+-]?\d+", str(value)):
-            allowed = f"{self.min} or more" if self.max is None else f"{self.min} to {self.max}"
-            self.fail(f"{value!r} is not a whole number: allowed are {allowed}")
-        number: int = super().convert(value, param, ctx)
-        return number
+#: A number of at least 1.
+POSITIVE = click.IntRange(min=1)
 
 
 class Setting(click.ParamType[tuple[str, Any]]):
-    """Parses `section.field=value` into the name and a number, bool or string."""
+    """Parse `section.field=value` into the name and a number, bool or string."""
 
     name = "section.field=value"
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
     ) -> tuple[str, Any]:
-        name, equals, text = str(value).partition("=")
-        if not (name and equals and text):
+        name, _, text = str(value).partition("=")
+        if not (name and text):
             self.fail(f"{value!r} is not a setting: it has the form nes.std_dev=0.03")
         try:
             return name, json.loads(text)
         except ValueError:
             return name, text
-
-
-class Folder(click.ParamType[Path]):
-    """Parses the path of a folder, which need not exist."""
-
-    name = "folder"
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        if not str(value):
-            self.fail("'' is not a folder: give its path")
-        return Path(value)

@@ -1,8 +1,9 @@
 """All commands of `bilevel`."""
 
 import io
+import re
 import sys
-from typing import Any
+from typing import Any, NoReturn
 
 import click
 
@@ -12,69 +13,64 @@ from cluster.cli.experiment import experiment
 from cluster.cli.files import export_se, import_se
 from cluster.cli.learn import bohb, nes
 from cluster.cli.runs import runs, sync
-from cluster.cli.services import down, status, ui, up
-from cluster.cli.show import show
-from cluster.cli.zoo import build, zoo
+from cluster.cli.show import recipe, show
+from cluster.cli.ui import ui
+from cluster.cli.zoo import zoo
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+class _Program(click.Group):
+    """Group that reports all invalid input as one line and exit code 2."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Parse, but reject empty values, such as unset shell variables."""
+        for option, value in zip(["", *args], args, strict=False):
+            if value == "" or re.fullmatch("--[a-z-]+=", value):
+                name = value.rstrip("=") or option
+                raise click.UsageError(f"{name}: the value is empty: give one, or omit the option")
+        return super().parse_args(ctx, args)
+
+    def main(self, *args: Any, **options: Any) -> NoReturn:
+        """Run the command and exit."""
+        try:
+            code = super().main(*args, **{**options, "standalone_mode": False})
+            sys.exit(code if isinstance(code, int) else 0)
+        except click.exceptions.NoArgsIsHelpError as error:
+            click.echo(error.format_message(), err=True)
+            sys.exit(2)
+        except click.ClickException as error:
+            _fail(error.format_message())
+        except InvalidInput as error:
+            _fail(str(error))
+        except PermissionError as error:
+            _fail(f"no permission to use {str(error.filename)!r}")
+        except click.Abort:
+            sys.exit(130)
+
+
+@click.group(
+    cls=_Program, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100}
+)
 @click.version_option(package_name="bilevel")
 def cli() -> None:
     """Learn synthetic environments for reinforcement learning."""
 
 
-def not_empty(context: click.Context, option: click.Parameter, value: Any) -> Any:
-    """The value of an option. Raises BadParameter for an empty text, as of an unset variable."""
-    if value == "":
-        raise click.BadParameter("'' is empty: give a value, or leave the option out")
-    return value
-
-
-COMMANDS = (
-    nes,
-    bohb,
-    evaluate,
-    experiment,
-    show,
-    zoo,
-    export_se,
-    import_se,
-    runs,
-    sync,
-    up,
-    status,
-    down,
-    ui,
-)
-
-for command in COMMANDS:
+for command in (
+    *(nes, bohb, evaluate, experiment),
+    *(show, recipe, zoo, export_se, import_se),
+    *(runs, sync, ui),
+):
     cli.add_command(command)
-for option in (option for command in (*COMMANDS, build) for option in command.params):
-    if isinstance(option.type, click.types.StringParamType) and option.callback is None:
-        option.callback = not_empty
 
 
 def run() -> None:
     """Run the command that the arguments of this process name, and exit."""
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # what the encoding lacks
-    try:
-        code = cli.main(standalone_mode=False)
-        sys.exit(code if isinstance(code, int) else 0)
-    except click.exceptions.NoArgsIsHelpError as error:
-        click.echo(error.format_message(), err=True)
-        sys.exit(2)
-    except click.ClickException as error:
-        _fail(error.format_message())
-    except InvalidInput as error:
-        _fail(str(error))
-    except PermissionError as error:
-        _fail(f"no permission to use {str(error.filename)!r}")
-    except click.Abort:
-        sys.exit(130)
+            stream.reconfigure(errors="replace")  # for characters that the encoding lacks
+    cli.main()
 
 
-def _fail(message: str) -> None:
+def _fail(message: str) -> NoReturn:
     click.echo(f"bilevel: {' '.join(message.split())}", err=True)
     sys.exit(2)

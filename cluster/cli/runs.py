@@ -4,8 +4,7 @@ from pathlib import Path
 
 import click
 
-from cluster.cli.options import agent_file_option
-from cluster.cli.places import home_option, the_tracking_uri, tracking_option
+from cluster.cli.decorators import agent_file_option, home_option, tracking_option
 
 
 @click.command()
@@ -16,12 +15,12 @@ def runs(home: Path) -> None:
     from cluster.session.terminal import Terminal
     from cluster.storage.home import Home
 
-    where = Home(home)
-    lines = overview(where)
+    place = Home(home)
+    lines = overview(place)
     if lines:
         print_overview(lines, Terminal().console)
     else:
-        start = where.hint("nes CartPole-v0", "nes-cartpole")
+        start = place.hint("nes CartPole-v0", "nes-cartpole")
         click.echo(f"no runs in {str(home)!r} yet: start with {start}")
 
 
@@ -31,9 +30,10 @@ def runs(home: Path) -> None:
 @tracking_option
 @agent_file_option
 def sync(run: str, home: Path, tracking_uri: str | None, agent_files: tuple[Path, ...]) -> None:
-    """Write to MLflow what it lacks of RUN, from the files on disk.
+    """Write the missing parts of RUN to MLflow, from the files on disk.
 
-    RUN is the name of a study or of another run, or TASK/NAME if several tasks have that name.
+    RUN is the name of a study or another run, or TASK/NAME if several tasks have a run of that
+    name.
     """
     from bilevel.agents import load_plugins
     from cluster.catalog.sync import sync as write
@@ -44,6 +44,5 @@ def sync(run: str, home: Path, tracking_uri: str | None, agent_files: tuple[Path
     load_plugins()
     for file in agent_files:
         load_agent_file(file)
-    where = Home(home)
-    folder = where.find(run)
-    write(folder, where, the_tracking_uri(tracking_uri, where), Terminal())
+    place = Home(home)
+    write(place.find(run), place, tracking_uri or place.database_uri, Terminal())

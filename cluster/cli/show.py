@@ -1,4 +1,4 @@
-"""The command `show`."""
+"""The commands `show` and `recipe`."""
 
 import io
 from pathlib import Path
@@ -23,10 +23,10 @@ FORMATS = (".png", ".svg", ".pdf")
 @task_option
 @mlflow_options
 def show(given: GivenSE, out: Path | None, se_task: str | None) -> None:
-    """Draw an SE above the real task: which action is rewarded, where each goes next, where
-    episodes end, and episodes by the SE's rewards.
+    """Draw an SE above the real task: the rewarded action, the next state of each action, the ends
+    of episodes, and episodes that follow the SE's rewards.
 
-    SE is a file, the name of one of the zoo, or MLflow's address (runs:/..., models:/...).
+    SE is a file, a name in the zoo, or an address in MLflow (runs:/..., models:/...).
     """
     out = out or Path(f"{given.label}.png")
     if out.suffix not in FORMATS:
@@ -44,3 +44,15 @@ def show(given: GivenSE, out: Path | None, se_task: str | None) -> None:
     for line in portrait.sentences:
         click.echo(line)
     click.echo(f"picture: {out}")
+
+
+@click.command()
+@click.argument("name")
+@click.option(
+    "--task", default="CartPole-v0", show_default=True, help="Task for which the recipe is used."
+)
+def recipe(name: str, task: str) -> None:
+    """Print all hyperparameters of the recipe NAME (default, paper, authors or a file, *.toml)."""
+    from bilevel.recipes import load_recipe, recipe_text
+
+    click.echo(recipe_text(load_recipe(name, task), f"Recipe {name} for {task}"), nl=False)

@@ -5,15 +5,15 @@ from typing import Any
 
 import click
 
-from cluster.cli.options import workers_option
-from cluster.cli.parameters import Folder, WholeNumber
-from cluster.cli.places import address_option, home_option, the_context, tracking_option
+from cluster.cli.decorators import address_option, home_option, tracking_option, workers_option
+from cluster.cli.options import the_context
+from cluster.cli.parameters import POSITIVE
 
 
 @click.group(invoke_without_command=True)
 @click.pass_context
 def zoo(context: click.Context) -> None:
-    """List the SEs that come with this package; `zoo build` makes one anew."""
+    """List the SEs that come with this package; `zoo build` recreates one."""
     if context.invoked_subcommand is not None:
         return
     from bilevel.zoo import ENTRIES, card
@@ -27,24 +27,24 @@ def zoo(context: click.Context) -> None:
 @click.argument("name")
 @click.option(
     "--folder",
-    type=Folder(),
+    type=click.Path(path_type=Path),
     default=".",
     show_default=True,
-    help="Folder in which NAME.safetensors and its card NAME.json are written.",
+    help="Folder for NAME.safetensors and its card NAME.json.",
 )
 @click.option(
     "--agents",
-    type=WholeNumber(min=1),
+    type=POSITIVE,
     default=50,
     show_default=True,
-    help="Fresh agents of each kind that are trained on it for the card.",
+    help="Fresh agents of each kind for the card.",
 )
 @workers_option
 @address_option
 @tracking_option
 @home_option
 def build(name: str, folder: Path, agents: int, workers: int | None, **where: Any) -> None:
-    """Make the SE called NAME and its card: an NES run, and fresh agents trained on its SE.
+    """Recreate the SE NAME and its card by an NES run and fresh agents trained on its SE.
 
     The same command resumes after an interruption.
     """

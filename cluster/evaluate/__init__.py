@@ -1,1 +1,1 @@
-"""An evaluation of SEs: command, report and view."""
+"""Evaluations of SEs: command, report and view."""

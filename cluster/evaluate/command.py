@@ -5,32 +5,23 @@ for each source:                          # an SE file, or the real task
         for each of n agents:             # on the pool, in any order
             train it on the source, test it on the real task
 
-Agent i has the same seed, and with varied hyperparameters the same draw, on every
-source, so that sources are compared on the same agents (paper, section "Evaluation
-Performance of SE-trained Agents").
+Agent i has the same seed and hyperparameters on every source, so that sources are compared on
+equal agents (paper, section "Evaluation Performance of SE-trained Agents").
 """
 
 import json
 import time
-from collections.abc import Iterator
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from bilevel.agents.variation import draw_agent
 from bilevel.durable import write_aside
-from bilevel.evaluation import (
-    EvaluationRequest,
-    EvaluationResult,
-    Given,
-    RealTask,
-    TrainedOn,
-)
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, Given, RealTask, TrainedOn
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
-from cluster.evaluate import pictures
-from cluster.evaluate.report import Group, as_json, as_table, groups_of
+from cluster.evaluate.report import Group, as_json, as_table, groups_of, picture
 from cluster.evaluate.run import KIND, PICTURE_FILE, REPORT_FILE, RESULTS_FILE
 from cluster.evaluate.view import EvaluationViews
 from cluster.pictures import png
@@ -54,10 +45,10 @@ class EvaluateCommand:
     seed: int
     name: str
     context: RunContext
-    workers: int | None = None  # actors; None: one a core of the run's share
+    workers: int | None = None  # actors; None: one per core of the run's share
 
     def settings(self) -> dict[str, Any]:
-        """Settings that must stay the same when it is resumed; more agents may be added."""
+        """Return the settings that must stay the same on a resume, which may add agents."""
         return {
             **settings_of(KIND, self.task, self.seed, [hp.agent for hp in self.kinds]),
             "vary": self.vary,
@@ -70,18 +61,16 @@ class EvaluateCommand:
     def request(
         self, index: int, hp: AgentHyperparameters, i: int, on: TrainedOn
     ) -> EvaluationRequest:
-        """Agent `i` of a kind, at that index among the requests of one call."""
-        # One word both draws the agent and trains it, unlike in `fresh_agent`: kept, so that
-        # evaluations of earlier versions can be resumed.
-        word = derive(self.seed, Purpose.EVALUATION, i)
-        return EvaluationRequest(index, word, draw_agent((hp,), self.vary, word), on)
+        """Return the request of agent `i` of a kind, at that index among those of one call."""
+        seed = derive(self.seed, Purpose.EVALUATION, i)
+        return EvaluationRequest(index, seed, draw_agent((hp,), self.vary, seed), on)
 
 
 def run_evaluate(command: EvaluateCommand) -> list[Group]:
-    """Evaluate, report, and track; returns the groups in the order of the table.
+    """Evaluate, report, and track; return the groups in the order of the table.
 
-    Results are on disk as they come: the same command again resumes. Raises
-    InvalidInput before anything is written.
+    Results are durable when they arrive, and the same command resumes. Raises InvalidInput before
+    anything is written.
     """
     folder = command.context.home.run_folder(command.task.id, command.name)
     with (
@@ -89,98 +78,65 @@ def run_evaluate(command: EvaluateCommand) -> list[Group]:
         EvaluationPool.on_cluster(command.workers) as pool,
         driver.session(folder, command.task.id, command.settings()) as session,
     ):
-        return _Runner(command, session, pool).run()
-
-
-class _Runner:
-    """Runs one evaluation."""
-
-    def __init__(self, command: EvaluateCommand, session: Session, pool: EvaluationPool) -> None:
-        self.command = command
-        self.session = session
-        self.terminal = session.terminal
-        self.folder = session.folder
-        self.pool = pool
-
-    def run(self) -> list[Group]:
-        """Evaluate the agents that are missing, then report."""
-        command = self.command
-        self.session.introduce(
-            f"{command.agents} fresh {_list(hp.agent for hp in command.kinds)} agents on "
-            f"{_list(command.sources)}, tested on {command.task.id}; "
-            f"{count(self.pool.size, 'worker')}, seed {command.seed}"
+        session.introduce(
+            f"{command.agents} fresh {', '.join(hp.agent for hp in command.kinds)} agents on "
+            f"{', '.join(command.sources)}, tested on {command.task.id}; "
+            f"{count(pool.size, 'worker')}, seed {command.seed}"
         )
-        views = EvaluationViews(self.folder, self.session.identity, live=True)
+        views = EvaluationViews(folder, session.identity, live=True)
         resume_hint = "run the same command again to add the missing agents"
-        with self.session.live(views, command.agents, resume_hint):
-            groups = self._groups()
-            self._report(groups)
+        with session.live(views, command.agents, resume_hint):
+            groups = _evaluate(command, session, pool)
+            _report(command, session, groups)
             return groups
 
-    def _groups(self) -> list[Group]:
-        command = self.command
-        file = JsonlLog(self.folder / RESULTS_FILE)
-        results = dict(self._stored(file))
-        total = len(command.sources) * len(command.kinds) * command.agents
-        self.terminal.bar("evaluating", len(results), total, "agents")
-        # All sources at a time: a long evaluation then keeps no core waiting.
-        ses = {label: se.se for label, se in command.sources.items() if se is not None}
-        on: dict[str, TrainedOn] = {label: Given(number) for number, label in enumerate(ses)}
-        missing = [
-            (label, hp, i)
-            for label in command.sources
-            for hp in command.kinds
-            for i in range(command.agents)
-            if (label, hp.agent, i) not in results
-        ]
-        requests = [
-            command.request(index, hp, i, on.get(label, RealTask()))
-            for index, (label, hp, i) in enumerate(missing)
-        ]
 
-        def keep(result: EvaluationResult) -> None:
-            label, hp, i = missing[result.index]
-            # Stored under its own number, whatever was asked for beside it.
-            results[label, hp.agent, i] = replace(result, index=i)
-            file.append([label, hp.agent, i, asdict(results[label, hp.agent, i])])
-            self.terminal.step()
+def _evaluate(command: EvaluateCommand, session: Session, pool: EvaluationPool) -> list[Group]:
+    """Evaluate the missing agents."""
+    log = JsonlLog(session.folder / RESULTS_FILE)
+    stored = log.decoded(tuple[str, str, int, EvaluationResult])
+    results = {(label, agent, i): result for label, agent, i, result in stored}
+    needed = [
+        (label, hp, i)
+        for label in command.sources
+        for hp in command.kinds
+        for i in range(command.agents)
+    ]
+    missing = [(label, hp, i) for label, hp, i in needed if (label, hp.agent, i) not in results]
+    session.terminal.bar("evaluating", len(needed) - len(missing), len(needed), "agents")
+    # All sources in one call, so that a slow agent leaves no core idle.
+    ses = {label: se.se for label, se in command.sources.items() if se is not None}
+    on: dict[str, TrainedOn] = {label: Given(number) for number, label in enumerate(ses)}
+    requests = [
+        command.request(index, hp, i, on.get(label, RealTask()))
+        for index, (label, hp, i) in enumerate(missing)
+    ]
 
-        self.pool.run(command.task, tuple(ses.values()), requests, keep)
-        return groups_of(
-            {
-                (label, hp.agent): [results[label, hp.agent, i] for i in range(command.agents)]
-                for label in command.sources
-                for hp in command.kinds
-            },
-            command.task.solved_reward,
-        )
+    def keep(result: EvaluationResult) -> None:
+        label, hp, i = missing[result.index]
+        # The index among the requests of this call would differ after a resume.
+        results[label, hp.agent, i] = replace(result, index=i)
+        log.append([label, hp.agent, i, asdict(results[label, hp.agent, i])])
+        session.terminal.step()
 
-    def _stored(self, file: JsonlLog) -> Iterator[tuple[tuple[str, str, int], EvaluationResult]]:
-        """Results of earlier calls. Raises InvalidInput if damaged."""
-        for label, agent, i, result in file.decoded(tuple[str, str, int, EvaluationResult]):
-            if label in self.command.sources and i < self.command.agents:
-                yield (label, agent, i), result
-
-    def _report(self, groups: list[Group]) -> None:
-        log = self.terminal.log
-        for row in as_table(groups):
-            log(row)
-        report = as_json(groups)
-        write_aside(self.folder / REPORT_FILE, json.dumps(report, indent=2).encode())
-        title = f"fresh agents of the evaluation\n{self.folder.name}"
-        write_aside(
-            self.folder / PICTURE_FILE,
-            png(pictures.returns(groups, self.command.task, title)),
-        )
-        # One metric a group: MLflow offers every metric of any run as a column of all runs.
-        metrics = {
-            f"test_return/{group.agent}/{group.source}": group.summary()["test_returns_mean"]
-            for group in groups
-        }
-        add_final(self.folder, Final(self.command.agents, time.time(), metrics))
-        log(f"report: {self.folder / REPORT_FILE}; picture: {self.folder / PICTURE_FILE}")
-        log(f"MLflow {self.session.shown_at(self.session.identity.uuid)}")
+    pool.run(command.task, tuple(ses.values()), requests, keep)
+    grouped: dict[tuple[str, str], list[EvaluationResult]] = {}
+    for label, hp, i in needed:
+        grouped.setdefault((label, hp.agent), []).append(results[label, hp.agent, i])
+    return groups_of(grouped, command.task.solved_reward)
 
 
-def _list(names: Any) -> str:
-    return ", ".join(names)
+def _report(command: EvaluateCommand, session: Session, groups: list[Group]) -> None:
+    """Print the table, write report and picture, and log the metrics to MLflow."""
+    folder, log = session.folder, session.terminal.log
+    for line in as_table(groups):
+        log(line)
+    report = json.dumps(as_json(groups), indent=2)
+    write_aside(folder / REPORT_FILE, report.encode())
+    title = f"fresh agents of the evaluation\n{folder.name}"
+    write_aside(folder / PICTURE_FILE, png(picture(groups, command.task, title)))
+    # One metric per group, because MLflow shows every metric of any run as a column of all runs.
+    metrics = {f"test_return/{g.agent}/{g.source}": float(g.test_returns.mean()) for g in groups}
+    add_final(folder, Final(command.agents, time.time(), metrics))
+    log(f"report: {folder / REPORT_FILE}; picture: {folder / PICTURE_FILE}")
+    log(f"MLflow {session.shown_at(session.identity.uuid)}")

@@ -1,4 +1,4 @@
-"""The folder of an evaluation of many agents."""
+"""The folder of an evaluation."""
 
 from dataclasses import dataclass
 from pathlib import Path

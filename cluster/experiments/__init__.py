@@ -1,6 +1,6 @@
-"""The paper's experiments, figure by figure, and a report that sets them beside the authors'.
+"""The paper's experiments, and a report that compares their results with the authors'.
 
-Each experiment is one run of the kind `experiment`: it makes the SEs that it needs by ordinary NES
-runs, trains fresh agents on them, and draws what came out. `figures` has one file for each;
-docs/experiments.md tells what each one shows.
+Each experiment is a run of the kind `experiment`: it learns the SEs that it needs by ordinary NES
+runs, trains fresh agents on them, and writes data, pictures and a summary. Each has one file in
+`figures` and one line in `registry`; docs/experiments.md describes them.
 """

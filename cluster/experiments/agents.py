@@ -1,11 +1,11 @@
-"""The fresh agents of the experiments: which agent trains on which source, and their results.
+"""Evaluations of the experiments: which agent trains on which source, and their results.
 
-An evaluation is a pure function of its request, so a result is kept under a digest of all that it
-depends on. Whatever experiment, size or machine trained an agent, it is not trained again.
+An evaluation is a pure function of its request. Results are therefore stored under a digest of the
+request, and experiments and sizes share them.
 """
 
 import json
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,36 +13,56 @@ from pathlib import Path
 from bilevel.agents import get_agent
 from bilevel.durable import checksum
 from bilevel.errors import InvalidInput
-from bilevel.evaluation import (
-    Centre,
-    EvaluationRequest,
-    EvaluationResult,
-    Given,
-    RealTask,
-    TrainedOn,
-)
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, Given, RealTask
 from bilevel.hyperparameters import AgentHyperparameters
+from bilevel.nes import NESState
 from bilevel.nes.requests import fresh_agent
 from bilevel.seeds import Purpose
-from bilevel.synthetic_env import StoredSE
+from bilevel.synthetic_env import StoredSE, load_se
 from bilevel.tasks import Task
 from cluster.experiments.conditions import REAL
 from cluster.experiments.run import RESULTS_FILE
-from cluster.experiments.sizes import AGENTS
+from cluster.experiments.sizes import AGENTS, Size
+from cluster.nes.run import NESRun
 from cluster.storage.jsonl_log import JsonlLog
-from cluster.storage.run_folder import read_settings
+from cluster.storage.run_folder import BEST_FILE
 
 #: Characters of a digest that are kept.
 _DIGEST = 32
 
 
 @dataclass(frozen=True)
+class Plan:
+    """Subject of an experiment: task, size, kinds of agents, and the seed of everything."""
+
+    task: Task
+    size: Size
+    kinds: tuple[AgentHyperparameters, ...]  # with the training episodes of this size
+    seed: int
+
+
+@dataclass(frozen=True)
 class Source:
-    """What agents train on: the SE of a condition's run, or the real task."""
+    """Training environment of agents: the SE of a condition's NES run, or the real task."""
 
     condition: str  # REAL for the real task
     number: int = 0  # of the condition's run
     se: StoredSE | None = None  # None: the real task
+    run: NESRun | None = None  # which has finished
+
+    @classmethod
+    def of_run(cls, condition: str, number: int, run: NESRun) -> "Source":
+        """Load the SE of a finished run. Raises InvalidInput if its file is damaged."""
+        return cls(condition, number, load_se(run.folder / BEST_FILE), run)
+
+    @property
+    def state(self) -> NESState:
+        """The last state of the run. Raises InvalidInput if its file is damaged or missing."""
+        assert self.run is not None
+        state = self.run.load()
+        if state is None:
+            raise InvalidInput(f"{str(self.run.folder)!r} has no checkpoint")
+        return state
 
     @property
     def digest(self) -> str:
@@ -51,117 +71,86 @@ class Source:
 
 
 @dataclass(frozen=True)
-class Place:
-    """Position of an agent: agent `agent` of SE number `se`.
-
-    Its seed and hyperparameters depend on the position alone, so that every condition, and the real
-    task, train the same agents.
-    """
-
-    se: int
-    agent: int
-
-    @classmethod
-    def on_real(cls, agents: int) -> list["Place"]:
-        """Positions of that many agents on the real task: all those of one SE after the other."""
-        return [cls(*divmod(number, AGENTS)) for number in range(agents)]
-
-
-@dataclass(frozen=True)
-class Unit:
+class Evaluation:
     """One agent to train on a source and to test on the task."""
 
     task: Task
     source: Source
-    place: Place
+    position: str  # "SE-agent": equal positions have equal agents on every source
     hp: AgentHyperparameters
     seed: int
 
-    @classmethod
-    def of(
-        cls,
-        task: Task,
-        source: Source,
-        place: Place,
-        kind: AgentHyperparameters,
-        seed: int,
-        vary: str = "all",
-    ) -> "Unit":
-        """The agent of that kind at that position, its hyperparameters drawn anew as `vary`
-        says."""
-        path = (Purpose.EXPERIMENT, place.se, place.agent)
-        own, hp = fresh_agent((kind,), vary, seed, *path)
-        return cls(task, source, place, hp, own)
-
     @cached_property
     def key(self) -> str:
-        """Digest of all that the result depends on."""
+        """Digest of everything that the result depends on."""
         facts = [asdict(self.task), self.source.digest, self.hp.agent, asdict(self.hp), self.seed]
         code = self.task.code_digest, get_agent(self.hp.agent).code_digest
         facts += [code] if any(code) else []
-        if not self.task.compiled:
-            facts.append("a seed an episode")  # which before only the first one had
         return checksum(json.dumps(facts, sort_keys=True).encode())[:_DIGEST]
 
-    def shorter(self, episodes: int) -> "Unit":
-        """The same agent, stopped after so many episodes if it has not stopped before."""
+    def shorter(self, episodes: int) -> "Evaluation":
+        """Return the same agent with at most that many training episodes."""
         return replace(self, hp=replace(self.hp, max_episodes=min(episodes, self.hp.max_episodes)))
 
-    def request(self, index: int, se: int | None = None) -> EvaluationRequest:
-        """The evaluation, at that index among the requests of one call, which gets this unit's SE
-        or (`se`) several, of which this is its number."""
-        on: TrainedOn = Centre() if se is None else Given(se)
-        return EvaluationRequest(
-            index, self.seed, self.hp, RealTask() if self.source.se is None else on
-        )
+    def request(self, index: int, se: int = 0) -> EvaluationRequest:
+        """Return the request at `index` of a call that gets several SEs, of which number `se` is
+        this evaluation's."""
+        on = RealTask() if self.source.se is None else Given(se)
+        return EvaluationRequest(index, self.seed, self.hp, on)
 
 
-#: Results by the units' keys.
+def evaluations_on(
+    plan: Plan,
+    sources: Iterable[Source],
+    kinds: Iterable[AgentHyperparameters],
+    agents: int,
+    on_real: int = 0,
+    per_se: int = AGENTS,
+    vary: str = "all",
+) -> list[Evaluation]:
+    """Return `agents` agents of each kind on each SE, and `on_real` of each kind on the real task.
+
+    Seed and hyperparameters, which are drawn according to `vary`, depend on the position alone.
+    The agents on the real task have the positions of `per_se` agents on each of several SEs.
+    """
+    found = []
+    for source in sources:
+        on_se = [(source.number, agent) for agent in range(agents)]
+        on_task = [divmod(number, per_se) for number in range(on_real)]
+        for kind in kinds:
+            for se, agent in on_task if source.se is None else on_se:
+                seed, hp = fresh_agent((kind,), vary, plan.seed, Purpose.EXPERIMENT, se, agent)
+                found.append(Evaluation(plan.task, source, f"{se}-{agent}", hp, seed))
+    return found
+
+
+#: Results by the keys of the evaluations.
 Found = dict[str, EvaluationResult]
 
 
 class AgentResults:
-    """The results of an experiment's agents, on disk as they come.
+    """Durable results of an experiment's agents.
 
     Raises InvalidInput for a damaged file.
     """
 
     def __init__(self, folder: Path) -> None:
         self._log = JsonlLog(folder / RESULTS_FILE)
-        self.found: Found = dict(_stored(self._log))
         self._folder = folder
+        self.found: Found = dict(self._log.decoded(tuple[str, EvaluationResult]))
 
-    def add(self, unit: Unit, result: EvaluationResult) -> None:
-        """Append a result; it counts once this returns. Raises StorageFailure."""
-        self._append(unit.key, result)
-
-    def adopt(self, units: Iterable[Unit]) -> None:
-        """Copy the results that other experiments of the task have of these units; those that
-        another version of this package has made are left alone."""
-        missing = {unit.key for unit in units} - self.found.keys()
-        if not missing:
-            return
-        for path in sorted(self._folder.parent.glob(f"experiment-*/{RESULTS_FILE}")):
-            if path.parent == self._folder or not _of_this_version(path.parent):
-                continue
-            for key, result in _stored(JsonlLog(path)):
-                if key in missing:
-                    missing.discard(key)
-                    self._append(key, result)
-
-    def _append(self, key: str, result: EvaluationResult) -> None:
+    def add(self, key: str, result: EvaluationResult) -> None:
+        """Append a result. Raises StorageFailure."""
         self._log.append([key, asdict(result)])
         self.found[key] = result
 
-
-def _of_this_version(folder: Path) -> bool:
-    """Whether an experiment's folder has sound settings of this version's format."""
-    try:
-        read_settings(folder)
-    except InvalidInput:
-        return False
-    return True
-
-
-def _stored(log: JsonlLog) -> Iterator[tuple[str, EvaluationResult]]:
-    yield from log.decoded(tuple[str, EvaluationResult])
+    def adopt(self, keys: Iterable[str]) -> None:
+        """Copy the results with these keys from other experiments of the task."""
+        missing = {*keys} - self.found.keys()
+        if not missing:
+            return
+        for path in sorted(self._folder.parent.glob(f"experiment-*/{RESULTS_FILE}")):
+            for key, result in JsonlLog(path).decoded(tuple[str, EvaluationResult]):
+                if key in missing:
+                    missing.remove(key)
+                    self.add(key, result)

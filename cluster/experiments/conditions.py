@@ -1,23 +1,26 @@
 """Conditions: the ways in which the experiments' SEs are learned.
 
-name        recipe      agents of NES               shown as
----------   ---------   -------------------------   ---------------------------------------------
-default     default     the recipe's                ours
-varied      default     drawn from all ranges (*)   the paper's "HP: varied"
-fixed       default     always the same             the paper's "HP: fixed"
-authors     authors     the recipe's                the rule of the authors' code
-paper       paper       the recipe's                Algorithm 1 as printed
-distilled   distilled   the recipe's                the supervised baseline, which is no NES
+name        recipe    agents of NES               in pictures and tables
+---------   -------   -------------------------   ----------------------------------------------
+default     default   the recipe's                ours
+varied      default   drawn from all ranges (*)   the paper's "HP: varied"
+fixed       default   always the same             the paper's "HP: fixed"
+authors     authors   the recipe's                the update rule of the authors' code
+paper       paper     the recipe's                Algorithm 1 with the paper's step
 
 (*) `narrowed`, which replaces large agents by narrow ones that learn at the same pace, in all sizes
-but `paper`, which draws `all`.
+except `paper`, which draws `all`.
+
+The recipe `paper` divides the step by n_p sigma. Only the paper's text has this division. The
+authors tuned the step size for the undivided rule of their code. The recipe also compares the
+members' scores with the score of agents that train on the unperturbed SE.
 """
 
 from dataclasses import dataclass, replace
-from pathlib import Path
 
-from bilevel.hyperparameters import Hyperparameters, load_recipe
+from bilevel.hyperparameters import Hyperparameters
 from bilevel.hyperparameters.definitions import Variation
+from bilevel.recipes import load_recipe
 from bilevel.tasks import Task
 from cluster.experiments.sizes import Size
 from cluster.nes.run import NESRun
@@ -26,51 +29,47 @@ from cluster.storage.home import Home
 
 @dataclass(frozen=True)
 class Condition:
-    """A recipe and the variation of its agents; None: the recipe's."""
+    """A recipe and the variation of its agents."""
 
     name: str
     recipe: str
-    vary: Variation | None = None
-    vary_at_paper_size: Variation | None = None
-    title: str = ""  # in pictures and tables
+    title: str  # in pictures and tables
+    vary: Variation | None = None  # None: the recipe's
 
     def vary_at(self, size: Size) -> Variation | None:
-        """The variation of agents during NES."""
-        at_paper = self.vary_at_paper_size if size.name == "paper" else None
-        return at_paper or self.vary
+        """Return the variation of agents during NES."""
+        return "all" if self.vary == "narrowed" and size.name == "paper" else self.vary
 
     def hyperparameters(self, task: Task, size: Size) -> Hyperparameters:
-        """The hyperparameters of this condition's NES runs."""
+        """Return the hyperparameters of the NES runs."""
         hp = load_recipe(self.recipe, task)
         return size.shortened(replace(hp, vary_agent=self.vary_at(size) or hp.vary_agent))
 
     def label(self, size: Size) -> str:
-        """Part of the names of its runs; differs wherever the hyperparameters do."""
-        varied = f"-{self.vary_at(size)}" if self.vary_at_paper_size else ""
-        return f"{self.name}{varied}"
+        """Return a part of the run names that differs wherever the hyperparameters do."""
+        return f"{self.name}-{self.vary_at(size)}" if self.vary == "narrowed" else self.name
 
     def run(self, task: Task, size: Size, seed: int, home: Home) -> NESRun:
-        """The NES run with that seed, which all experiments of the task share."""
-        folder: Path = home.run_folder(task.id, f"{size.prefix}{self.label(size)}-seed{seed}")
+        """Return the NES run with that seed, which all experiments of the task share."""
+        folder = home.run_folder(task.id, f"{size.prefix}{self.label(size)}-seed{seed}")
         return NESRun(task, self.hyperparameters(task, size), seed, folder)
 
 
 CONDITIONS = {
     condition.name: condition
     for condition in (
-        Condition("default", "default", title="SE, our recipe"),
-        Condition("varied", "default", "narrowed", "all", title="SE, HP varied"),
-        Condition("fixed", "default", "no", title="SE, HP fixed"),
-        Condition("authors", "authors", title="authors' rule"),
-        Condition("paper", "paper", title="Algorithm 1"),
-        Condition("distilled", "distilled", title="SE, distilled"),
+        Condition("default", "default", "SE, our recipe"),
+        Condition("varied", "default", "SE, HP varied", "narrowed"),
+        Condition("fixed", "default", "SE, HP fixed", "no"),
+        Condition("authors", "authors", "authors' rule"),
+        Condition("paper", "paper", "Algorithm 1"),
     )
 }
 
-#: The source that is no condition: the real task.
-REAL, REAL_TITLE = "real", "real task"
+#: The source that is not a condition: the real task.
+REAL = "real"
 
 
 def title_of(source: str) -> str:
-    """Title of a condition, or of the real task."""
-    return REAL_TITLE if source == REAL else CONDITIONS[source].title
+    """Return the title of a condition, or of the real task."""
+    return "real task" if source == REAL else CONDITIONS[source].title

@@ -10,30 +10,28 @@ from cluster.experiments.figures.success import SUCCESS
 from cluster.experiments.figures.transfer import TRANSFER
 from cluster.experiments.run import REPORT
 
-#: In the order of the paper, then those beyond it.
+#: In the order of the paper, followed by those beyond it.
 EXPERIMENTS = {
     experiment.name: experiment
     for experiment in (SUCCESS, TRANSFER, BEHAVIOUR, SAMPLE_EFFICIENCY, SENSITIVITY, COST)
 }
 
-#: All of them, one after the other, and then the report.
+#: Name of all experiments and the report.
 ALL = "all"
 
 
 def get_experiments(name: str) -> list[Experiment]:
-    """The experiment of that name, or all of them; none for the report. Raises InvalidInput."""
-    if name == REPORT:
-        return []
-    if name == ALL:
-        return list(EXPERIMENTS.values())
-    if name not in EXPERIMENTS:
+    """Return the experiment of that name, or all of them; none for the report. Raises
+    InvalidInput for an unknown name."""
+    experiments = {ALL: [*EXPERIMENTS.values()], REPORT: []}
+    experiments |= {known: [experiment] for known, experiment in EXPERIMENTS.items()}
+    if name not in experiments:
         raise one_of("experiment", name, (*EXPERIMENTS, ALL, REPORT))
-    return [EXPERIMENTS[name]]
+    return experiments[name]
 
 
 def explanation_of(name: str) -> str:
-    """What an experiment shows, in a sentence or two; of a name from a file, which may be
-    unknown."""
-    if name in EXPERIMENTS:
-        return EXPERIMENTS[name].explanation
-    return "All experiments of the task beside the authors' figures." if name == REPORT else ""
+    """Return the explanation of an experiment, empty if it is unknown."""
+    if name == REPORT:
+        return "All experiments of the task, compared with the authors' results."
+    return EXPERIMENTS[name].explanation if name in EXPERIMENTS else ""

@@ -1,174 +1,52 @@
-"""`bilevel experiment report TASK`: all experiments of a task on one page."""
+"""`bilevel experiment report TASK`: all experiments of a task on one HTML page.
 
+The page embeds its pictures and loads no other file.
+"""
+
+import base64
 import time
-from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator
+from dataclasses import asdict
+from html import escape
 from pathlib import Path
 
+import pandas as pd
+
 from bilevel.durable import write_aside
-from bilevel.errors import InvalidInput, first_line
-from cluster.experiments.authors import CONDITION, comparison
+from bilevel.errors import InvalidInput
+from cluster.experiments.authors import comparison, titled
 from cluster.experiments.command import ExperimentCommand
 from cluster.experiments.conditions import title_of
-from cluster.experiments.page import Picture, Section, page
+from cluster.experiments.experiment import Experiment
 from cluster.experiments.registry import EXPERIMENTS
-from cluster.experiments.run import REPORT, REPORT_FILE, ExperimentSettings, StoredFindings
-from cluster.experiments.table import Row
+from cluster.experiments.run import REPORT, REPORT_FILE, StoredFindings
+from cluster.experiments.table import Row, table
 from cluster.experiments.view import ExperimentViews
-from cluster.storage.run_folder import SETTINGS_FILE, Final, add_final, check_settings
+from cluster.storage.run_folder import Final, add_final, check_settings
 
+_INTRODUCTION = """
+The experiments of Ferreira, Nierhoff and Hutter, Learning Synthetic Environments for Reinforcement
+Learning with Evolution Strategies (2021). Authors' rule: NES as in the authors' code. Algorithm 1:
+NES with the step divided by n_p sigma, which only the paper's text has; the authors tuned the step
+size for the undivided rule, and the recipe compares scores with agents trained on the unperturbed
+SE. HP varied and HP fixed: whether NES varied its agents' hyperparameters, otherwise with our
+default recipe. Except in the size paper, varied agents are narrowed: a large network is replaced by
+a narrow one that learns at the same pace. Values are mean ± standard deviation. The authors'
+figures are from the paper, or from constants, plots and curves in its repository,
+automl/learning_environments.
+"""
 
-@dataclass(frozen=True)
-class Reported:
-    """An experiment that has found something."""
-
-    settings: ExperimentSettings
-    findings: StoredFindings
-    pictures: tuple[Picture, ...]
-
-    @classmethod
-    def read(cls, folder: Path) -> "Reported | None":
-        """Read it from its folder; None if nothing has been found yet. Raises InvalidInput."""
-        if not (folder / SETTINGS_FILE).exists():
-            return None
-        settings, findings = ExperimentSettings.read(folder), StoredFindings.read(folder)
-        if findings is None:
-            return None
-        title = EXPERIMENTS[settings.experiment].title
-        pictures = tuple(_picture(folder, name, title) for name in findings.pictures)
-        return cls(settings, findings, pictures)
-
-    @property
-    def planned(self) -> dict[str, int]:
-        """NES runs that it needs, by condition."""
-        return EXPERIMENTS[self.settings.experiment].runs(self.findings.size)
-
-    def ended(self, condition: str) -> int:
-        """NES runs of a condition that its findings rest on."""
-        return self.findings.runs.get(condition, 0)
-
-    @property
-    def under_way(self) -> str | None:
-        """How far it has come, in words; None at its end."""
-        ended, planned = sum(map(self.ended, self.planned)), sum(self.planned.values())
-        if ended == planned:
-            return None
-        return f"{self.settings.experiment} ({ended} of {planned} NES runs have ended)"
-
-    @property
-    def section(self) -> Section:
-        """The experiment on the page."""
-        experiment, findings = EXPERIMENTS[self.settings.experiment], self.findings
-        runs = "; ".join(
-            f"{title_of(name)}: {self.ended(name)} of {n}" for name, n in self.planned.items()
-        )
-        size = ", ".join(f"{name} {value}" for name, value in asdict(findings.size).items())
-        agents = "; ".join(
-            f"{agent}: " + ", ".join(f"{name} {value}" for name, value in hp.items())
-            for agent, hp in self.settings.kinds.items()
-        )
-        versions = ", ".join(f"{name} {number}" for name, number in findings.versions.items())
-        return Section(
-            experiment.title,
-            experiment.explanation,
-            self.pictures,
-            [_titled(row) for row in findings.summary],
-            findings.notes,
-            (
-                ("command", findings.command),
-                ("commit", findings.commit or "-"),
-                ("seed", str(self.settings.seed)),
-                ("size", size),
-                ("NES runs", runs),
-                ("agents before their hyperparameters are drawn", agents),
-                ("versions", versions),
-            ),
-        )
-
-
-def _titled(row: Row) -> Row:
-    """The row with the titles of conditions, as pictures have them."""
-    return {
-        name: title_of(value) if name in CONDITION and isinstance(value, str) else value
-        for name, value in row.items()
-    }
-
-
-def _picture(folder: Path, name: str, title: str) -> Picture:
-    path = folder / name
-    if path.parent != folder or path.suffix != ".svg":
-        raise InvalidInput(f"picture {name!r} of {str(folder)!r} is not allowed")
-    try:
-        svg = path.read_text()
-    except (OSError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"cannot read {str(path)!r}: {first_line(error)}") from None
-    if "<svg" not in svg:
-        raise InvalidInput(f"damaged picture {str(path)!r}: run its experiment again")
-    caption = f"{title}: {path.stem} ({folder.name}/{name})"
-    return Picture(f"{folder.name}/{name}", caption, svg)
-
-
-def report_of(command: ExperimentCommand) -> str:
-    """The page, from the folders alone. Raises InvalidInput if no experiment has been run, or one
-    with other values of the task."""
-    found: dict[str, Reported] = {}
-    for name in EXPERIMENTS:
-        folder = command.context.home.run_folder(command.task.id, command.name(name))
-        reported = Reported.read(folder)
-        if reported is not None:
-            check_settings(folder, {"task": asdict(command.task)})
-            found[name] = reported
-    task = command.task
-    if not found:
-        size = f" --size {command.size.name}" if command.size.quick else ""
-        raise InvalidInput(
-            f"no experiment on {task.id} has ended yet in {str(command.context.home.folder)!r}: "
-            f"begin with `bilevel experiment all {task.id}{size}`"
-        )
-    summaries = {name: one.findings.summary for name, one in found.items()}
-    compared = comparison(task.id, summaries)
-    return page(
-        f"Synthetic environments for {task.id}",
-        _introduction(command, found, bool(compared)),
-        compared,
-        [one.section for one in found.values()],
-    )
-
-
-def _introduction(
-    command: ExperimentCommand, found: Mapping[str, Reported], compared: bool
-) -> list[str]:
-    task, missing = command.task, [name for name in EXPERIMENTS if name not in found]
-    texts = [
-        f"The experiments of Ferreira, Nierhoff and Hutter, Learning Synthetic Environments for "
-        f"Reinforcement Learning with Evolution Strategies (2021), on {task.id} (episodes of at "
-        f"most {task.step_limit} steps, solved at a mean return of {task.solved_reward:g}). All "
-        "SEs are learned by NES from random ones, unless they are called distilled.",
-        "Algorithm 1 and the authors' rule: NES as the paper prints it, and as its authors' code "
-        "has it, which does not divide the step by n_p sigma; both with the paper's population "
-        "and agent. HP varied and HP fixed: whether NES varied its agents' hyperparameters, with "
-        "our default recipe in all else. In sizes other than paper, varied agents are narrowed: a "
-        "large network is replaced by a narrow one that learns at the same pace. Values are mean ± "
-        "standard deviation.",
-    ]
-    if compared:
-        texts.append(
-            "The authors' figures in the same condition are of their own code and their own NES; "
-            "they are from the paper, or from constants, plots and curves in its repository, "
-            "automl/learning_environments. The table tells the evaluations behind each figure."
-        )
-    if command.size.quick:
-        texts.append("Size smoke: this page shows that all works; its numbers mean nothing.")
-    if under_way := [text for one in found.values() if (text := one.under_way) is not None]:
-        texts.append(f"Under way: {', '.join(under_way)}.")
-    if missing:
-        texts.append(f"Not run yet: {', '.join(missing)}.")
-    return texts
+_STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; max-width: 62em; margin: 2em auto; }
+h2 { border-top: 1px solid #ccc; padding-top: .8em; } img { width: 26em; margin: 1em; }
+table { border-collapse: collapse; font-size: .82em; display: block; overflow-x: auto; }
+th, td { padding: .25em .6em; text-align: left; border-bottom: 1px solid #ddd; }
+"""
 
 
 def write_report(command: ExperimentCommand) -> Path:
     """Write the report and log it to MLflow; return its path. Raises InvalidInput before anything
-    is written if no experiment has been run."""
+    is written if no experiment has findings."""
     text = report_of(command)
     folder = command.context.home.run_folder(command.task.id, command.name(REPORT))
     path = folder / REPORT_FILE
@@ -183,3 +61,64 @@ def write_report(command: ExperimentCommand) -> Path:
         session.terminal.log(f"report: {path}")
         session.terminal.log(f"MLflow {session.shown_at(session.identity.uuid)}")
     return path
+
+
+def report_of(command: ExperimentCommand) -> str:
+    """Return the page. Raises InvalidInput if no experiment has findings, or if one has other
+    values of the task."""
+    task, found = command.task, {}
+    sections: list[str] = []
+    for name, experiment in EXPERIMENTS.items():
+        folder = command.context.home.run_folder(task.id, command.name(name))
+        findings = StoredFindings.read(folder)
+        if findings is not None:
+            check_settings(folder, {"task": asdict(task)})
+            found[name] = findings
+            sections += _section(experiment, findings, folder)
+    if not found:
+        size = f" --size {command.size.name}" if command.size.quick else ""
+        raise InvalidInput(
+            f"no experiment on {task.id} has finished yet in "
+            f"{str(command.context.home.folder)!r}: start with "
+            f"`bilevel experiment all {task.id}{size}`"
+        )
+    compared = comparison(task.id, {name: one.summary for name, one in found.items()})
+    title = f"Synthetic environments for {task.id}"
+    missing = ", ".join(name for name in EXPERIMENTS if name not in found) or "none"
+    parts = [f"<h1>{escape(title)}</h1>", _paragraph(_INTRODUCTION)]
+    parts += [_paragraph(f"Size: {command.size.name}. Missing experiments: {missing}.")]
+    if compared:
+        parts += ["<h2>The paper's figures and ours</h2>", _html(compared)]
+    return (
+        f'<!DOCTYPE html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
+        f"<title>{escape(title)}</title>\n<style>{_STYLE}</style>\n</head>\n<body>\n"
+        + "\n".join([*parts, *sections])
+        + "\n</body>\n</html>\n"
+    )
+
+
+def _html(rows: list[Row]) -> str:
+    with pd.option_context("display.max_colwidth", None):
+        html: str = table(rows).to_html(index=False, border=0)
+    return html
+
+
+def _paragraph(text: str) -> str:
+    return f"<p>{escape(text)}</p>"
+
+
+def _section(experiment: Experiment, findings: StoredFindings, folder: Path) -> Iterator[str]:
+    yield f"<h2>{escape(experiment.title)}</h2>"
+    yield _paragraph(experiment.explanation)
+    for name in findings.pictures:
+        data = base64.b64encode((folder / Path(name).name).read_bytes()).decode()
+        yield f'<img alt="{escape(name)}" src="data:image/svg+xml;base64,{data}">'
+    yield _html([titled(row) for row in findings.summary])
+    versions = ", ".join(f"{name} {number}" for name, number in findings.versions.items())
+    runs = ", ".join(f"{title_of(name)} {number}" for name, number in findings.runs.items())
+    for text in (
+        *findings.notes,
+        f"Size {findings.size.name}; NES runs: {runs}.",
+        f"Command: {findings.command} (commit {findings.commit}; {versions}).",
+    ):
+        yield _paragraph(text)

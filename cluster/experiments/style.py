@@ -1,6 +1,6 @@
-"""The style of all pictures of the experiments: vector graphics of one column's width.
+"""Style of the experiments' pictures: vector graphics as wide as one column of the paper.
 
-Series differ by colour, by its lightness, and by line, marker or hatch: they survive grey printing.
+Series differ in colour, lightness, and line, marker or hatch, so that grey prints are readable.
 """
 
 import contextlib
@@ -18,21 +18,26 @@ from numpy.typing import NDArray
 #: Width in inches of a column of the paper.
 COLUMN = 3.4
 
-#: Lines that mark a value.
+#: Colour of lines that mark a value.
 GUIDE = "#404040"
 
 
 @dataclass(frozen=True)
 class Look:
-    """How a series is drawn."""
+    """Appearance of a series."""
 
     colour: str
     line: str
     marker: str
     hatch: str
 
+    @property
+    def curve(self) -> dict[str, Any]:
+        """Arguments of `Axes.plot` and `Axes.errorbar`."""
+        return {"color": self.colour, "ls": self.line, "marker": self.marker}
 
-#: By source and condition; those that share a picture differ in lightness.
+
+#: Looks by source or condition; series of one picture differ in lightness.
 LOOKS = {
     "real": Look("#2b2b2b", "--", "s", ""),
     "default": Look("#e0622a", "-", "o", "//"),
@@ -40,10 +45,9 @@ LOOKS = {
     "fixed": Look("#8db9e0", ":", "v", "xx"),
     "authors": Look("#1f4e9c", "--", "^", ".."),
     "paper": Look("#7cc4c6", ":", "v", "xx"),
-    "distilled": Look("#e0a92e", "-.", "D", ".."),
 }
 
-#: By kind of agent, and any other series, in order.
+#: Looks of other series, in order.
 SERIES = (
     Look("#1f4e9c", "-", "o", "//"),
     Look("#e0872e", "--", "s", ".."),
@@ -67,37 +71,52 @@ _STYLE: dict[Any, Any] = {
     "lines.linewidth": 1.3,
     "lines.markersize": 3.5,
     "hatch.linewidth": 0.4,
-    "svg.hashsalt": "bilevel",  # the same picture gives the same file
+    "svg.hashsalt": "bilevel",  # equal pictures have equal files
 }
 
 
 @contextlib.contextmanager
 def styled() -> Iterator[None]:
-    """Within the block figures are made in this style."""
+    """Apply the style to figures that are made within the block."""
     with mpl.rc_context(_STYLE):
         yield
 
 
 def column(height: float) -> Figure:
-    """A figure of one column's width and that height in inches."""
+    """Return a figure of one column's width and that height in inches."""
     return Figure(figsize=(COLUMN, height), layout="constrained")
 
 
 def svg(figure: Figure) -> bytes:
-    """Content of the figure's SVG file, which depends on the figure alone."""
+    """Return the content of the figure's SVG file, which depends only on the figure."""
     buffer = io.BytesIO()
     with styled():
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     return buffer.getvalue()
 
 
+def legend_below(axes: Axes) -> None:
+    """Add a legend of the axes' series below its figure."""
+    figure = axes.get_figure()
+    assert isinstance(figure, Figure)
+    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+
+
+def panels(figure: Figure, number: int, **options: Any) -> list[Axes]:
+    """Return `number` axes in two columns."""
+    axes = [*figure.subplots(-(-number // 2), 2, squeeze=False, **options).flat]
+    for unused in axes[number:]:
+        unused.set_visible(False)
+    return axes[:number]
+
+
 def number(value: float, digits: str = "g") -> str:
-    """A number as the axes write it, with a minus sign instead of a hyphen."""
+    """Format a number with a minus sign instead of a hyphen."""
     return f"{value:{digits}}".replace("-", "\N{MINUS SIGN}")
 
 
 def solved_line(axes: Axes, solved_reward: float) -> None:
-    """Mark the return at which the task is solved, by a dotted line and its value beside it."""
+    """Mark the return at which the task is solved by a labelled dotted line."""
     axes.axhline(solved_reward, color=GUIDE, lw=0.7, ls=(0, (1, 1.5)), zorder=0)
     axes.annotate(
         number(solved_reward),
@@ -112,7 +131,7 @@ def solved_line(axes: Axes, solved_reward: float) -> None:
 
 
 def violin(axes: Axes, x: float, values: NDArray[np.float64], look: Look) -> None:
-    """Draw the distribution of values (n,) at `x`: violin, quartiles, median and mean."""
+    """Draw a violin of the values (n,) at `x` with quartiles, median and mean."""
     parts: Any = axes.violinplot(values, [x], widths=0.8, showextrema=False)
     for body in parts["bodies"]:
         body.set(facecolor=look.colour, edgecolor="black", alpha=0.55, lw=0.6, hatch=look.hatch)

@@ -1,4 +1,4 @@
-"""An experiment (`bilevel experiment`) as MLflow shows it."""
+"""MLflow view of an experiment (`bilevel experiment`)."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,7 +28,7 @@ class ExperimentViews:
 
     @classmethod
     def of(cls, folder: Path) -> "ExperimentViews":
-        """View of an experiment that no process works on. Raises InvalidInput if it is damaged."""
+        """View an experiment that no process works on. Raises InvalidInput if it is damaged."""
         ExperimentSettings.read(folder)
         return cls(folder, RunIdentity.read(folder), False)
 
@@ -38,11 +38,11 @@ class ExperimentViews:
         return ExperimentSettings.read(self.folder).task.id
 
     def keys(self) -> list[str]:
-        """The experiment's identity."""
+        """Return the experiment's identity."""
         return [self.identity.uuid]
 
     def view(self, key: str) -> RunView:
-        """The run as it is on disk. Raises InvalidInput."""
+        """Read the run from disk. Raises InvalidInput."""
         settings, ends = ExperimentSettings.read(self.folder), finals(self.folder)
         lifetime = Lifetime.of(self.folder, self.identity.began, self.live)
         found = StoredFindings.read(self.folder)
@@ -56,7 +56,7 @@ class ExperimentViews:
                 "seed": settings.seed,
                 "agents": settings.kinds,
             },
-            # A tag, because it may change: parameters cannot.
+            # The size is a tag because it may change, and MLflow's parameters cannot.
             {"bilevel.kind": KIND, **({"bilevel.size": found.size.name} if found else {})},
             tuple(Point.of_final(end) for end in ends),
             tuple(Document.of_file(path) for path in documents(self.folder) if lifetime.over),
@@ -66,10 +66,11 @@ class ExperimentViews:
 
 
 def experiment_progress(folder: Path, runs: int) -> Progress:
-    """Number of NES runs, of `runs`, and of agents trained so far. Raises InvalidInput."""
+    """Return the number of finished NES runs, of `runs`, and of trained agents. Raises
+    InvalidInput."""
     if ExperimentSettings.read(folder).experiment == REPORT:
         return Progress("1 page")
-    ended = len(JsonlLog(folder / RUNS_FILE).values)
+    finished = len(JsonlLog(folder / RUNS_FILE).values)
     agents = len(JsonlLog(folder / RESULTS_FILE).values)
     trained = f", {agents} agents" if agents else ""
-    return Progress(f"{min(ended, runs)}/{runs} SEs{trained}")
+    return Progress(f"{min(finished, runs)}/{runs} SEs{trained}")

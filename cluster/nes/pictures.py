@@ -12,10 +12,12 @@ from cluster.pictures import BLUE, GREY, ORANGE
 
 
 def learning_curve(records: Sequence[GenerationRecord], task: Task, title: str) -> Figure:
-    """Plot scores and train steps by generation, and mark the generation whose agents did best.
-    The records may be those of several runs, one after the other."""
+    """Plot scores and train steps by generation, and mark the best generation.
+
+    The records of several runs may follow one another.
+    """
     generations = np.arange(len(records))
-    begun = [i for i, record in enumerate(records) if i and record.generation == 0]
+    starts = [i for i, record in enumerate(records) if i and record.generation == 0]
     mean = np.array([record.score_mean for record in records])
     std = np.array([record.score_std for record in records])
     figure = Figure(figsize=(8, 5.5), layout="constrained")
@@ -49,11 +51,11 @@ def learning_curve(records: Sequence[GenerationRecord], task: Task, title: str) 
     scores.legend(frameon=False, fontsize="small")
     steps.plot(generations, [record.train_steps_mean for record in records], color=BLUE)
     steps.set_ylabel("train steps")
-    steps.set_xlabel("generation" if not begun else "generations of all runs")
+    steps.set_xlabel("generation" if not starts else "generations of all runs")
     steps.xaxis.set_major_locator(MaxNLocator(integer=True, min_n_ticks=1))
     steps.set_ylim(bottom=0)
     for axes in (scores, steps):
-        for first in begun:
+        for first in starts:
             axes.axvline(first - 0.5, color=GREY, lw=0.8, ls=":")
         axes.spines[["top", "right"]].set_visible(False)
     return figure

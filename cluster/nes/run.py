@@ -1,4 +1,4 @@
-"""One NES run on a pool, generation by generation, each durable before it counts."""
+"""An NES run in a folder: every generation is durable before it counts."""
 
 import time
 from collections.abc import Callable, Sequence
@@ -11,18 +11,17 @@ from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource
 from bilevel.hyperparameters import Hyperparameters, NESHyperparameters, StoredHyperparameters
 from bilevel.nes import NES, NESState
-from bilevel.nes.checkpoint import save_state
 from bilevel.tasks import Task
 from cluster.storage.run_folder import RunStatus, Settings, read_settings, settings_of
 
 STATE_FILE = "state.safetensors"
 
-#: The kind of run that `settings.json` tells, of one that is no study's.
+#: Kind of a run in `settings.json`.
 KIND = "nes"
 
 
 class Pool(Protocol):
-    """What evaluates requests: actors (`cluster.ray.pool.EvaluationPool`), or anything else."""
+    """Evaluates requests, such as the actors of `cluster.ray.pool.EvaluationPool`."""
 
     @property
     def size(self) -> int:
@@ -39,9 +38,7 @@ class Pool(Protocol):
 
 
 def start_of(nes: NESHyperparameters) -> str:
-    """The start of a run, in words."""
-    if nes.start == "distilled":
-        return "from an SE distilled from values of the real task"
+    """Describe the start of a run."""
     if nes.start_candidates == 1:
         return "from a random SE"
     return f"from the best of {nes.start_candidates} random SEs"
@@ -49,7 +46,7 @@ def start_of(nes: NESHyperparameters) -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class NESSettings(Settings, StoredHyperparameters):
-    """The settings of an NES run: its hyperparameters without `nes.generations`."""
+    """Settings of an NES run: its hyperparameters without `nes.generations`."""
 
     @classmethod
     def read(cls, folder: Path) -> Self:
@@ -59,9 +56,9 @@ class NESSettings(Settings, StoredHyperparameters):
 
 @dataclass(frozen=True)
 class NESRun:
-    """An NES run that lives in a folder: its state is the file `state.safetensors`.
+    """An NES run in a folder, whose state is the file `state.safetensors`.
 
-    Opened again, it goes on after the last finished generation.
+    An existing run resumes after its last finished generation.
     """
 
     task: Task
@@ -73,8 +70,8 @@ class NESRun:
         _ = self.nes  # raises InvalidInput before anything is written
 
     def settings(self) -> dict[str, Any]:
-        """What must stay the same when the run is continued: all but the number of
-        generations, which may grow."""
+        """Return the settings that must not change on resume: all but the number of
+        generations."""
         hp = self.hp.to_dict()
         del hp["nes"]["generations"]
         agents = [agent.agent for agent in self.hp.agents]
@@ -82,7 +79,7 @@ class NESRun:
 
     @classmethod
     def read(cls, folder: Path) -> "NESRun":
-        """The run in a folder, as it was begun. Raises InvalidInput."""
+        """Read the run in a folder. Raises InvalidInput."""
         settings, run_status = NESSettings.read(folder), RunStatus.load(folder)
         generations = 1 if run_status is None else run_status.target
         whole = replace(settings, nes={**settings.nes, "generations": generations})
@@ -98,24 +95,31 @@ class NESRun:
 
     @property
     def ended(self) -> bool:
-        """Whether a process has run it to its end, with as many generations as it has now."""
+        """Whether a process has finished the run with its current number of generations."""
         run_status = RunStatus.load(self.folder)
         if run_status is None or run_status.status != "FINISHED":
             return False
         return run_status.target >= self.hp.nes.generations
 
     @property
+    def state_file(self) -> Path:
+        """The checkpoint."""
+        return self.folder / STATE_FILE
+
+    @property
     def begun(self) -> bool:
-        """Whether there is a state on disk, be it damaged."""
-        return (self.folder / STATE_FILE).exists()
+        """Whether there is a checkpoint, which may be damaged."""
+        return self.state_file.exists()
 
     def load(self) -> NESState | None:
-        """The state on disk, if there is one. Raises InvalidInput if damaged."""
-        return self.nes.load(self.folder / STATE_FILE) if self.begun else None
+        """Return the state on disk, if there is one. Raises InvalidInput if it is damaged."""
+        return self.nes.load(self.state_file) if self.begun else None
 
     def load_if_sound(self) -> NESState | None:
-        """The state on disk; None if there is none, or it is damaged and will be run again. Raises
-        StorageFailure for one that cannot be read."""
+        """Return the state on disk, or None if it is missing or damaged.
+
+        Raises StorageFailure if it cannot be read.
+        """
         try:
             return self.load()
         except StorageFailure:
@@ -124,11 +128,11 @@ class NESRun:
             return None
 
     def open(self, log: Callable[[str], None] = lambda line: None) -> NESState:
-        """The state on disk, or a new one.
+        """Return the state on disk, or a new one.
 
-        A damaged checkpoint is set aside, with a message, and the run begins anew: it comes to
-        the same state again. Raises OtherVersion for a checkpoint of another version, and
-        StorageFailure for one that cannot be read.
+        A damaged checkpoint is renamed, with a message, and the run restarts; it will reach the
+        same state again. Raises OtherVersion for a checkpoint of another version, and
+        StorageFailure if it cannot be read.
         """
         state = None
         try:
@@ -136,13 +140,12 @@ class NESRun:
         except (OtherVersion, StorageFailure):
             raise
         except InvalidInput as error:
-            path = self.folder / STATE_FILE
-            aside = path.with_suffix(".damaged")
-            path.replace(aside)
-            log(f"{error}; it is now {aside.name!r}, and its generations are run again")
+            renamed = self.state_file.with_suffix(".damaged")
+            self.state_file.replace(renamed)
+            log(f"{error}; renamed to {renamed.name!r}, its generations will be repeated")
         if state is None:
             state = self.nes.init()
-            save_state(state, self.folder / STATE_FILE)
+            self.nes.save(state, self.state_file)
         return state
 
     def advance(
@@ -151,13 +154,15 @@ class NESRun:
         pool: Pool,
         on_result: Callable[[EvaluationResult], None] = lambda result: None,
     ) -> NESState:
-        """Run one generation, or one round of the choice of a start or of a confirmation; it is on
-        disk when this returns. Raises StorageFailure."""
-        nes, before = self.nes, state.generation
+        """Run a generation, or a round of another phase, and save the state.
+
+        Raises StorageFailure.
+        """
+        nes, generation = self.nes, state.generation
         started = time.perf_counter()
-        results = pool.run(self.task, state.se, nes.ask(state), on_result)
+        results = pool.run(self.task, nes.distribution(state), nes.ask(state), on_result)
         state = nes.tell(state, results)
-        if state.generation > before:
+        if state.generation > generation:
             state = state.timed(time.perf_counter() - started, pool.size, time.time())
-        save_state(state, self.folder / STATE_FILE)
+        nes.save(state, self.state_file)
         return state

@@ -1,8 +1,8 @@
-"""The end of a run: retest its best SEs, score the winner with fresh agents, and save it."""
+"""The end of a run: choose its best SE, score it with fresh agents, and save it."""
 
 import math
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,14 +11,15 @@ from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, scores_of
 from bilevel.hyperparameters import Hyperparameters
-from bilevel.nes.requests import Trial, as_turn, fresh_agent
+from bilevel.nes.halving import Halving, Round
+from bilevel.nes.requests import Trial, fresh_agent, with_patience
 from bilevel.seeds import Purpose
 from bilevel.synthetic_env import StoredSE, save_se
 from bilevel.tasks import Task
 from cluster.ray.pool import EvaluationPool
 from cluster.storage.run_folder import BEST_FILE, Final, add_final, finals
 
-#: Root of fresh seeds: the run's seed, and optionally the time in the run.
+#: Root of fresh seeds: the run's seed, and optionally a generation.
 Seed = tuple[int, ...]
 
 
@@ -36,7 +37,7 @@ class FinalScore:
         return bool(self.scores.mean() >= self.solved_reward)
 
     def metrics(self) -> dict[str, float]:
-        """As metrics for MLflow."""
+        """Return metrics for MLflow."""
         return {
             "final_score_mean": float(self.scores.mean()),
             "final_score_std": float(self.scores.std()),
@@ -63,44 +64,25 @@ class Contender:
     hp: Hyperparameters
 
 
-@dataclass(frozen=True)
-class Round:
-    """A round of successive halving between SEs."""
-
-    contenders: int  # maximum number
-    agents: int  # trained on each contender by the end of the round
-
-
 #: Choice between a few SEs: one round.
 RETEST = (Round(100, 32),)
-#: Most contenders of a `race`.
+#: Maximum number of contenders of a `race`.
 RACERS = 16
 
 
 def race(final_agents: int) -> tuple[Round, ...]:
-    """The choice between many SEs, most of which scored high by chance. Its effort grows with the
-    number of agents that score the winner: of 10, it trains 8, 32 and 96 on those that remain."""
-    fewest = math.ceil(0.8 * final_agents)
-    return Round(RACERS, fewest), Round(6, 4 * fewest), Round(2, 12 * fewest)
+    """Return the rounds of a choice between many SEs, most of which scored high by chance.
 
-
-def in_time(rounds: Iterable[Round], is_over: Callable[[], bool]) -> Iterator[Round]:
-    """The first round, and the next ones as long as time is left when they begin."""
-    for number, one in enumerate(rounds):
-        if number > 0 and is_over():
-            return
-        yield one
+    The effort grows with the number of agents that will score the winner. For 10 of them, SEs that
+    reach the last round are evaluated by 96 agents.
+    """
+    first = math.ceil(0.8 * final_agents)
+    return Round(RACERS, first), Round(6, 3 * first), Round(2, 8 * first)
 
 
 def agents_needed(contenders: int, rounds: Sequence[Round]) -> int:
-    """Number of agents that a choice trains; a single contender needs none."""
-    if contenders == 1:
-        return 0
-    before = [0, *(one.agents for one in rounds)]
-    return sum(
-        min(contenders, one.contenders) * (one.agents - fewer)
-        for one, fewer in zip(rounds, before, strict=False)
-    )
+    """Return the number of agents that a choice trains."""
+    return Halving.between(range(contenders), rounds).evaluations
 
 
 def choose_best(
@@ -109,37 +91,44 @@ def choose_best(
     seed: Seed,
     pool: EvaluationPool,
     on_test: Callable[[], None] = lambda: None,
-    rounds: Iterable[Round] = RETEST,
+    rounds: Sequence[Round] = RETEST,
+    is_late: Callable[[], bool] = lambda: False,
 ) -> Contender:
-    """The contender whose agents score highest; ties go to fewer diverged agents, to fewer train
-    steps, then to the order of `contenders`, best first. Each round trains more fresh agents, the
-    same for all, on the remaining contenders and keeps the best for the next round (successive
-    halving)."""
-    if len(contenders) == 1:
-        return contenders[0]
-    left, found = list(contenders), list[list[EvaluationResult]]([] for _ in contenders)
-    for one in rounds:
-        left, found = left[: one.contenders], found[: one.contenders]
-        for contender, results in zip(left, found, strict=True):
-            more = range(len(results), one.agents)
-            drawn = _agents(contender.hp, contender.hp.vary_agent, more, Purpose.RETEST, seed)
-            results += _tested(task, contender.se, drawn, pool, on_test)
-        scores = scores_of([result for results in found for result in results])
-        means = scores.reshape(len(found), -1).mean(axis=1)
-        diverged = [float(sum(not result.finite for result in results)) for results in found]
-        steps = [float(np.mean([result.train_steps for result in results])) for results in found]
-        order = np.lexsort((steps, diverged, -means))  # stable; the last key comes first
-        left, found = [left[i] for i in order], [found[i] for i in order]
-    return left[0]
+    """Return the contender whose agents score highest, by successive halving.
+
+    `contenders` are ordered, best first, and break ties after fewer diverged agents and fewer train
+    steps. In each round, all remaining contenders get the same additional fresh agents. No round
+    but the first starts when `is_late` returns True.
+    """
+    results: list[list[EvaluationResult]] = [[] for _ in contenders]
+    halving = Halving.between(range(len(contenders)), rounds)
+    while halving.winner is None and not (halving.round and is_late()):
+        for i in halving.left:
+            hp, tested = contenders[i].hp, len(results[i])
+            numbers = range(tested, tested + halving.agents)
+            drawn = _agents(hp, hp.vary_agent, numbers, Purpose.RETEST, seed)
+            results[i] += _tested(task, contenders[i].se, drawn, pool, on_test)
+        halving = halving.after(_ranking([results[i] for i in halving.left]))
+    return contenders[halving.left[0]]
+
+
+def _ranking(results: Sequence[Sequence[EvaluationResult]]) -> list[int]:
+    """Return the order of SEs with these results: by score, diverged agents, then train steps."""
+    scores = scores_of([result for of_se in results for result in of_se])
+    means = scores.reshape(len(results), -1).mean(axis=1)
+    diverged = [sum(not result.finite for result in of_se) for of_se in results]
+    steps = [float(np.mean([result.train_steps for result in of_se])) for of_se in results]
+    order: list[int] = np.lexsort((steps, diverged, -means)).tolist()  # the last key comes first
+    return order
 
 
 def evaluate_holdout(
     task: Task, contender: Contender, agents: int, seed: Seed, pool: EvaluationPool
 ) -> FinalScore:
-    """Score the SE with `agents` fresh agents, whose seeds took part in no choice.
+    """Score an SE with fresh agents, whose seeds no choice has used.
 
-    The agents train by the stopping rule; if agents vary, they are drawn from the paper's full
-    ranges.
+    The agents train until the stopping rule ends their training. If agents vary, they are drawn
+    from the paper's full ranges.
     """
     hp = contender.hp
     vary = "no" if hp.vary_agent == "no" else "all"
@@ -156,12 +145,12 @@ def evaluate_holdout(
 def _agents(
     hp: Hyperparameters, vary: str, numbers: range, purpose: Purpose, seed: Seed
 ) -> list[Trial]:
-    """The fresh agents with these numbers; if NES has patient agents, every second one is."""
+    """Return fresh agents; if NES has patient agents, every second one is patient."""
     root, *when = seed
     drawn = []
     for number in numbers:
-        word, agent = fresh_agent(hp.agents, vary, root, purpose, *when, number)
-        drawn.append((word, as_turn(agent, hp.nes, number)))
+        trial_seed, agent = fresh_agent(hp.agents, vary, root, purpose, *when, number)
+        drawn.append((trial_seed, with_patience(agent, hp.nes, number)))
     return drawn
 
 
@@ -172,7 +161,7 @@ def _tested(
     pool: EvaluationPool,
     on_test: Callable[[], None] = lambda: None,
 ) -> list[EvaluationResult]:
-    """The results of these agents, in their order."""
+    """Return the results of these agents, in order."""
     requests = [EvaluationRequest(i, *trial) for i, trial in enumerate(agents)]
     results = pool.run(task, se.se, requests, lambda result: on_test())
     return sorted(results, key=lambda result: result.index)
@@ -181,16 +170,16 @@ def _tested(
 def export_best(
     se: StoredSE, score: FinalScore, folder: Path, step: int, learned: int, tests: int
 ) -> tuple[Path, int]:
-    """Save the SE with its final score in a run's folder; return the file's path and all steps on
-    the real task that it has taken.
+    """Save an SE with its final score in a run's folder.
 
-    `step` is the number of generations, or of a study's results; `learned` counts the real steps of
-    the generations, of a study those of all its runs, and `tests` those of retests and last tests;
-    to these come the tests of earlier ends. Raises StorageFailure.
+    `step` is the number of generations, or of a study's results. `learned` are the real steps of
+    the run, or of all runs of a study, and `tests` those of this choice and final score. Return the
+    file's path and the total of real steps, including the tests of earlier ends of the run.
+    Raises StorageFailure.
     """
     path, end = folder / BEST_FILE, Final(step, time.time(), score.metrics(), tests)
-    earlier = [one for one in finals(folder) if not end.repeats(one)]
-    real_steps = learned + tests + sum(one.real_env_steps for one in earlier)
+    earlier = [final for final in finals(folder) if not end.repeats(final)]
+    real_steps = learned + tests + sum(final.real_env_steps for final in earlier)
     save_se(replace(se, info={**se.info, "real_env_steps": real_steps, **end.metrics}), path)
     add_final(folder, end)
     return path, real_steps

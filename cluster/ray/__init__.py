@@ -1,1 +1,1 @@
-"""Ray: the connection, the actor pool, and the order in which actors get their requests."""
+"""Ray: connection, actor pool, and the order of requests."""

@@ -1,4 +1,4 @@
-"""Variables of this process's environment (os.environ)."""
+"""Environment variables of this process."""
 
 import os
 from collections.abc import Iterator
@@ -7,13 +7,11 @@ from contextlib import contextmanager
 
 @contextmanager
 def environment_kept(*names: str) -> Iterator[None]:
-    """Restore these variables after the block."""
-    before = {name: os.environ.get(name) for name in names}
+    """Restore these environment variables after the block."""
+    before = {name: os.environ[name] for name in names if name in os.environ}
     try:
         yield
     finally:
-        for name, value in before.items():
-            if value is None:
-                os.environ.pop(name, None)
-            else:
-                os.environ[name] = value
+        for name in names:
+            os.environ.pop(name, None)
+        os.environ.update(before)

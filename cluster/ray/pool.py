@@ -1,10 +1,11 @@
 """A pool of Ray actors that evaluates SEs.
 
-Requests are sent in batches as actors become free, the longest first (`cluster.ray.queue`), and
-only to actors that have started: nodes may come and go. An actor that dies is replaced and its
-requests are run again, with the same results, because a result depends on its request alone.
+Each actor gets batches of requests, the most expensive first (`cluster.ray.queue`), once it has
+started: nodes may join and leave. The pool replaces an actor that dies and resubmits its requests
+to any actor. The results stay the same, because a result depends only on its request.
 """
 
+from collections import Counter, defaultdict
 from collections.abc import Callable, Sequence
 from typing import Any, Self
 
@@ -17,47 +18,49 @@ from bilevel.tasks import Task
 from cluster.ray.connection import Capacity
 from cluster.ray.queue import Batch, RequestQueue
 
-#: Actor deaths on one batch after which the pool gives up: the cause is then a request (out of
-#: memory, say) and not the machine. The same number, per actor, limits deaths in a row at start.
+#: Deaths of actors in the same batch after which the pool gives up, because a request must be the
+#: cause (out of memory, for instance). Also the limit, per actor, of deaths in a row at start.
 MAX_DEATHS = 5
 
 
 class ActorsDied(InvalidInput):
-    """Actors keep dying, so that the evaluations cannot be made here."""
+    """Actors keep dying, so that evaluations cannot finish."""
 
 
 class _Worker:
     """Actor that evaluates requests one after the other."""
 
-    def arrive(self) -> None:
-        """Return once the actor is up."""
+    def ready(self) -> None:
+        """Return once the actor has started."""
 
     def evaluate(self, task: Task, se: SESource, batch: Batch) -> list[EvaluationResult]:
         return [evaluate(task, se, request) for request in batch.requests]
 
 
 class EvaluationPool:
-    """`workers` actors of one core each; a context manager that ends them.
+    """A pool of `workers` actors with one core each. The context manager ends them.
 
-    If fewer cores are free, the actors that got one do all the work.
+    If fewer cores are free, the actors that have a core do all the work.
     """
 
     def __init__(self, workers: int) -> None:
-        self._actors = [_spawn() for _ in range(workers)]
-        self._arriving = {actor.arrive.remote(): i for i, actor in enumerate(self._actors)}
-        self._arrived: set[int] = set()
-        self._deaths_on_arrival = 0
-        #: Seconds that its actors have spent in evaluations.
+        self._workers = workers
+        self._started: list[Any] = []
+        self._starting: dict[Any, Any] = {}  # actors by the reference of their call of `ready`
+        self._deaths_at_start = 0
+        for _ in range(workers):
+            self._start_actor()
+        #: Seconds that the actors have spent in evaluations.
         self.evaluation_seconds = 0.0
-        #: Steps on the real task that its evaluations have made.
+        #: Steps on the real task that the evaluations have made.
         self.real_env_steps = 0
 
     @classmethod
     def on_cluster(cls, workers: int | None) -> Self:
-        """A pool of `workers` actors, or (None) one per core of this run's share of the cluster.
+        """Return a pool of `workers` actors, by default one per core of this run's share.
 
-        Raises InvalidInput if the cluster has fewer cores. One that has none yet adds nodes for
-        actors that wait, if it has an autoscaler.
+        Raises InvalidInput if the cluster has fewer cores. A cluster without any core is allowed,
+        because an autoscaler may add nodes for waiting actors.
         """
         capacity = Capacity.of_cluster()
         workers = workers or capacity.fair_share(1)
@@ -68,7 +71,7 @@ class EvaluationPool:
     @property
     def size(self) -> int:
         """Number of actors."""
-        return len(self._actors)
+        return self._workers
 
     def __enter__(self) -> Self:
         return self
@@ -78,9 +81,9 @@ class EvaluationPool:
 
     def close(self) -> None:
         """End all actors."""
-        for actor in self._actors:
+        for actor in [*self._started, *self._starting.values()]:
             ray.kill(actor)
-        self._actors, self._arriving, self._arrived = [], {}, set()
+        self._started, self._starting = [], {}
 
     def run(
         self,
@@ -89,52 +92,39 @@ class EvaluationPool:
         requests: Sequence[EvaluationRequest],
         on_result: Callable[[EvaluationResult], None] = lambda result: None,
     ) -> list[EvaluationResult]:
-        """Evaluate all requests; return the results in no particular order.
+        """Evaluate all requests and return the results in no particular order.
 
-        The SE or SEs, or the distribution that requests draw from, are sent once. `on_result` is
-        called with each result. Raises ActorsDied if actors keep dying on one batch or at start,
-        and Mistake for a wrong agent or task of a user's.
+        `se` (an SE, several SEs, or a distribution that requests draw from) is sent once.
+        `on_result` is called with each result. Raises ActorsDied if actors keep dying at start or
+        in the same batch, and Mistake for an error in a custom agent or task.
         """
-        sent = [ray.put(task), ray.put(se)]
-        waiting = RequestQueue(requests, self.size)
-        held: list[list[Batch]] = [[] for _ in self._actors]  # oldest first
-        running: dict[Any, tuple[int, Batch]] = {}  # by reference; of the actor with that number
-        deaths: dict[int, int] = {}
+        arguments = [ray.put(task), ray.put(se)]
+        queue = RequestQueue(requests, self.size)
+        held: defaultdict[Any, list[Batch]] = defaultdict(list)  # by actor, oldest first
+        running: dict[Any, tuple[Any, Batch]] = {}  # actor and batch by reference
+        deaths: Counter[int] = Counter()  # by batch
         results: list[EvaluationResult] = []
-        while waiting or running:
-            for slot in sorted(self._arrived, key=lambda k: len(held[k])):  # idle ones first
-                while (batch := waiting.take(held[slot])) is not None:
-                    running[self._actors[slot].evaluate.remote(*sent, batch)] = slot, batch
-                    held[slot].append(batch)
-            (done,), _ = ray.wait([*running, *self._arriving], num_returns=1)
-            if done in self._arriving:
-                self._receive(done)
+        while queue or running:
+            for actor in sorted(self._started, key=lambda actor: len(held[actor])):
+                while (batch := queue.take(held[actor])) is not None:
+                    running[actor.evaluate.remote(*arguments, batch)] = actor, batch
+                    held[actor].append(batch)
+            (finished,), _ = ray.wait([*running, *self._starting], num_returns=1)
+            if finished in self._starting:
+                self._register_start(finished)
                 continue
-            slot, batch = running.pop(done)
+            actor, batch = running.pop(finished)
             try:
-                answers = ray.get(done)
-            except RayTaskError as error:
-                if isinstance(error.cause, InvalidInput):  # a user's agent or task is wrong
-                    raise error.cause from None
-                raise
-            except (
-                RayError
-            ) as error:  # actor, node or object was lost: its requests can be run again
-                fatal = held[slot][0].index
-                deaths[fatal] = deaths.get(fatal, 0) + 1
-                if deaths[fatal] >= MAX_DEATHS:
-                    agents = {request.agent.agent for request in held[slot][0].requests}
-                    raise ActorsDied(
-                        f"{MAX_DEATHS} actors died in the same evaluations, of the agent "
-                        f"{' or '.join(sorted(agents))}: it ends its process, or needs more memory "
-                        f"than there is ({first_line(error)})"
-                    ) from error
-                self._replace(slot)
-                running = {other: one for other, one in running.items() if one[0] != slot}
-                waiting.put_back(held[slot])
-                held[slot] = []
+                answers: list[EvaluationResult] = ray.get(finished)
+            except RayTaskError as error:  # an error of the evaluation itself
+                raise (error.cause if isinstance(error.cause, InvalidInput) else error) from None
+            except RayError as error:  # the actor, its node or the result was lost
+                _count_death(held[actor][0], deaths, error)
+                running = {ref: pair for ref, pair in running.items() if pair[0] != actor}
+                queue.put_back(held.pop(actor))
+                self._replace(actor)
                 continue
-            held[slot].remove(batch)
+            held[actor].remove(batch)
             for result in answers:
                 self.evaluation_seconds += result.seconds
                 self.real_env_steps += result.real_env_steps
@@ -142,26 +132,37 @@ class EvaluationPool:
                 on_result(result)
         return results
 
-    def _receive(self, reference: Any) -> None:
-        """Register an actor that has started, or replace one that died at start."""
-        slot = self._arriving.pop(reference)
+    def _start_actor(self) -> None:
+        actor = ray.remote(_Worker).options(num_cpus=1).remote()
+        self._starting[actor.ready.remote()] = actor
+
+    def _register_start(self, reference: Any) -> None:
+        """Register an actor that has started, or replace an actor that died at start."""
+        actor = self._starting.pop(reference)
         try:
             ray.get(reference)
         except RayError as error:
-            self._deaths_on_arrival += 1
-            if self._deaths_on_arrival >= MAX_DEATHS * self.size:
-                raise ActorsDied(f"no actor arrives: {first_line(error)}") from error
-            self._replace(slot)
+            self._deaths_at_start += 1
+            if self._deaths_at_start >= MAX_DEATHS * self.size:
+                raise ActorsDied(f"no actor can start: {first_line(error)}") from error
+            self._replace(actor)
         else:
-            self._deaths_on_arrival = 0
-            self._arrived.add(slot)
+            self._deaths_at_start = 0
+            self._started.append(actor)
 
-    def _replace(self, slot: int) -> None:
-        ray.kill(self._actors[slot])
-        self._arrived.discard(slot)
-        self._actors[slot] = _spawn()
-        self._arriving[self._actors[slot].arrive.remote()] = slot
+    def _replace(self, actor: Any) -> None:
+        ray.kill(actor)
+        self._started = [other for other in self._started if other != actor]
+        self._start_actor()
 
 
-def _spawn() -> Any:
-    return ray.remote(_Worker).options(num_cpus=1).remote()
+def _count_death(batch: Batch, deaths: Counter[int], error: RayError) -> None:
+    """Count the death of an actor in `batch`. Raises ActorsDied at the limit."""
+    deaths[batch.index] += 1
+    if deaths[batch.index] >= MAX_DEATHS:
+        agents = sorted({request.agent.agent for request in batch.requests})
+        raise ActorsDied(
+            f"{MAX_DEATHS} actors died in the same evaluations, of the agent "
+            f"{' or '.join(agents)}: it ends its process, or needs more memory than is available "
+            f"({first_line(error)})"
+        ) from error

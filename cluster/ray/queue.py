@@ -1,7 +1,7 @@
-"""Batches and order in which a pool's actors get their requests, and how early.
+"""Division of requests into batches, and their order.
 
-The order does not affect results, since an evaluation is a function of its request alone. It
-affects the time that actors wait for the driver and, at the end, for the slowest actor.
+The order does not affect results, because an evaluation depends only on its request. It affects the
+time that actors wait for the driver and, at the end, for the slowest actor.
 """
 
 from collections import deque
@@ -10,25 +10,25 @@ from dataclasses import dataclass
 
 from bilevel.evaluation import Centre, EvaluationRequest
 
-#: A batch holds one of BATCHES equal parts of an actor's share of the remaining requests. The first
-#: batches are large, because a round trip to an actor costs about a millisecond and an evaluation
-#: may take five; the last are single requests, so that the actors finish together (guided
-#: self-scheduling; Polychronopoulos and Kuck, 1987).
+#: A batch is 1 / BATCHES of an actor's share of the remaining requests (guided self-scheduling;
+#: Polychronopoulos and Kuck, 1987). The first batches are large, because a round trip takes about a
+#: millisecond and an evaluation may take five. The last batches are single requests, so that all
+#: actors finish at about the same time.
 BATCHES = 4
 
-#: Expected cost, in multiplications per training step, from which no request joins a batch: eight
-#: small agents, half a second or so. The results of longer evaluations come one by one, so that
-#: little is lost when the driver ends.
+#: Expected cost, in multiplications per training step, above which a batch takes no more requests.
+#: Eight small agents, about half a second, reach it. Results of expensive evaluations thus arrive
+#: one by one, and little is lost if the driver ends.
 LONG = 2e6
 
-#: A busy actor gets its next batch early while the waiting batches would keep every actor busy for
+#: A busy actor gets its next batch early if the waiting batches keep all actors busy for at least
 #: this multiple of the cost of its two batches (docs/speed.md).
 EARLY_MARGIN = 1.5
 
 
 @dataclass(frozen=True)
 class Batch:
-    """Requests that one actor answers in one call."""
+    """Requests that an actor evaluates in one call."""
 
     index: int
     requests: tuple[EvaluationRequest, ...]
@@ -40,28 +40,31 @@ class Batch:
 
 
 def batches(requests: Sequence[EvaluationRequest], actors: int) -> list[Batch]:
-    """All requests, longest expected first, in batches of decreasing cost.
+    """Return all requests in batches of decreasing cost, the most expensive requests first.
 
-    A long evaluation must not begin last, when the other actors have nothing left to do (Graham,
-    1969). The number of training steps is unknown (the SE is new), but the cost of a step is
-    known, and agents on the unperturbed SE tend to stop sooner.
+    Longest processing time first avoids that an actor starts a long evaluation when the other
+    actors have finished (Graham, 1969). Only the cost of a training step is known in advance.
+    Agents on the unperturbed SE come last because they tend to stop sooner.
     """
-    ordered = sorted(requests, key=lambda one: (-one.agent.step_cost, isinstance(one.on, Centre)))
-    left = sum(one.agent.step_cost for one in ordered)
+    ordered = sorted(
+        requests,
+        key=lambda request: (-request.agent.step_cost, isinstance(request.on, Centre)),
+    )
+    remaining = sum(request.agent.step_cost for request in ordered)
     divided: list[Batch] = []
-    held: list[EvaluationRequest] = []
+    group: list[EvaluationRequest] = []
     for request in ordered:
-        held.append(request)
-        cost = sum(one.agent.step_cost for one in held)
-        if cost * actors * BATCHES >= left or cost >= LONG:
-            divided.append(Batch(len(divided), tuple(held)))
-            held = []
-            left -= cost
-    return [*divided, Batch(len(divided), tuple(held))] if held else divided
+        group.append(request)
+        cost = sum(member.agent.step_cost for member in group)
+        if cost * actors * BATCHES >= remaining or cost >= LONG:
+            divided.append(Batch(len(divided), tuple(group)))
+            group = []
+            remaining -= cost
+    return [*divided, Batch(len(divided), tuple(group))] if group else divided
 
 
 class RequestQueue:
-    """Batches that have not been sent to any of the `actors` actors."""
+    """Batches that wait for one of `actors` actors."""
 
     def __init__(self, requests: Sequence[EvaluationRequest], actors: int) -> None:
         self._waiting = deque(batches(requests, actors))
@@ -72,11 +75,11 @@ class RequestQueue:
         return len(self._waiting)
 
     def take(self, held: Sequence[Batch]) -> Batch | None:
-        """The next batch for an actor that holds the batches `held`, None if it gets none now.
+        """Return the next batch for an actor that holds the batches `held`, or None.
 
         An idle actor gets a batch whenever one is waiting. An actor with one batch gets the next
-        early, so that it need not wait for the driver, unless other actors could then run out of
-        work before it begins that batch.
+        batch early, so that it does not wait for the driver, unless other actors could run out of
+        work before it starts that batch.
         """
         if not self._waiting or len(held) > 1:
             return None
@@ -90,6 +93,6 @@ class RequestQueue:
         return batch
 
     def put_back(self, held: Sequence[Batch]) -> None:
-        """Put the batches of a dead actor back at the front of the queue."""
+        """Return the batches of a dead actor to the front of the queue."""
         self._waiting.extendleft(reversed(held))
         self._cost += sum(batch.cost for batch in held)

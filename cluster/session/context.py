@@ -8,13 +8,7 @@ from typing import Any
 
 import ray
 
-from cluster.ray.connection import (
-    Capacity,
-    is_own,
-    ray_cluster,
-    require_server_for_nodes,
-    sharing,
-)
+from cluster.ray.connection import Capacity, ray_cluster, require_server_for_nodes, sharing
 from cluster.session.hints import tracking_option
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.session import Session
@@ -27,24 +21,24 @@ from cluster.tracking.connection import check_tracking_uri, mlflow_imported_mean
 
 @dataclass(frozen=True)
 class RunContext:
-    """Home, MLflow and Ray cluster; a resumed run may change all but the home."""
+    """Home, MLflow and Ray cluster. A resumed run may change all but the home."""
 
     home: Home
     tracking_uri: str
-    address: str | None = None  # of a Ray cluster to join; None: start a local one
-    tracking_given: bool = False  # the home alone does not tell the tracking URI
+    address: str | None = None  # of a running Ray cluster; None starts a local one
+    tracking_given: bool = False  # whether suggested commands need the tracking URI
 
     @contextlib.contextmanager
     def connected(self, workers_per_trial: int = 1, trials: int = 1) -> Iterator["Driver"]:
-        """Connect to Ray, and check MLflow, for the block; nothing is written.
+        """Connect to Ray and check MLflow. Nothing is written.
 
-        Raises InvalidInput for a home that cannot be written, for an invalid or unreachable MLflow
-        or cluster, for a cluster that cannot place that many trials of so many one-core workers
-        each, and for SQLite on several nodes.
+        Raises InvalidInput if the home is not writable, MLflow or the cluster is invalid or
+        unreachable, no trial fits into the cluster, all trials do not fit into a local cluster, or
+        several nodes would share an SQLite database.
         """
         require_writable(self.home.folder)
         check_tracking_uri(self.tracking_uri)
-        if is_own(self.address):  # before it is started, which takes seconds
+        if self.address is None:  # check before the start, which takes seconds
             Capacity.of_own().require(workers_per_trial, trials)
         with (
             Terminal() as terminal,
@@ -55,30 +49,29 @@ class RunContext:
             capacity = Capacity.of_cluster()
             if capacity.cores:
                 capacity.require(workers_per_trial)
-            if workers_per_trial * trials > capacity.cores:
-                what = "trials wait" if trials > 1 else "the run waits"
+            needed = workers_per_trial * trials
+            if needed > capacity.cores:
                 terminal.log(
-                    f"{workers_per_trial * trials} cores are asked for, the cluster has "
-                    f"{capacity.cores}: {what} until others are free or join"
+                    f"{needed} cores requested, but the cluster has {capacity.cores}: waiting "
+                    "until cores become free or nodes join"
                 )
+            elif ray.available_resources().get("CPU", 0) < 1:
+                terminal.log("all cores of the cluster are busy: waiting until one is free")
             require_server_for_nodes(self.tracking_uri)
-            if ray.available_resources().get("CPU", 0) < 1:
-                terminal.log("all cores of the cluster are taken: waiting until one is free")
             with sharing():
                 yield Driver(self, terminal, guard)
 
     @contextlib.contextmanager
     def offline(self) -> Iterator["Driver"]:
-        """Check MLflow, for a block that needs no cluster. Raises InvalidInput as `connected`
-        does."""
+        """Check MLflow for work that needs no cluster. Raises InvalidInput like `connected`."""
         check_tracking_uri(self.tracking_uri)
         with Terminal() as terminal, InterruptGuard(terminal) as guard:
             yield Driver(self, terminal, guard)
 
     def capacity(self) -> Capacity:
-        """Cores and nodes that a run could use; no local cluster is started to find out. Raises
-        InvalidInput as `connected` does."""
-        if is_own(self.address):
+        """Return the cores that a run could use, without starting a local cluster. Raises
+        InvalidInput like `connected`."""
+        if self.address is None:
             check_tracking_uri(self.tracking_uri)
             return Capacity.of_own()
         with self.connected():
@@ -87,20 +80,20 @@ class RunContext:
 
 @dataclass(frozen=True)
 class Driver:
-    """This process at work in a context: as a driver of the cluster, or offline."""
+    """This process while it works in a context, connected to the cluster or offline."""
 
     context: RunContext
     terminal: Terminal
     guard: InterruptGuard
-    #: By task. MLflow must be there when the first run begins; later ones go on without it.
+    #: By task. MLflow must be reachable when the first run starts. Later runs tolerate failures.
     trackers: dict[str, Tracker] = field(default_factory=dict)
 
     @contextlib.contextmanager
     def session(self, folder: Path, task_id: str, settings: dict[str, Any]) -> Iterator[Session]:
-        """Within the block this process holds the lock of the run in `folder`.
+        """Hold the lock of the run in `folder` during the block.
 
-        Raises InvalidInput if the home cannot be written, if another process holds the lock,
-        or if the run was begun with other settings.
+        Raises InvalidInput if the home is not writable, another process holds the lock, or the run
+        was started with other settings.
         """
         home = self.context.home
         home.prepare()

@@ -1,4 +1,4 @@
-"""Handling of Ctrl-C, SIGTERM and the end of the terminal, which stop a command cleanly."""
+"""Orderly stop after Ctrl-C, SIGTERM or the end of the terminal (SIGHUP)."""
 
 import signal
 from collections.abc import Iterator
@@ -10,32 +10,32 @@ from cluster.session.terminal import Terminal
 
 
 class InterruptGuard:
-    """Turns the first of these signals within `orderly` into a flag.
+    """Handle these signals within a context.
 
-    At any other time the signal raises KeyboardInterrupt, and `check` raises it again, because
-    Python or a library may have swallowed the first one, as in a finaliser.
+    Inside `orderly` the first signal only sets a flag. Otherwise a signal raises KeyboardInterrupt,
+    and `check` raises it again, because a finaliser or a library may have swallowed it.
     """
 
     def __init__(self, terminal: Terminal) -> None:
         self._terminal = terminal
         self._orderly = False
         self.interrupted = False
-        self.explained = False  # whether the terminal has told how to go on
-        self._before: dict[int, Any] = {}
+        self.explained = False  # whether a message has explained how to resume
+        self._previous: dict[int, Any] = {}
 
     def __enter__(self) -> Self:
         for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
-            if signal.getsignal(number) is not signal.SIG_IGN:  # as nohup wants it
-                self._before[number] = signal.signal(number, self._on_signal)
+            if signal.getsignal(number) is not signal.SIG_IGN:  # set by nohup
+                self._previous[number] = signal.signal(number, self._on_signal)
         return self
 
     def __exit__(self, *exc: object) -> None:
-        for number, handler in self._before.items():
+        for number, handler in self._previous.items():
             signal.signal(number, handler)
 
     @contextmanager
     def orderly(self) -> Iterator[None]:
-        """Within the block the caller polls `interrupted` and stops its work itself."""
+        """Let the caller poll `interrupted` and stop its work itself during the block."""
         self._orderly = True
         try:
             yield
@@ -48,7 +48,7 @@ class InterruptGuard:
             raise KeyboardInterrupt
 
     def _on_signal(self, number: int, frame: FrameType | None) -> None:
-        again, self.interrupted = self.interrupted, True
-        if again or not self._orderly:
+        repeated, self.interrupted = self.interrupted, True
+        if repeated or not self._orderly:
             raise KeyboardInterrupt
         self._terminal.log("stopping cleanly; press Ctrl-C again to stop at once")

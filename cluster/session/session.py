@@ -15,7 +15,7 @@ from cluster.storage.home import Home
 from cluster.storage.run_folder import RunIdentity, RunStatus, Status
 from cluster.tracking import Mirror, Tracker, Views
 
-#: Where the UI answers if no other port is asked for.
+#: Default address of `bilevel ui`.
 UI_ADDRESS = "http://127.0.0.1:5000"
 
 
@@ -29,58 +29,58 @@ class Session:
     tracker: Tracker
     terminal: Terminal
     guard: InterruptGuard
-    #: Of a command that is to find the run's MLflow.
+    #: Options with which a suggested command finds the run's MLflow.
     tracking_options: str = ""
     #: Status of the run if it ends without an error.
     status: Status = "FINISHED"
 
-    def introduce(self, what: str) -> None:
+    def introduce(self, description: str) -> None:
         """Print a description of the run, its folder, and its MLflow address."""
-        self.terminal.log(what)
+        self.terminal.log(description)
         self.terminal.log(f"folder {self.folder}")
         self.terminal.log(f"MLflow {self.shown_at()}")
 
     def shown_at(self, key: str | None = None) -> str:
-        """Address at which MLflow shows the run with that key, or all runs of the task."""
+        """Return the address of a run in MLflow, by default of all runs of the task."""
         return shown_at(self.home, self.tracker, key)
 
     @contextlib.contextmanager
     def live(self, views: Views, target: int, resume_hint: str) -> Iterator[Mirror]:
-        """Within the block the run's status is RUNNING with `target`, and MLflow shows the views
-        that are marked as changed; at the end both record how the block ended.
+        """Set the run's status to RUNNING with `target`, and mirror views that are marked as
+        changed to MLflow, during the block. At the end both record how the block ended.
 
-        After Ctrl-C the message `resume_hint` says how to resume the run. If MLflow still lacks
-        some runs at the end, a message says how to write them.
+        After Ctrl-C a message contains `resume_hint`. If MLflow is incomplete at the end, a message
+        suggests how to write the missing runs.
         """
         self._set_status("RUNNING", target)
         mirror = Mirror(self.tracker, views.view, self.terminal.log)
-        mirror.mark(views.keys())  # an earlier process may not have shown all of them
-        ended_as: Status = "FAILED"
+        mirror.mark(views.keys())  # an earlier process may have missed some
+        result: Status = "FAILED"
         try:
             yield mirror
-            ended_as = self.status
+            result = self.status
         except StorageFailure:
-            ended_as = "KILLED"
+            result = "KILLED"
             raise
         except KeyboardInterrupt:
-            ended_as = "KILLED"
+            result = "KILLED"
             if not self.guard.explained:  # by a run within this one
                 self.guard.explained = True
                 self.terminal.log(f"interrupted; {resume_hint}")
             raise
         finally:
             with contextlib.suppress(StorageFailure):
-                self._set_status(ended_as, target)
+                self._set_status(result, target)
             mirror.mark(views.keys())
             missing = mirror.close()
             if missing:
                 name = f"{self.folder.parent.name}/{self.folder.name}"
                 sync = self.home.hint(f"sync {name}{self.tracking_options}{agent_options()}")
                 self.terminal.log(
-                    f"MLflow lacks the current state of {count(missing, 'run')}: once it is "
-                    f"reachable, {sync} writes what MLflow takes"
+                    f"MLflow lacks the current state of {count(missing, 'run')}: run {sync} once "
+                    "MLflow is reachable"
                 )
-            elif ended_as == "KILLED":
+            elif result == "KILLED":
                 self.terminal.log(f"MLflow {self.shown_at(self.identity.uuid)}")
 
     def _set_status(self, status: Status, target: int) -> None:
@@ -88,8 +88,8 @@ class Session:
 
 
 def shown_at(home: Home, tracker: Tracker, key: str | None = None) -> str:
-    """Address at which MLflow shows the run with that key, or all runs of the task; for a database,
-    also the command that serves it."""
+    """Return the address of a run in MLflow, by default of all runs of the task, and for the home's
+    database the command that serves it."""
     page = tracker.page(key)
     if tracker.server is not None:
         return without_password(tracker.server) + page

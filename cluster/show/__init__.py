@@ -1,1 +1,1 @@
-"""`bilevel show`: a picture of an SE, for whoever knows the task and not this project."""
+"""`bilevel show`: a picture of an SE next to the real task."""

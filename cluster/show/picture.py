@@ -1,4 +1,4 @@
-"""The picture of an SE."""
+"""The picture of an SE and of the real task."""
 
 from typing import Any
 
@@ -10,154 +10,137 @@ from matplotlib.colors import to_hex, to_rgb
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
-from numpy.typing import NDArray
 
+from bilevel.tasks.transitions import Transitions
 from cluster.pictures import BLUE, GREY, ORANGE
-from cluster.show.portrait import GRID, Episode, Portrait, TransitionField
+from cluster.show.portrait import GRID, Episode, Portrait
 
-#: Colours of actions, told apart also in grey.
+#: Colours of actions, which also differ in grey.
 _COLOURS = (BLUE, ORANGE, "#1d3b2a", "#b04a8b", "#f0d060")
-#: Marks of first states, and of the last ones that random steps have met.
+#: Marks of an episode's first state, and of the last state before an end.
 _START: dict[str, Any] = {"marker": "o", "ms": 5.5, "mfc": "none", "mec": "black"}
-_END: dict[str, Any] = {"marker": "x", "ms": 4.5, "mec": "black"}
-#: Entries of the legend in a line, at most.
-_COLUMNS = 6
-#: Every so manieth point of the grid has an arrow.
+_END: dict[str, Any] = {"marker": "x", "ms": 4.5, "mec": "black", "ls": "none"}
+#: Rows and columns of the grid per arrow.
 _EVERY = 5
-#: Differences below this do not show.
+#: Relative difference below which moves count as equal.
 _SAME = 1e-3
 
 
 def picture(portrait: Portrait, title: str) -> Figure:
-    """The SE above, the real task below, over the same two observations: what is rewarded, where it
-    goes next and where it ends, and episodes in which the action that the SE rewards most is
-    taken."""
+    """Draw the SE above the real task over two observations: rewards, transitions and ends, and
+    episodes with the actions that the SE rewards most."""
     figure = Figure(figsize=(12.5, 8), layout="constrained")
-    size = portrait.se.architecture.state_size
-    rest = ", the others at their means" if size > 2 else ""
-    which = "its observation (on both axes)" if size == 1 else f"two observations{rest}"
-    figure.suptitle(f"{title}, over {which}")
+    figure.suptitle(f"{title}; other observations have their means")
     panels = figure.subplots(2, 3, sharex=True, sharey=True)
-    (rewards, course, synthetic), (real_rewards, real_course, real) = panels
+    (rewards, transitions, synthetic), (real_rewards, real_transitions, real) = panels
     _rewards(rewards, portrait)
-    _course(course, portrait, portrait.transitions, "the SE")
-    _episodes(synthetic, portrait, portrait.synthetic)
-    synthetic.set_title("episodes on the SE", fontsize="medium")
+    _se_transitions(transitions, portrait)
+    _episodes(synthetic, portrait, portrait.synthetic, "episodes on the SE")
     _real_rewards(real_rewards, portrait)
-    _course(real_course, portrait, portrait.real_transitions, "the real task")
-    _episodes(real, portrait, portrait.real)
+    _real_transitions(real_transitions, portrait)
     mean = np.mean([episode.total for episode in portrait.real])
-    real.set_title(f"real episodes by the SE's rewards: return {mean:.1f}", fontsize="medium")
-    across, up = portrait.plane.names
-    for axes in panels[1]:
-        axes.set_xlabel(across)
-    for axes in panels[:, 0]:
-        axes.set_ylabel(up)
-    low, high = portrait.plane.axes[0][[0, -1]], portrait.plane.axes[1][[0, -1]]
-    rewards.set_xlim(*low)
-    rewards.set_ylim(*high)
-    colours = _colours(len(portrait.actions))
-    told: list[Artist] = [
-        Patch(color=colour, label=name)
-        for colour, name in zip(colours, portrait.actions, strict=True)
-    ]
-    told.append(Patch(color=GREY, label="whatever the action"))
-    told.append(Line2D([], [], **_START, ls="none", label="an episode's first state"))
-    real_steps = portrait.real_transitions
-    if real_steps.ends.any() and not real_steps.whole:
-        told.append(Line2D([], [], **_END, ls="none", label="where random steps ended an episode"))
-    figure.legend(
-        handles=told, loc="outside lower center", ncols=min(len(told), _COLUMNS), frameon=False
+    _episodes(
+        real, portrait, portrait.real, f"real episodes by the SE's rewards: return {mean:.1f}"
     )
+    rewards.set(xlim=portrait.axes[0][[0, -1]], ylim=portrait.axes[1][[0, -1]])
+    for axes in panels[1]:
+        axes.set_xlabel(portrait.names[0])
+    for axes in panels[:, 0]:
+        axes.set_ylabel(portrait.names[1])
+    colours = colours_of(len(portrait.actions))
+    handles: list[Artist] = [
+        *(Patch(color=c, label=n) for c, n in zip(colours, portrait.actions, strict=True)),
+        Patch(color=GREY, label="all actions"),
+        Line2D([], [], **_START, ls="none", label="an episode's first state"),
+    ]
+    figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
     return figure
 
 
-def _colours(actions: int) -> list[str]:
-    """A colour for each action."""
+def colours_of(actions: int) -> list[str]:
+    """Return a colour for each action."""
     if actions <= len(_COLOURS):
         return list(_COLOURS[:actions])
     return [to_hex(colour) for colour in colormaps["turbo"](np.linspace(0, 1, actions))]
 
 
-def _extent(portrait: Portrait) -> tuple[float, float, float, float]:
-    across, up = portrait.plane.axes
-    return float(across[0]), float(across[-1]), float(up[0]), float(up[-1])
-
-
 def _rewards(axes: Axes, portrait: Portrait) -> None:
-    """The action of the highest reward; the paler, the less it matters."""
-    rewards = portrait.fields[1].reshape(-1, GRID, GRID)
+    """Colour the action of the highest reward, paler for smaller differences."""
+    rewards = portrait.transitions.rewards.reshape(-1, GRID, GRID)
     ordered = np.sort(rewards, axis=0)
     margin = ordered[-1] - ordered[-2] if len(ordered) > 1 else np.ones_like(ordered[0])
     strength = 0.15 + 0.85 * margin / max(float(margin.max()), 1e-9)
-    colours = np.array([to_rgb(colour) for colour in _colours(len(rewards))])
-    shown = 1 - strength[..., None] * (1 - colours[rewards.argmax(axis=0)])
-    axes.imshow(shown, origin="lower", extent=_extent(portrait), aspect="auto")
+    colours = np.array([to_rgb(colour) for colour in colours_of(len(rewards))])
+    image = 1 - strength[..., None] * (1 - colours[rewards.argmax(axis=0)])
+    across, up = portrait.axes
+    extent = (float(across[0]), float(across[-1]), float(up[0]), float(up[-1]))
+    axes.imshow(image, origin="lower", extent=extent, aspect="auto")
     axes.set_title("the action that the SE rewards most (pale: by little)", fontsize="medium")
 
 
 def _real_rewards(axes: Axes, portrait: Portrait) -> None:
-    """The real task's rewards, averaged over the actions, or where random steps have met them, of
-    the actions that these took."""
-    found = portrait.real_transitions
-    if np.nanmax(found.rewards) - np.nanmin(found.rewards) < _SAME:
-        axes.set_facecolor("#e8e8ec")
-        told = f": {np.nanmax(found.rewards):g}, whatever the action"
+    """Draw the rewards of random steps, or state the only reward."""
+    real = portrait.real_transitions
+    title = "rewards of the real task"
+    if np.ptp(real.rewards) == 0:
+        title += f": always {real.rewards[0]:g}"
     else:
-        i, j = portrait.plane.indices
-        values = np.nanmean(found.rewards, axis=0)
-        shown = axes.scatter(found.states[:, i], found.states[:, j], c=values, s=9)
-        axes.figure.colorbar(shown, ax=axes, shrink=0.8, label="reward")
-        told = ", averaged over the actions" if found.whole else " for a random action"
-    axes.set_title(f"rewards of the real task{told}", fontsize="medium")
+        across, up = real.states[:, portrait.indices].T
+        points = axes.scatter(across, up, c=real.rewards, s=9)
+        axes.figure.colorbar(points, ax=axes, shrink=0.8, label="reward")
+    axes.set_title(title, fontsize="medium")
 
 
-def _course(axes: Axes, portrait: Portrait, found: TransitionField, what: str) -> None:
-    """Where states lead, an arrow for each action if these differ, and where episodes end."""
-    i, j = portrait.plane.indices
-    gaps = [float(axis[1] - axis[0]) * _EVERY for axis in portrait.plane.axes]
-    thin = found.grid(_EVERY) if found.whole else found
-    moves = (thin.following - thin.states)[..., [i, j]] / gaps  # (A, n, 2), in gaps between arrows
-    longest = float(np.nanpercentile(np.linalg.norm(moves, axis=-1), 98))
-    apart = float(np.nanmax(np.ptp(moves, axis=0))) if found.whole else np.inf
-    colours = _colours(len(moves))
-    actions = range(1) if apart < _SAME * longest else range(len(moves))
-    for action in actions:
+def _se_transitions(axes: Axes, portrait: Portrait) -> None:
+    """Draw arrows to the SE's next states on a coarse grid, and hatch where episodes end."""
+    coarse = portrait.states.reshape(GRID, GRID, -1)[_EVERY // 2 :: _EVERY, _EVERY // 2 :: _EVERY]
+    steps = portrait.answers(coarse.reshape(-1, coarse.shape[-1]))
+    moves = (steps.next_states - steps.states)[:, portrait.indices]
+    spread = np.ptp(moves.reshape(len(portrait.actions), -1, 2), axis=0).max()
+    equal = spread < _SAME * np.abs(moves).max()
+    _arrows(axes, portrait, steps, [GREY] if equal else colours_of(len(portrait.actions)))
+    ends = portrait.transitions.ends.reshape(-1, GRID, GRID).any(axis=0)
+    if ends.any():
+        axes.contourf(*portrait.axes, ends, levels=[0.5, np.inf], colors="none", hatches=["///"])
+    if ends.any() and not ends.all():
+        axes.contour(*portrait.axes, ends, levels=[0.5], colors="black", linewidths=1)
+    axes.set_title("transitions of the SE; hatched: episodes end", fontsize="medium")
+
+
+def _real_transitions(axes: Axes, portrait: Portrait) -> None:
+    """Draw arrows to the next states of random steps, and mark where episodes end."""
+    steps = portrait.real_transitions
+    _arrows(axes, portrait, steps, colours_of(len(portrait.actions)))
+    axes.plot(*steps.states[steps.ends > 0][:, portrait.indices].T, **_END)
+    title = "random steps on the real task; crosses: ends"
+    axes.set_title(title, fontsize="medium")
+
+
+def _arrows(axes: Axes, portrait: Portrait, steps: Transitions, colours: list[str]) -> None:
+    """Draw an arrow per transition in the colour of its action. The longest ones have the length
+    of a step of the coarse grid."""
+    steps_of_grid = np.array([axis[_EVERY] - axis[0] for axis in portrait.axes])
+    moves = (steps.next_states - steps.states)[:, portrait.indices] / steps_of_grid
+    longest = max(float(np.percentile(np.linalg.norm(moves, axis=1), 98)), 1e-9)
+    for action, colour in enumerate(colours):
+        rows = steps.actions == action
         axes.quiver(
-            *(thin.states[:, i], thin.states[:, j]),
-            *(moves[action] * gaps / max(longest, 1e-9)).T,
-            color=GREY if len(actions) == 1 else colours[action],
+            *steps.states[rows][:, portrait.indices].T,
+            *(moves[rows] * steps_of_grid / longest).T,
+            color=colour,
             angles="xy",
             scale_units="xy",
             scale=1,
             width=0.003,
         )
-    told = "hatched: it ends"
-    if found.whole:
-        _ends(axes, portrait, found.ends.any(axis=0).reshape(GRID, GRID))
-    else:
-        last = found.ends.any(axis=0)
-        axes.plot(found.states[last, i], found.states[last, j], **_END, ls="none")
-        told = f"{len(found.states)} random steps"
-    axes.set_title(f"where {what} goes next; {told}", fontsize="medium")
 
 
-def _ends(axes: Axes, portrait: Portrait, ends: NDArray[np.bool_]) -> None:
-    """Hatch the grid's states (GRID, GRID) in which an episode ends."""
-    across, up = portrait.plane.axes
-    if ends.any():
-        axes.contourf(across, up, ends, levels=[0.5, np.inf], colors="none", hatches=["///"])
-    if ends.any() and not ends.all():
-        axes.contour(across, up, ends, levels=[0.5], colors="black", linewidths=1)
-
-
-def _episodes(axes: Axes, portrait: Portrait, episodes: list[Episode]) -> None:
-    """Paths of episodes, each state in the colour of the action taken there."""
-    i, j = portrait.plane.indices
-    of_action = _colours(len(portrait.actions))
+def _episodes(axes: Axes, portrait: Portrait, episodes: list[Episode], title: str) -> None:
+    """Draw the paths of episodes, with each state in the colour of its action."""
+    colours = np.array(colours_of(len(portrait.actions)))
     for episode in episodes:
-        path = episode.states
-        axes.plot(path[:, i], path[:, j], color=GREY, lw=0.6, alpha=0.6)
-        colours = [of_action[action] for action in episode.actions]
-        axes.scatter(path[:-1, i], path[:-1, j], c=colours, s=6, zorder=3)
-        axes.plot(path[0, i], path[0, j], **_START, zorder=4)
+        path = episode.states[:, portrait.indices]
+        axes.plot(*path.T, color=GREY, lw=0.6, alpha=0.6)
+        axes.scatter(path[:-1, 0], path[:-1, 1], c=colours[episode.actions], s=6, zorder=3)
+        axes.plot(*path[0], **_START, zorder=4)
+    axes.set_title(title, fontsize="medium")

@@ -1,116 +1,83 @@
-"""The numbers behind a picture of an SE, beside those of the real task: fields over two of the
-observations, and episodes."""
+"""The numbers behind a picture of an SE and of the real task: transitions and episodes."""
 
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from bilevel.errors import InvalidInput
-from bilevel.kernels import dynamics
 from bilevel.kernels.synthetic_env import DONE
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
-from bilevel.tasks import Task
 from bilevel.tasks.names import action_names, observation_names, picture_axes
-from bilevel.tasks.task import RealEnv
 from bilevel.tasks.transitions import Transitions
 
 Floats = NDArray[np.float32]
 
-#: Points of the grid in each direction; half-width of the fields, in standard deviations of the
-#: observations; episodes.
-GRID, WIDTH, EPISODES = 61, 2.5, 10
-#: Steps of random actions that stand for the dynamics of a task which is not compiled.
-RANDOM_STEPS = 600
+#: Points of the grid in each direction, and its half-width in standard deviations.
+GRID, WIDTH = 61, 2.5
+#: Number of episodes, and of random steps on the real task.
+EPISODES, RANDOM_STEPS = 10, 600
 
-
-@dataclass(frozen=True)
-class Plane:
-    """Two observations of a task, the others being held at their means."""
-
-    indices: tuple[int, int]
-    names: tuple[str, str]
-    mean: Floats  # (S,)
-    deviation: Floats  # (S,)
-
-    @classmethod
-    def of(cls, task: Task) -> "Plane":
-        """The plane of a task, scaled by its observations under random actions."""
-        scale = task.observation_scale(derive(0, Purpose.OBSERVATIONS))
-        names = observation_names(task.id, task.state_size)
-        i, j = picture_axes(task.id, task.state_size)
-        return cls((i, j), (names[i], names[j]), scale.mean, scale.deviation)
-
-    @cached_property
-    def axes(self) -> tuple[Floats, Floats]:
-        """The values (GRID,) of both observations."""
-        steps = np.linspace(-WIDTH, WIDTH, GRID)
-        i, j = self.indices
-        across, up = (self.mean[k] + self.deviation[k] * steps for k in (i, j))
-        return across.astype(np.float32), up.astype(np.float32)
-
-    @property
-    def states(self) -> Floats:
-        """The observations (GRID * GRID, S), row by row."""
-        states = np.tile(self.mean, (GRID * GRID, 1))
-        across, up = np.meshgrid(*self.axes)
-        states[:, self.indices[0]], states[:, self.indices[1]] = across.ravel(), up.ravel()
-        return states
+#: Returns action, next state (S,), reward and end after a state (S,).
+Step = Callable[[Floats], tuple[int, Floats, float, bool]]
 
 
 @dataclass(frozen=True)
 class Episode:
-    """One episode: observations (T, S), actions (T,), and the return."""
+    """One episode."""
 
-    states: Floats
-    actions: NDArray[np.int64]
-    total: float
+    states: Floats  # (T + 1, S)
+    actions: NDArray[np.int64]  # (T,)
+    total: float  # return
 
-
-@dataclass(frozen=True)
-class TransitionField:
-    """What n states lead to: `following` (A, n, S), `rewards` (A, n) and `ends` (A, n), by action;
-    NaN, and no end, where an action was not tried."""
-
-    states: Floats  # (n, S)
-    following: Floats
-    rewards: Floats
-    ends: NDArray[np.bool_]
-
-    @property
-    def whole(self) -> bool:
-        """Whether every action was tried in every state."""
-        return not np.isnan(self.rewards).any()
-
-    def grid(self, every: int) -> "TransitionField":
-        """Of states on a grid (`Plane.states`), those of every so manieth row and column."""
-        chosen = np.zeros((GRID, GRID), bool)
-        chosen[every // 2 :: every, every // 2 :: every] = True
-        kept = chosen.ravel()
-        return TransitionField(
-            self.states[kept], self.following[:, kept], self.rewards[:, kept], self.ends[:, kept]
-        )
+    @classmethod
+    def of(cls, state: Floats, step: Step, limit: int) -> "Episode":
+        """Run an episode of at most `limit` steps from an initial state (S,)."""
+        states, total, over = [state], 0.0, False
+        actions: list[int] = []
+        while not over and len(actions) < limit:
+            action, state, reward, over = step(state)
+            states.append(state)
+            actions.append(action)
+            total += reward
+        return cls(np.stack(states), np.array(actions), total)
 
 
 @dataclass(frozen=True)
 class Portrait:
-    """An SE in numbers."""
+    """An SE in numbers, over two observations of its task."""
 
     se: StoredSE
-    plane: Plane
+    indices: tuple[int, int]  # of the two observations
+    axes: tuple[Floats, Floats]  # (GRID,) their values
+    states: Floats  # (GRID * GRID, S) row by row; other observations have their means
 
     @classmethod
     def of(cls, se: StoredSE) -> "Portrait":
-        """The portrait of an SE. Raises InvalidInput if gymnasium does not know its task, or for
-        parameters that are not finite."""
-        if not np.isfinite(se.se.psi).all():
-            raise InvalidInput("cannot draw the SE: some of its parameters are not finite")
-        return cls(se, Plane.of(se.task()))
+        """Scale the grid by observations under random actions. Raises InvalidInput if gymnasium
+        does not know the task."""
+        task = se.task()
+        scale = task.observation_scale(derive(0, Purpose.OBSERVATIONS))
+        i, j = picture_axes(task.id, task.state_size)
+        steps = np.linspace(-WIDTH, WIDTH, GRID)
+        across, up = (
+            (scale.mean[k] + scale.deviation[k] * steps).astype(np.float32) for k in (i, j)
+        )
+        states = np.tile(scale.mean, (GRID * GRID, 1))
+        states[:, i], states[:, j] = (axis.ravel() for axis in np.meshgrid(across, up))
+        return cls(se, (i, j), (across, up), states)
+
+    @property
+    def names(self) -> tuple[str, str]:
+        """Names of the two observations."""
+        names = observation_names(self.se.task_id, self.se.architecture.state_size)
+        return names[self.indices[0]], names[self.indices[1]]
 
     @cached_property
     def actions(self) -> tuple[str, ...]:
@@ -121,80 +88,62 @@ class Portrait:
     def _module(self) -> SEModule:
         return SEModule(self.se)
 
-    def answers(self, states: Floats) -> tuple[Floats, Floats, Floats]:
-        """Next states (A, n, S), rewards (A, n) and raw done (A, n) of states (n, S)."""
-        rows = torch.from_numpy(states)
-        found = [
-            self._module(rows, torch.full((len(states),), action))
-            for action in range(self.se.architecture.n_actions)
-        ]
-        following, rewards, dones = (
-            np.stack([o.numpy() for o in part]) for part in zip(*found, strict=True)
-        )
-        return following, rewards, dones
+    def answers(self, states: Floats) -> Transitions:
+        """Return the SE's transitions from states (n, S), action by action."""
+        actions = np.repeat(np.arange(len(self.actions)), len(states))
+        repeated = np.tile(states, (len(self.actions), 1))
+        outputs = self._module(torch.from_numpy(repeated), torch.from_numpy(actions))
+        following, rewards, dones = (output.numpy() for output in outputs)
+        return Transitions(repeated, actions, following, rewards, (dones > DONE).astype(np.float32))
 
     @cached_property
-    def fields(self) -> tuple[Floats, Floats, Floats]:
-        """The fields over the plane."""
-        return self.answers(self.plane.states)
+    def transitions(self) -> Transitions:
+        """The SE's transitions over the grid."""
+        return self.answers(self.states)
 
     @cached_property
-    def transitions(self) -> TransitionField:
-        """The SE's transitions over the plane."""
-        following, rewards, dones = self.fields
-        return TransitionField(self.plane.states, following, rewards, dones > DONE)
+    def real_transitions(self) -> Transitions:
+        """Random steps on the real task. They are drawn, and nothing learns from them."""
+        return Transitions.recorded(self.se.task(), RANDOM_STEPS, derive(0, Purpose.EVALUATION))
 
-    @cached_property
-    def real_transitions(self) -> TransitionField:
-        """The real task's transitions: over the plane if it is compiled, else those of
-        RANDOM_STEPS random actions. They are drawn, and nothing learns from them."""
-        task = self.se.task()
-        return _simulated(task, self.plane.states) if task.compiled else _met(task)
-
-    def rewarded(self, state: Floats) -> int:
-        """The action of the highest reward in a state (S,)."""
-        return int(self.answers(state[None])[1][:, 0].argmax())
+    def _rewarded(self, state: Floats) -> tuple[int, Floats, float, bool]:
+        """Take the action with the highest reward on the SE."""
+        answers = self.answers(state[None])
+        action = int(answers.rewards.argmax())
+        reward, end = float(answers.rewards[action]), bool(answers.ends[action])
+        return action, answers.next_states[action], reward, end
 
     @cached_property
     def synthetic(self) -> list[Episode]:
-        """Episodes on the SE, taking the action of the highest reward."""
-        rng = np.random.default_rng(derive(0, Purpose.EVALUATION))
-        task, found = self.se.task(), []
-        for physics in task.initial_physics(rng, EPISODES):
-            state, states, actions, total = task.observe(physics), [], [], 0.0
-            for _ in range(self.se.architecture.step_limit):
-                following, rewards, dones = self.answers(state[None])
-                action = int(rewards[:, 0].argmax())
-                states.append(state)
-                actions.append(action)
-                total += float(rewards[action, 0])
-                state = following[action, 0]
-                if dones[action, 0] > DONE:
-                    break
-            found.append(Episode(np.stack([*states, state]), np.array(actions), total))
-        return found
+        """Episodes on the SE with the actions that it rewards most."""
+        rng, task = np.random.default_rng(derive(0, Purpose.EVALUATION)), self.se.task()
+        starts = task.initial_physics(rng, EPISODES)
+        limit = self.se.architecture.step_limit
+        return [Episode.of(task.observe(start), self._rewarded, limit) for start in starts]
 
     @cached_property
     def real(self) -> list[Episode]:
-        """Episodes on the real task, taking the action that the SE rewards most."""
-        with closing(self.se.task().make()) as env:
-            return [self._real_episode(env, number) for number in range(EPISODES)]
+        """Episodes on the real task with the actions that the SE rewards most."""
+        task = self.se.task()
+        with closing(task.make()) as env:
+            first = env.action_space.start  # type: ignore[attr-defined]
 
-    def _real_episode(self, env: RealEnv, seed: int) -> Episode:
-        start = int(env.action_space.start)  # type: ignore[attr-defined]
-        state, _ = env.reset(seed=seed)
-        states, actions, total, over = [state], [], 0.0, False
-        while not over:
-            actions.append(self.rewarded(np.asarray(state, np.float32)))
-            state, reward, terminated, truncated, _ = env.step(np.int64(start + actions[-1]))
-            states.append(state)
-            total += float(reward)
-            over = terminated or truncated
-        return Episode(np.array(states, np.float32), np.array(actions), total)
+            def as_state(observation: Any) -> Floats:
+                return np.asarray(observation, np.float32)
+
+            def step(state: Floats) -> tuple[int, Floats, float, bool]:
+                action = self._rewarded(state)[0]
+                following, reward, terminated, truncated, _ = env.step(np.int64(first + action))
+                return action, as_state(following), float(reward), terminated or truncated
+
+            return [
+                Episode.of(as_state(env.reset(seed=seed)[0]), step, task.step_limit)
+                for seed in range(EPISODES)
+            ]
 
     @property
     def sentences(self) -> list[str]:
-        """The picture's content in sentences."""
+        """Description of the picture."""
         lengths = [len(episode.actions) for episode in self.synthetic]
         taken = np.concatenate([episode.actions for episode in self.synthetic])
         shares = ", ".join(
@@ -204,37 +153,7 @@ class Portrait:
         return [
             f"episodes on the SE last {np.mean(lengths):.0f} steps "
             f"({min(lengths)} to {max(lengths)})",
-            f"of the states that they visit, its rewards prefer {shares}",
+            f"in the states of these episodes, its rewards prefer {shares}",
             f"taking the action that it rewards most earns {np.mean(returns):.1f} on "
             f"{self.se.task_id} ({min(returns):.1f} to {max(returns):.1f} in {EPISODES} episodes)",
         ]
-
-
-def _simulated(task: Task, states: Floats) -> TransitionField:
-    """What a compiled task makes of every action in these states (n, S)."""
-    shape = task.n_actions, len(states)
-    found = TransitionField(
-        states,
-        np.empty((*shape, task.state_size), np.float32),
-        np.empty(shape, np.float32),
-        np.empty(shape, bool),
-    )
-    for action in range(task.n_actions):
-        for row, state in enumerate(states):
-            physics = task.physics(state)
-            reward, over = dynamics.step(task.dynamics, physics, action)
-            found.following[action, row] = task.observe(physics)
-            found.rewards[action, row], found.ends[action, row] = reward, over
-    return found
-
-
-def _met(task: Task) -> TransitionField:
-    """What random actions meet on the task; each state has one action that was tried."""
-    met = Transitions.recorded(task, RANDOM_STEPS, derive(0, Purpose.EVALUATION))
-    tried = met.actions == np.arange(task.n_actions)[:, None]  # (A, n)
-    return TransitionField(
-        met.states,
-        np.where(tried[..., None], met.next_states, np.float32(np.nan)),
-        np.where(tried, met.rewards, np.float32(np.nan)),
-        tried & (met.ends > 0),
-    )

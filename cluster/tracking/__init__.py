@@ -1,4 +1,4 @@
-"""Tracking in MLflow; only the driver writes to it."""
+"""Tracking in MLflow. Only the driver writes to it."""
 
 from cluster.tracking.mirror import Mirror
 from cluster.tracking.tracker import Tracker

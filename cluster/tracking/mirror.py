@@ -1,139 +1,138 @@
 """Keeps MLflow up to date with the disk, in its own thread.
 
-The disk is the truth and MLflow a view of it. A running study only marks changed runs; if MLflow is
-unreachable, the marks wait while the study continues.
+The disk is the truth. A running study marks runs that have changed, and appends the points of new
+generations; neither waits for MLflow. While MLflow is unreachable, the study continues, and the
+runs are read from disk afterwards.
 """
 
 import threading
 import time
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 
 from bilevel.errors import first_line
 from cluster.storage.author import without_password
-from cluster.tracking.tracker import Tracker
-from cluster.tracking.view import DocumentFailed, RunView
+from cluster.tracking.tracker import Incomplete, Tracker
+from cluster.tracking.view import Point, RunView
 
-#: First and longest delay in seconds before MLflow is tried again; the delay doubles each time.
+#: First and longest delay in seconds between attempts to reach MLflow; the delay doubles.
 _FIRST_RETRY, _LAST_RETRY = 1.0, 30.0
-
-#: Seconds that the end of a run waits for MLflow to catch up: if it answers, and if not.
-_PATIENCE, _PATIENCE_AWAY = 120.0, 10.0
 
 
 class Mirror:
-    """Writes the runs whose keys are marked to MLflow.
+    """Writes runs to MLflow, in the order in which they change.
 
-    `view_of` builds a key's view from disk, in the mirror's thread. `log` gets a line when MLflow
-    becomes unreachable or reachable again. A run that MLflow does not take while it takes others
-    is left out, with a line, until it is marked again.
+    `view_of` builds the complete view of a run from disk, in the mirror's thread. `log` gets a line
+    when MLflow becomes unreachable or reachable again, and for runs that stay incomplete.
+    `timeouts` limit the wait in `close`, in seconds: if MLflow answers, and if it is unreachable.
     """
 
     def __init__(
-        self, tracker: Tracker, view_of: Callable[[str], RunView], log: Callable[[str], None]
+        self,
+        tracker: Tracker,
+        view_of: Callable[[str], RunView],
+        log: Callable[[str], None],
+        timeouts: tuple[float, float] = (120.0, 10.0),
     ) -> None:
         self.tracker = tracker
         self._view_of = view_of
         self._log = log
-        self._marked: dict[str, None] = {}  # ordered: parents are marked before children
-        self._change = threading.Condition()
-        self._showing: set[str] = set()
-        self._closing = False
-        self._away = False
-        self._given_up = False
-        self._shows = 0  # that MLflow has taken so far
-        self._failed: dict[str, int] = {}  # runs that it has not taken, and shows until then
-        self._refused: set[str] = set()  # those of them that are not tried again by themselves
-        self._told: set[str] = set()
+        self._timeouts = timeouts
+        self._logged: set[str] = set()
+        #: New points by key, in order; None for a complete view.
+        self._pending: dict[str, list[Point] | None] = {}
+        self._writing: set[str] = set()
+        self._incomplete: set[str] = set()
+        self._changed = threading.Condition()
+        self._closing = self._timed_out = self._unreachable = False
         self._thread = threading.Thread(target=self._run, name="mirror", daemon=True)
         self._thread.start()
 
     def mark(self, keys: Iterable[str]) -> None:
-        """Mark runs that have changed on disk."""
-        with self._change:
-            self._marked.update(dict.fromkeys(keys))
-            self._change.notify()
+        """Show runs completely, from their files."""
+        with self._changed:
+            self._pending.update(dict.fromkeys(keys))
+            self._changed.notify()
+
+    def append(self, key: str, points: Sequence[Point]) -> None:
+        """Add points to a run. Its files are read only if MLflow may lack more than these."""
+        with self._changed:
+            waiting = self._pending.setdefault(key, None if self._unreachable else [])
+            if waiting is not None:
+                waiting.extend(points)
+            self._changed.notify()
 
     def close(self) -> int:
-        """Write the marked runs and end; return the number of runs that could not be written."""
-        with self._change:
+        """Write all changes and end; return the number of runs that MLflow lacks in part."""
+        with self._changed:
             self._closing = True
-            self._change.notify()
-        begun = time.monotonic()
-        while self._thread.is_alive():
-            patience = _PATIENCE_AWAY if self._away else _PATIENCE
-            if time.monotonic() - begun > patience:
-                self._given_up = True
-                break
+            self._changed.notify()
+        started = time.monotonic()
+        while self._thread.is_alive() and not self._timed_out:
             self._thread.join(0.1)
-        return len({*self._marked, *self._showing, *self._refused})
+            waited = time.monotonic() - started
+            self._timed_out = waited > self._timeouts[self._unreachable]
+        return len(self.waiting | self._incomplete)
+
+    @property
+    def waiting(self) -> set[str]:
+        """Keys of the runs with changes that are not written yet."""
+        with self._changed:
+            return {*self._pending, *self._writing}
 
     def _run(self) -> None:
-        retry = _FIRST_RETRY
+        delay = _FIRST_RETRY
         while True:
-            with self._change:
-                self._change.wait_for(lambda: self._marked or self._closing)
-                keys = list(self._marked)
-            if not keys or self._given_up:
-                return
+            with self._changed:
+                self._changed.wait_for(lambda: self._pending or self._closing)
+                if not self._pending or self._timed_out:
+                    return
+                key = next(iter(self._pending))
+                points = self._pending.pop(key)
+                self._writing = {key}
             try:
-                for key in keys:
-                    self._show(key)
+                self._write(key, points)
             except Exception as error:  # whatever MLflow raises, the study continues
-                self.tracker.forget()
-                if not self._away:
-                    self._away = True
-                    self._log(
-                        f"MLflow at {without_password(self.tracker.uri)} is unreachable "
-                        f"({without_password(first_line(error))}): the "
-                        "run continues, and missing data is written once MLflow is back"
-                    )
-                with self._change:
-                    if self._change.wait_for(lambda: self._closing, retry):
-                        time.sleep(_FIRST_RETRY)
-                retry = min(2 * retry, _LAST_RETRY)
+                self._retry_later(key, error, delay)
+                delay = min(2 * delay, _LAST_RETRY)
             else:
-                retry = _FIRST_RETRY
+                delay = _FIRST_RETRY
+                self._writing = set()
 
-    def _show(self, key: str) -> None:
-        with self._change:
-            self._marked.pop(key, None)  # a mark set while it is being shown counts again
-            self._showing = {key}
-        try:
-            view = self._view_of(key)
-        except Exception as error:  # an error of the disk, not of MLflow: skip this run
-            self._log_once(f"{first_line(error)}; MLflow does not show it")
-            self._showing = set()
+    def _write(self, key: str, points: list[Point] | None) -> None:
+        if points is not None and self.tracker.append(key, points):
             return
         try:
+            view = self._view_of(key)
+        except Exception as error:  # a damaged file, not MLflow
+            self._log_once(f"{first_line(error)}; MLflow does not show this run")
+            return
+        self._incomplete.discard(key)
+        try:
             self.tracker.show(view)
-        except DocumentFailed as error:
-            self._log_once(f"{view.name}: MLflow lacks {error}")
-        except Exception as error:
-            before = self._failed.get(key)
-            self._failed[key] = self._shows
-            if before is not None and before < self._shows:
-                # MLflow took others meanwhile: it is this one that it does not take.
-                told = without_password(first_line(error))
-                self._log_once(f"{view.name}: MLflow does not take the run ({told})")
-                self._showing = set()
-                self._refused.add(key)
-                self.tracker.forget()
-                return
-            with self._change:
-                if before is None:
-                    self._marked = {key: None, **self._marked}  # before its children
-                else:
-                    self._marked[key] = None  # after all others, to see whether MLflow takes them
-            raise
-        self._shows += 1
-        self._failed.pop(key, None)
-        self._refused.discard(key)
-        self._showing = set()
-        if self._away and not self._given_up:
-            self._away = False
+        except Incomplete as error:
+            self._incomplete.add(key)
+            self._log_once(str(error))
+        if self._unreachable and not self._timed_out:
+            self._unreachable = False
             self._log("MLflow is reachable again and catches up")
 
+    def _retry_later(self, key: str, error: Exception, delay: float) -> None:
+        """Wait, then show this run and all waiting ones completely."""
+        self.tracker.forget()
+        if not self._unreachable:
+            self._log(
+                f"MLflow at {without_password(self.tracker.uri)} is unreachable "
+                f"({without_password(first_line(error))}): the run continues, and missing data is "
+                "written once MLflow is back"
+            )
+        with self._changed:
+            self._unreachable = True
+            self._pending = dict.fromkeys([key, *self._pending])  # parents stay before children
+            closing = self._changed.wait_for(lambda: self._closing, delay)
+        if closing:
+            time.sleep(_FIRST_RETRY)
+
     def _log_once(self, line: str) -> None:
-        if line not in self._told:
-            self._told.add(line)
+        if line not in self._logged:
+            self._logged.add(line)
             self._log(line)

@@ -1,4 +1,4 @@
-"""MLflow's loader of a registered SE: reads its safetensors file, without pickle."""
+"""Loader of registered SEs for MLflow. It reads a safetensors file and no pickle."""
 
 from pathlib import Path
 
@@ -13,7 +13,7 @@ from bilevel.tasks import checked_action
 
 
 class SEModel:
-    """Predicts transitions of a table with the columns `action`, `state_0`, ..."""
+    """Predicts the transitions in a table with the columns `action`, `state_0`, ..."""
 
     def __init__(self, path: Path) -> None:
         self.se = load_se(path)

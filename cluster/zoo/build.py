@@ -6,7 +6,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 
 from bilevel.durable import write_aside
-from bilevel.hyperparameters import default_agents, load_recipe
+from bilevel.hyperparameters import default_agents
+from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
 from bilevel.zoo import Card, Entry, Taught

@@ -9,7 +9,7 @@ from benchmarks.machine import NotMeasured, read_result, write_result
 from benchmarks.search.comparison import method_rows, methods, p_value
 from benchmarks.search.recipes import RECIPES, TASKS, p_values, quality
 from benchmarks.search.studies import committed, cost, overrun
-from bilevel.hyperparameters import load_recipe
+from bilevel.recipes import load_recipe
 from cluster.bohb.study.journal import ResultLine
 from cluster.bohb.study.profiles import METHODS
 from search_spaces.translation import of_hyperparameters

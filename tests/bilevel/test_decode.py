@@ -1,4 +1,4 @@
-"""Values of another form than expected are refused in one line."""
+"""Decoding of JSON values, and one-line messages for invalid ones."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,14 +17,14 @@ class Point:
     count: int = 0
 
 
-def test_lists_are_tuples_and_ints_are_floats() -> None:
+def test_lists_become_tuples_and_ints_become_floats() -> None:
     point = decode(Point, {"name": "a", "at": [1, float("-inf")]}, "point")
     assert point == Point("a", (1.0, float("-inf")))
     assert isinstance(point.at[0], float)
 
 
 @pytest.mark.parametrize(
-    ("changes", "told"),
+    ("changes", "message"),
     [
         ({"name": None}, "point: name: must be a valid string; got None"),
         ({"at": [1, True]}, "point: at[1]: must be a valid number; got True"),
@@ -35,14 +35,14 @@ def test_lists_are_tuples_and_ints_are_floats() -> None:
         ({"name": 3 * [100 * "x"]}, f"point: name: must be a valid string; got ['{78 * 'x'}..."),
     ],
 )
-def test_what_is_wrong_is_told(changes: dict[str, Any], told: str) -> None:
+def test_the_message_contains_field_rule_and_value(changes: dict[str, Any], message: str) -> None:
     with pytest.raises(InvalidInput) as caught:
         decode(Point, {"name": "a", "at": [], **changes}, "point")
-    assert str(caught.value) == told
+    assert str(caught.value) == message
 
 
 @pytest.mark.parametrize("value", [None, [], 7, {}, object(), {"name": {1: object()}}])
-def test_other_values_are_refused(value: object) -> None:
+def test_values_that_are_not_objects(value: object) -> None:
     with pytest.raises(InvalidInput, match=r"^point: [^\n]+$"):
         decode(Point, value, "point")
 
@@ -50,14 +50,11 @@ def test_other_values_are_refused(value: object) -> None:
 @pytest.mark.parametrize(
     "text", [b"", b"\xff", b"{", b"nonsense", b"[" * 100_000, b'{"name": "\n"}']
 )
-def test_other_texts_are_refused(text: bytes, tmp_path: Path) -> None:
+def test_text_that_is_not_json(text: bytes, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"^point: Invalid JSON: [^\n]+$"):
         decode_json(Point, text, "point")
     (tmp_path / "file").write_bytes(text)
     with pytest.raises(InvalidInput, match=r"^damaged '.*file': [^\n]+$"):
         decode_file(Point, tmp_path / "file")
-
-
-def test_a_file_that_cannot_be_read(tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match=r"cannot read '.*none': No such file"):
         decode_file(Point, tmp_path / "none")

@@ -25,18 +25,18 @@ from tests.faults.stage import WITHOUT_VIEWS
 
 @pytest.fixture(scope="session", autouse=True)
 def ray_folder() -> Iterator[None]:
-    """A folder of this process's own for Ray, in which it notes the cluster that began last: that
-    is the one which a submitted job joins."""
+    """Give this process its own folder for Ray, in which Ray records the latest cluster. The path
+    is short because paths of sockets are limited."""
     short = tempfile.TemporaryDirectory(prefix="ray-", dir="/tmp", ignore_cleanup_errors=True)
-    with short as folder, environment_kept("RAY_TMPDIR"):  # paths of sockets may not be long
+    with short as folder, environment_kept("RAY_TMPDIR"):
         os.environ["RAY_TMPDIR"] = folder
         yield
 
 
 @pytest.fixture(scope="session")
 def address() -> Iterator[str]:
-    """Address of a Ray cluster of two cores, which commands join where it does not matter whether
-    they start one of their own: each start takes both cores some seconds."""
+    """Address of a Ray cluster of two cores that all tests share. Starting a cluster for each
+    command would keep both cores busy for seconds."""
     cluster = Cluster(initialize_head=True, head_node_args={"num_cpus": 2, **WITHOUT_VIEWS})
     yield cluster.address
     cluster.shutdown()
@@ -44,17 +44,17 @@ def address() -> Iterator[str]:
 
 @pytest.fixture(scope="module")
 def joined_ray(address: str) -> Iterator[None]:
-    """This process as a driver of that cluster."""
+    """Connect this process to the shared cluster."""
     before = _of_ray()
     with ray_cluster(address):
         yield
     assert not ray.is_initialized()
-    assert _of_ray() == before  # processes started later must not inherit Ray's variables
+    assert _of_ray() == before  # child processes must not inherit Ray's variables
 
 
 @pytest.fixture(scope="session")
 def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """MLflow's database without a run: a copy is there at once, a new one takes seconds."""
+    """MLflow's database without runs. Copying it saves the seconds of creating one."""
     path = tmp_path_factory.mktemp("database") / "mlflow.db"
     with database_ready(f"sqlite:///{path}"):
         return path
@@ -62,7 +62,7 @@ def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture
 def tmp_home(tmp_path: Path, database: Path) -> Path:
-    """A home in which nothing has been run."""
+    """A home without runs."""
     shutil.copy(database, tmp_path)
     return tmp_path
 
@@ -77,7 +77,7 @@ def client(home: Path) -> mlflow.MlflowClient:
 
 
 def untimed(state: NESState) -> list[dict[str, Any]]:
-    """A run's records without the measured times."""
+    """Return a run's records without measured times."""
     return [
         {name: value for name, value in asdict(record).items() if name not in TIMES}
         for record in state.records
@@ -87,7 +87,7 @@ def untimed(state: NESState) -> list[dict[str, Any]]:
 def run_until(line: str, *args: str | Path) -> subprocess.Popen[str]:
     """Start the console script and return it once it has printed a line that contains `line`.
 
-    It runs in its own session, so that signals reach all its processes as from a terminal.
+    It runs in its own session, so that tests can signal all its processes like a terminal does.
     """
     process = subprocess.Popen(
         [BILEVEL, *map(str, args)], stdout=subprocess.PIPE, text=True, start_new_session=True

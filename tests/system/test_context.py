@@ -13,53 +13,73 @@ from cluster.ray.connection import Capacity, sharing
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext
 from cluster.storage.home import Home
+from tests.commands import run_bilevel, start_bilevel
+from tests.mlflow_shown import disagreements
 
 pytestmark = pytest.mark.timeout(120)
 
 
-def test_termination_stops_it_as_ctrl_c_does(tmp_path: Path, address: str) -> None:
+def test_sigterm_leaves_the_cluster_like_ctrl_c(tmp_path: Path, address: str) -> None:
     home = Home(tmp_path / "home")
 
     def terminated() -> None:
         with RunContext(home, home.database_uri, address).connected():
-            with sharing():  # a second run
-                capacity = Capacity.of_cluster()
-                assert capacity.runs == 2
-                assert capacity.fair_share(1) == max(capacity.cores // 2, 1)
             os.kill(os.getpid(), signal.SIGTERM)
             time.sleep(10)
 
     with pytest.raises(KeyboardInterrupt):
         terminated()
     assert not ray.is_initialized()
-    assert not home.folder.exists()  # nothing was run
+    assert not home.folder.exists()
 
 
-def test_more_trials_than_cores_wait_for_cores_that_join(
+def test_trials_wait_for_cores_of_a_joined_cluster(
     tmp_path: Path, address: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """On a cluster that a command joins, which an autoscaler may enlarge; one trial must fit."""
+    """Its autoscaler may add nodes. A single trial must fit into the current nodes."""
     home = Home(tmp_path / "home")
     context = RunContext(home, home.database_uri, address)
     with context.connected(1, 9):
         assert Capacity.of_cluster().cores == 2
-    assert "9 cores are asked for, the cluster has 2: trials wait" in capsys.readouterr().out
+    assert "9 cores requested, but the cluster has 2" in capsys.readouterr().out
     with pytest.raises(InvalidInput, match="need 9 cores"), context.connected(9):
         pass
 
 
-def test_runs_share_the_cores_equally(joined_ray: None) -> None:
+@pytest.mark.usefixtures("joined_ray")
+def test_runs_share_the_cores_equally() -> None:
     def fair_share() -> int:
         return Capacity.of_cluster().fair_share(1)
 
-    cores = Capacity.of_cluster().cores
     with sharing():
-        assert fair_share() == cores
+        assert fair_share() == 2
         with sharing():
-            assert fair_share() == max(cores // 2, 1)
+            assert fair_share() == 1
             with EvaluationPool.on_cluster(None) as pool:
-                assert pool.size == max(cores // 2, 1)
+                assert pool.size == 1
         deadline = time.monotonic() + 90
-        while fair_share() != cores:
+        while fair_share() != 2:
             assert time.monotonic() < deadline
             time.sleep(0.1)
+
+
+def test_two_commands_at_once_share_cluster_and_home(
+    tmp_home: Path, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They join the cluster that RAY_ADDRESS names."""
+    monkeypatch.setenv("RAY_ADDRESS", address)
+    small = (
+        *("nes", "CartPole-v0", "--population", "2", "--generations", "1", "--workers", "1"),
+        *("--set", "nes.start_candidates=2", "--set", "ddqn.max_episodes=13"),
+        *("--set", "se.step_limit=20", "--set", "nes.centre_agents=2", "--home", str(tmp_home)),
+    )
+    names = ("one", "two")
+    running = [start_bilevel([*small, "--name", name], tmp_home / f"{name}.log") for name in names]
+    for process in running:
+        process.join(100)
+    outputs = [(tmp_home / f"{name}.log").read_text() for name in names]
+    assert [process.exitcode for process in running] == [0, 0], outputs
+    assert run_bilevel("runs", "--home", tmp_home).stdout.count("finished") == 2
+    home = Home(tmp_home)
+    for name in names:
+        assert disagreements(home.run_folder("CartPole-v0", name), home.database_uri) == []

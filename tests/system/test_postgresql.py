@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 from cluster.catalog.sync import sync
-from cluster.services.ports import free_port
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
+from tests.commands import free_port
 from tests.mlflow_shown import Server, disagreements
 from tests.studies import make_study
 
@@ -30,8 +30,8 @@ pytestmark = [
 
 @pytest.fixture
 def postgresql(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
-    """Address of an empty database in its own server. PostgreSQL refuses to run as root, so root
-    runs it as nobody."""
+    """Address of an empty database in a new server. PostgreSQL does not run as root, so root starts
+    it as another user."""
     folder = tmp_path_factory.mktemp("postgresql")
     data, port = folder / "data", free_port()
     as_user: list[str] = []
@@ -62,7 +62,7 @@ def test_a_study_is_tracked_in_postgresql(postgresql: str, tmp_path: Path) -> No
     folder = home.run_folder("CartPole-v0", "made")
     make_study(folder, fail=(1,))
     with Server(tmp_path / "server", postgresql) as server:
-        for _ in range(2):  # the second time there is nothing to add
+        for _ in range(2):  # the second call adds nothing
             sync(folder, home, server.uri, Terminal())
             assert disagreements(folder, server.uri) == []
     assert any((tmp_path / "server" / "artifacts").rglob("best_se.safetensors"))

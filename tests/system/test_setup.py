@@ -1,4 +1,4 @@
-"""The virtual environment that `make` sets up."""
+"""The virtual environment that `make setup` creates."""
 
 import subprocess
 import sys
@@ -8,11 +8,11 @@ from shutil import copy
 from tests.documents import ROOT
 
 
-def test_an_interrupted_set_up_is_made_anew(tmp_path: Path) -> None:
-    """Ctrl-C in the first seconds leaves a Python without pip."""
+def test_setup_repairs_an_interrupted_setup(tmp_path: Path) -> None:
+    """An interruption in the first seconds leaves a Python without pip."""
     copy(ROOT / "Makefile", tmp_path)
     (tmp_path / "pyproject.toml").touch()
-    (tmp_path / "constraints.txt").touch()  # nothing to install: `make` ends after the first step
+    (tmp_path / "constraints.txt").touch()  # nothing to install: `make` fails after the first step
     half = tmp_path / ".venv"
     subprocess.run([sys.executable, "-m", "venv", "--without-pip", half], check=True)
     pip = [str(half / "bin" / "python"), "-m", "pip", "--version"]

@@ -1,29 +1,23 @@
-"""MLflow is a view of the disk: it may be unreachable, locked, empty or out of date."""
+"""MLflow mirrors the disk, also if it was unreachable, locked, empty or out of date."""
 
 import json
 import re
 import shutil
-import signal
 import sqlite3
 import subprocess
 import sys
-import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import mlflow
 import numpy as np
 import pytest
-from mlflow.store.tracking.dbmodels.models import SqlExperimentTag
-from sqlalchemy import event
-from sqlalchemy.orm import Session
 
 from bilevel import InvalidInput
-from bilevel.nes.checkpoint import save_state
 from bilevel.synthetic_env import SE, load_se
+from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import Journal
 from cluster.bohb.view import StudyViews
@@ -34,11 +28,9 @@ from cluster.session.context import RunContext
 from cluster.session.session import shown_at
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
-from cluster.storage.run_folder import BEST_FILE, RunIdentity, held
-from cluster.tracking import Mirror, Tracker
-from cluster.tracking.connection import _IMPORT
+from cluster.storage.run_folder import BEST_FILE, held
+from cluster.tracking import Document, Mirror, RunView, Tracker
 from cluster.tracking.tracker import KEY
-from cluster.tracking.view import Document, RunView
 from tests.mlflow_shown import Server, disagreements
 from tests.studies import make_study
 
@@ -46,21 +38,16 @@ pytestmark = pytest.mark.timeout(120)
 
 
 @pytest.fixture
-def new_home(tmp_path: Path) -> Home:
-    """A home without a database."""
+def home(tmp_path: Path, database: Path) -> Home:
     home = Home(tmp_path / "home")
     home.prepare()
+    shutil.copy(database, home.folder)
     return home
 
 
 @pytest.fixture
-def home(new_home: Home, database: Path) -> Home:
-    shutil.copy(database, new_home.folder)
-    return new_home
-
-
-@pytest.fixture
 def folder(home: Home) -> Path:
+    """Folder of a finished study with a failed job."""
     folder = home.run_folder("CartPole-v0", "made")
     make_study(folder, fail=(1,))
     return folder
@@ -68,62 +55,71 @@ def folder(home: Home) -> Path:
 
 @pytest.fixture(scope="module")
 def server(tmp_path_factory: pytest.TempPathFactory, database: Path) -> Iterator[Server]:
-    """A server that each test leaves running; every study has its own identity."""
+    """A server for all tests, which leave it running. Every study has its own UUID."""
     with Server(tmp_path_factory.mktemp("server"), empty=database) as server:
         yield server
 
 
-def test_another_database_is_told_by_its_name(
+def client_of(home: Home) -> mlflow.MlflowClient:
+    return mlflow.MlflowClient(home.database_uri, registry_uri=home.database_uri)
+
+
+def mirror_of(
+    folder: Path, uri: str, log: Callable[[str], None], unreachable: float = 10.0
+) -> tuple[Mirror, list[str]]:
+    """A mirror of a study, and the keys of its runs."""
+    views = StudyViews.of(folder)
+    tracker = Tracker(uri, "CartPole-v0", folder.parents[1] / "artifacts")
+    return Mirror(tracker, views.view, log, (120.0, unreachable)), views.keys()
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline, "timeout"
+        time.sleep(0.05)
+
+
+def test_the_address_of_a_database_outside_of_the_home_is_its_uri(
     home: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """A relative one lies in the current folder; `bilevel ui` would show the home's instead."""
+    """`bilevel ui` would show the home's database instead."""
     monkeypatch.chdir(tmp_path)
     tracker = Tracker("sqlite:///mine.db", "CartPole-v0", home.artifacts)
     assert (tmp_path / "mine.db").exists()
     assert shown_at(home, tracker) == f"sqlite:///mine.db, experiment {tracker.experiment_id}"
     tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
-    told = shown_at(home, tracker)
-    assert told.startswith(f"http://127.0.0.1:5000/#/experiments/{tracker.experiment_id}/runs?")
-    assert "ui" in told
-
-
-def until(true: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 60
-    while not true():
-        assert time.monotonic() < deadline, "it does not come about"
-        time.sleep(0.05)
+    page = f"http://127.0.0.1:5000/#/experiments/{tracker.experiment_id}/runs?"
+    assert shown_at(home, tracker).startswith(page)
 
 
 def test_sync_rebuilds_a_study_in_an_empty_database(home: Home, folder: Path) -> None:
-    sync(folder, home, home.database_uri, Terminal())
-    assert disagreements(folder, home.database_uri) == []
-    client = mlflow.MlflowClient(home.database_uri, registry_uri=home.database_uri)
+    for _ in range(2):  # the second call changes nothing
+        sync(folder, home, home.database_uri, Terminal())
+        assert disagreements(folder, home.database_uri) == []
+    client = client_of(home)
+    assert len(client.search_model_versions("name = 'SE-CartPole-v0'")) == 1
     best = client.get_model_version_by_alias("SE-CartPole-v0", "best")
-    (failed,) = client.search_runs(["1"], "attributes.status = 'FAILED'")
-    assert failed.data.tags["bilevel.error"] == "ValueError: made to fail"
     (parent,) = client.search_runs(["1"], "tags.`bilevel.kind` = 'study'")
     assert best.run_id == parent.info.run_id
+    (failed,) = client.search_runs(["1"], "attributes.status = 'FAILED'")
+    assert failed.data.tags["bilevel.error"] == "ValueError: made to fail"
+    assert failed.data.tags["mlflow.parentRunId"] == parent.info.run_id
 
-    sync(folder, home, home.database_uri, Terminal())  # once more: nothing is there twice
-    assert disagreements(folder, home.database_uri) == []
-    assert len(client.search_model_versions("name = 'SE-CartPole-v0'")) == 1
 
-
-def test_the_first_runs_of_a_home_may_start_at_once(new_home: Home) -> None:
-    """MLflow creates the tables of a new database without a lock; two at once would fail."""
-    go = new_home.folder / "go"
+def test_four_runs_may_start_at_once_in_a_new_home(tmp_path: Path) -> None:
+    """MLflow creates the tables of a new database without a lock."""
+    go = tmp_path / "go"
     code = (
-        "import pathlib, sys, time, mlflow.store.tracking.sqlalchemy_store;"
+        "import pathlib, sys, time, mlflow;"
         "from cluster.storage.home import Home; from cluster.tracking import Tracker;"
-        "home = Home(pathlib.Path(sys.argv[1])); print('ready', flush=True);"
-        "[time.sleep(0.001) for _ in iter((home.folder / 'go').exists, True)];"
+        "home = Home(pathlib.Path(sys.argv[1]) / 'home'); print('ready', flush=True);"
+        "[time.sleep(0.001) for _ in iter(pathlib.Path(sys.argv[1], 'go').exists, True)];"
         "Tracker(home.database_uri, 'CartPole-v0', home.artifacts)"
     )
-    command = [sys.executable, "-W", "ignore", "-c", code, str(new_home.folder)]
-    processes = [
-        subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-        for _ in range(2)
-    ]
+    command = [sys.executable, "-W", "ignore", "-c", code, str(tmp_path)]
+    pipe = subprocess.PIPE
+    processes = [subprocess.Popen(command, stdout=pipe, stderr=pipe, text=True) for _ in range(4)]
     for process in processes:
         assert process.stdout is not None
         assert process.stdout.readline() == "ready\n"
@@ -133,203 +129,121 @@ def test_the_first_runs_of_a_home_may_start_at_once(new_home: Home) -> None:
         assert process.returncode == 0, errors
 
 
-def test_two_first_runs_may_describe_an_experiment_at_once(home: Home) -> None:
-    """MLflow looks whether a tag is there and then adds it: another may have added it between."""
-    there = {"selectedColumns": ["params.`theirs`"]}
-
-    def add_first(session: Session, *_: object) -> None:
-        for tag in session.new:
-            if isinstance(tag, SqlExperimentTag) and tag.key.startswith("mlflow.sharedViewState"):
-                row = (tag.key, json.dumps(there), tag.experiment_id)
-                with closing(sqlite3.connect(home.database)) as database, database:
-                    database.execute(
-                        "INSERT INTO experiment_tags (key, value, experiment_id) VALUES (?, ?, ?)",
-                        row,
-                    )
-
-    event.listen(Session, "before_flush", add_first)
-    try:
-        tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
-    finally:
-        event.remove(Session, "before_flush", add_first)
-    tags = mlflow.MlflowClient(home.database_uri).get_experiment(tracker.experiment_id).tags
-    (view,) = [json.loads(tags[key]) for key in tags if key.startswith("mlflow.sharedViewState")]
-    assert view["selectedColumns"][0] == "params.`theirs`"
-    assert "metrics.`objective`" in view["selectedColumns"]
-
-
-def test_whoever_uses_mlflow_waits_until_it_is_imported(new_home: Home) -> None:
-    """A command that joins a cluster may need MLflow while a thread still imports it: two imports
-    at once see incomplete modules of SQLAlchemy."""
-    arguments = new_home.database_uri, "CartPole-v0", new_home.artifacts
-    user = threading.Thread(target=Tracker, args=arguments)
-    with _IMPORT:  # as the importing thread holds it
-        user.start()
-        user.join(6.0)
-        assert user.is_alive()
-        assert not (new_home.folder / "mlflow.db").exists()
-    user.join(60.0)
-    assert (new_home.folder / "mlflow.db").exists()
-
-
-def test_a_first_run_killed_while_the_database_is_made_leaves_the_next_one_a_whole_one(
-    new_home: Home,
-) -> None:
-    code = (
-        "import os, signal, sys, pathlib, alembic.command;"
-        "alembic.command.upgrade = lambda *_: os.kill(os.getpid(), signal.SIGKILL);"
-        "from cluster.storage.home import Home; from cluster.tracking import Tracker;"
-        "home = Home(pathlib.Path(sys.argv[1]));"
-        "Tracker(home.database_uri, 'CartPole-v0', home.artifacts)"
-    )
-    command = [sys.executable, "-W", "ignore", "-c", code, str(new_home.folder)]
-    # The tables exist, but later migrations are missing.
-    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
-    Tracker(new_home.database_uri, "CartPole-v0", new_home.artifacts)
-
-
-def test_sync_adds_what_is_missing_and_removes_a_twin(home: Home, folder: Path) -> None:
+def test_sync_completes_a_run_and_removes_a_duplicate(home: Home, folder: Path) -> None:
     views = views_of(folder)
     parent, child, *_ = views.keys()
     tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
     tracker.show(views.view(parent))
     tracker.show(views.view(child))
-    client = mlflow.MlflowClient(home.database_uri)
-    twin = client.create_run("1", tags={KEY: child})  # whose answer came too late
-    client.log_metric(twin.info.run_id, "score_mean", 1.0, step=0)
+    twin = client_of(home).create_run("1", tags={KEY: child})  # after a timeout of the first one
+    client_of(home).log_metric(twin.info.run_id, "score_mean", 1.0, step=0)
     assert disagreements(folder, home.database_uri) != []
     sync(folder, home, home.database_uri, Terminal())
     assert disagreements(folder, home.database_uri) == []
 
 
-def test_a_configuration_that_was_run_again_replaces_what_mlflow_has(
+def test_a_configuration_with_repeated_generations_replaces_the_old_run(
     home: Home, folder: Path
 ) -> None:
     """After a damaged checkpoint the scores are the same, but the times differ."""
     sync(folder, home, home.database_uri, Terminal())
-    path = min(folder.glob("configurations/*/run-0/state.safetensors"))
-    journal = Journal(folder)
-    line = min(journal.configs, key=lambda line: line.id)
-    state = Study.read(folder).run(line.id, line.configuration, 0).load()
+    for line in Journal(folder).configs:
+        run = ConfigurationRuns(Study.read(folder), line.id, line.configuration).run(0)
+        state = run.load()
+        if state is not None and state.records:
+            break
     assert state is not None
     later = tuple(replace(r, finished=r.finished + 9, generation_seconds=7) for r in state.records)
-    save_state(replace(state, records=later), path)
+    run.nes.save(replace(state, records=later), run.state_file)
     assert disagreements(folder, home.database_uri) != []
     sync(folder, home, home.database_uri, Terminal())
     assert disagreements(folder, home.database_uri) == []
 
 
-@pytest.mark.parametrize(("score", "best"), [(100.0, "newer"), (101.0, "newer"), (99.0, "made")])
-def test_aliases_of_the_best_and_the_newest_se(
+@pytest.mark.parametrize(("score", "best"), [(100.0, "newer"), (99.0, "made")])
+def test_the_aliases_do_not_depend_on_the_order_of_registration(
     home: Home, folder: Path, score: float, best: str
 ) -> None:
-    """Whatever the order in which they are registered."""
     newer = home.run_folder("CartPole-v0", "newer")
     make_study(newer, score=score)
     for study in (newer, folder):
         sync(study, home, home.database_uri, Terminal())
-    client = mlflow.MlflowClient(home.database_uri, registry_uri=home.database_uri)
-    assert len(client.search_model_versions("name = 'SE-CartPole-v0'")) == 2
+    client = client_of(home)
     for alias, name in (("best", best), ("newest", "newer")):
         version = client.get_model_version_by_alias("SE-CartPole-v0", alias)
         assert client.get_run(version.run_id or "").info.run_name == name
 
 
 def test_another_best_se_without_another_result(home: Home, folder: Path) -> None:
-    """As of a study all of whose jobs were still under way: the newest version is the new SE."""
+    """A study may be continued and stopped before any job is complete."""
     sync(folder, home, home.database_uri, Terminal())
-    made, number = load_se(folder / BEST_FILE), len(Journal(folder).results)
-    other = replace(made, se=SE(made.architecture, made.psi + np.float32(1)))
+    stored, number = load_se(folder / BEST_FILE), len(Journal(folder).results)
+    other = replace(stored, se=SE(stored.architecture, stored.psi + np.float32(1)))
     final = FinalScore(np.array([90.0]), np.array([7]), 195.0)
     export_best(other, final, folder, number, 1000, 0)
     for _ in range(2):
         sync(folder, home, home.database_uri, Terminal())
-    client = mlflow.MlflowClient(home.database_uri, registry_uri=home.database_uri)
-    newest = client.get_model_version_by_alias("SE-CartPole-v0", "newest")
+    newest = client_of(home).get_model_version_by_alias("SE-CartPole-v0", "newest")
     assert newest.tags["final_score_mean"] == "90"
-    history = client.get_metric_history(newest.run_id or "", "final_score_mean")
-    assert [(one.step, one.value) for one in history] == [(number, 100.0), (number, 90.0)]
+    history = client_of(home).get_metric_history(newest.run_id or "", "final_score_mean")
+    assert [(metric.step, metric.value) for metric in history] == [(number, 100.0), (number, 90.0)]
 
 
-def _broken() -> bytes:
-    raise ValueError("broken")
-
-
-def test_sync_goes_on_after_a_run_that_mlflow_does_not_take(
+def test_sync_continues_after_a_rejected_run(
     home: Home, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     keys = views_of(folder).keys()
     view = StudyViews.view
 
+    def broken() -> bytes:
+        raise ValueError("broken")
+
     def spoiled(self: StudyViews, key: str) -> RunView:
-        """One run has a parameter that MLflow's rules forbid, another a picture that fails."""
-        made = view(self, key)
+        """One run has a parameter that MLflow rejects, another one a picture that fails."""
+        good = view(self, key)
         if key == keys[1]:
-            return replace(made, params={"a|b": 1})
+            return replace(good, params={"a|b": 1})
         if key == keys[2]:
-            return replace(made, documents=(Document("broken.png", "1", _broken),))
-        return made
+            return replace(good, documents=(Document("broken.png", "1", broken),))
+        return good
 
     monkeypatch.setattr(StudyViews, "view", spoiled)
-    with pytest.raises(InvalidInput, match="lacks 2 runs of 'made', or parts of them"):
+    with pytest.raises(InvalidInput, match="could not sync 2 runs of 'made'"):
         sync(folder, home, home.database_uri, Terminal())
-    told = capsys.readouterr().out
-    assert "MLflow does not take the run (" in told
-    assert "MLflow lacks broken.png" in told
-    assert f"{len(keys) - 2} of {len(keys)} runs in MLflow now match the disk" in told
-    shown = {
-        run.data.tags[KEY] for run in mlflow.MlflowClient(home.database_uri).search_runs(["1"])
-    }
+    out = capsys.readouterr().out
+    assert "MLflow rejects the run (" in out
+    assert "MLflow lacks broken.png" in out
+    assert f"{len(keys) - 2} of {len(keys)} runs in MLflow now match the disk" in out
+    shown = {run.data.tags[KEY] for run in client_of(home).search_runs(["1"])}
     assert set(keys) - {keys[1]} <= shown
 
 
-def test_a_study_with_damaged_settings_is_refused_in_one_line(home: Home, folder: Path) -> None:
-    settings = json.loads((folder / "settings.json").read_text())
-    damages: tuple[tuple[str, object], ...] = (("task", None), ("task", {}), ("kind", 3))
-    for name, value in (*damages, ("kind", "evaluate"), ("base", 1)):
-        (folder / "settings.json").write_text(json.dumps({**settings, name: value}))
-        with pytest.raises(InvalidInput, match=r"^[^\n]+$"):
-            sync(folder, home, home.database_uri, Terminal())
-
-
-def test_sync_leaves_a_study_alone_that_is_being_run(home: Home, folder: Path) -> None:
+def test_sync_leaves_a_running_study_alone(home: Home, folder: Path) -> None:
     with held(folder), pytest.raises(InvalidInput, match="being run by another process"):
         sync(folder, home, home.database_uri, Terminal())
 
 
-def mirror_of(folder: Path, tracker: Tracker, told: list[str]) -> tuple[Mirror, list[str]]:
-    views = StudyViews.of(folder)
-    assert views.identity == RunIdentity.read(folder)
-    return Mirror(tracker, views.view, told.append), views.keys()
-
-
-def test_a_server_killed_and_started_again_has_everything_once(
-    home: Home, folder: Path, server: Server
-) -> None:
-    told: list[str] = []
-    tracker = Tracker(server.uri, "CartPole-v0", home.artifacts)
-    mirror, keys = mirror_of(folder, tracker, told)
+def test_a_restarted_server_gets_everything_once(folder: Path, server: Server) -> None:
+    log: list[str] = []
+    mirror, keys = mirror_of(folder, server.uri, log.append)
     mirror.mark(keys[:2])
-    until(lambda: keys[0] in tracker._shown)
-    time.sleep(0.1)  # in the middle of the next one
+    wait_for(lambda: keys[0] not in mirror.waiting)
     server.kill()
     mirror.mark(keys)
-    until(lambda: bool(told))
-    assert f"MLflow at {server.uri} is unreachable" in told[0]
-    assert "\n" not in told[0]
+    wait_for(lambda: bool(log))
+    assert f"MLflow at {server.uri} is unreachable" in log[0]
+    assert "\n" not in log[0]
     server.start()
-    until(lambda: len(told) > 1)
-    assert told[1] == "MLflow is reachable again and catches up"
+    wait_for(lambda: len(log) > 1)
+    assert log[1:] == ["MLflow is reachable again and catches up"]
     assert mirror.close() == 0
     assert disagreements(folder, server.uri) == []
-    assert len(told) == 2
 
 
-def test_what_a_server_lacks_in_the_end_is_told_and_synced_later(
-    home: Home, folder: Path, server: Server, monkeypatch: pytest.MonkeyPatch
+def test_sync_writes_the_runs_that_an_unreachable_server_missed(
+    home: Home, folder: Path, server: Server
 ) -> None:
-    monkeypatch.setattr("cluster.tracking.mirror._PATIENCE_AWAY", 1.0)
-    mirror, keys = mirror_of(folder, Tracker(server.uri, "CartPole-v0", home.artifacts), [])
+    mirror, keys = mirror_of(folder, server.uri, print, unreachable=1.0)
     server.kill()
     mirror.mark(keys)
     assert mirror.close() == len(keys)
@@ -338,34 +252,25 @@ def test_what_a_server_lacks_in_the_end_is_told_and_synced_later(
     assert disagreements(folder, server.uri) == []
 
 
-@pytest.mark.parametrize("given", [True, False])
-def test_how_to_write_it_later_is_told_with_the_mlflow_that_was_given(
-    given: bool,
-    home: Home,
-    folder: Path,
-    server: Server,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
+def test_the_command_for_a_later_sync_names_the_tracking_uri(
+    home: Home, folder: Path, server: Server, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cluster.tracking.mirror._PATIENCE_AWAY", 1.0)
     settings = json.loads((folder / "settings.json").read_text())
-    context = RunContext(home, server.uri, tracking_given=given)
+    context = RunContext(home, server.uri, tracking_given=True)
     with context.offline() as driver, driver.session(folder, "CartPole-v0", settings) as session:
         server.kill()
         with session.live(StudyViews.of(folder), 1, "resume it"):
             pass
     server.start()
-    (told,) = re.findall(
-        r"once it is reachable, `(.*)` writes", " ".join(capsys.readouterr().out.split())
-    )
-    option = f" --tracking-uri {server.uri}" if given else ""
-    assert told.endswith(f" sync CartPole-v0/made{option} --home {home.folder}")
+    out = " ".join(capsys.readouterr().out.split())
+    options = f"--tracking-uri {server.uri} --home {home.folder}"
+    assert f"sync CartPole-v0/made {options}` writes" in out
 
 
-def test_a_commands_later_runs_begin_while_mlflow_is_away(
+def test_later_runs_of_a_command_start_while_mlflow_is_unreachable(
     home: Home, folder: Path, server: Server
 ) -> None:
-    """As an experiment's NES runs, of which each has a session of its own."""
+    """The NES runs of an experiment have separate sessions."""
     settings = json.loads((folder / "settings.json").read_text())
     later, other = (home.run_folder(f"{name}-v0", "later") for name in ("CartPole", "Acrobot"))
     with RunContext(home, server.uri).offline() as driver:
@@ -373,17 +278,17 @@ def test_a_commands_later_runs_begin_while_mlflow_is_away(
             server.kill()
             with driver.session(later, "CartPole-v0", {}) as second:
                 assert second.tracker.experiment_id == first.tracker.experiment_id
-                assert second.tracker._shown is not first.tracker._shown
+                assert second.tracker is not first.tracker
         missing = pytest.raises(InvalidInput, match="no MLflow server")
         with missing, driver.session(other, "Acrobot-v0", {}):
             pass
     server.start()
 
 
-def test_an_interruption_is_told_once(
+def test_an_interruption_is_logged_once(
     home: Home, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """By the innermost run, which knows how little is lost."""
+    """The inner run knows how little is lost."""
     with (
         RunContext(home, home.database_uri).offline() as driver,
         driver.session(home.run_folder("CartPole-v0", "outer"), "CartPole-v0", {}) as outer,
@@ -393,32 +298,19 @@ def test_an_interruption_is_told_once(
         inner.live(StudyViews.of(folder), 1, "resume the inner run"),
     ):
         raise KeyboardInterrupt
-    told = capsys.readouterr().out
-    assert re.findall("interrupted; .*", told) == ["interrupted; resume the inner run"]
+    lines = re.findall("interrupted; .*", capsys.readouterr().out)
+    assert lines == ["interrupted; resume the inner run"]
 
 
-def test_a_locked_database_is_waited_for(home: Home, folder: Path) -> None:
-    told: list[str] = []
-    tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
+def test_the_mirror_waits_for_a_locked_database(home: Home, folder: Path) -> None:
+    log: list[str] = []
+    mirror, keys = mirror_of(folder, home.database_uri, log.append)
     lock = sqlite3.connect(home.folder / "mlflow.db")
     lock.execute("BEGIN EXCLUSIVE")
-    mirror, keys = mirror_of(folder, tracker, told)
     mirror.mark(keys)
-    until(lambda: bool(told))
-    assert "database is locked" in told[0]
-    assert next(iter(mirror._marked)) == keys[0]  # still before its children
+    wait_for(lambda: bool(log))
+    assert "database is locked" in log[0]
     lock.rollback()
     lock.close()
     assert mirror.close() == 0
-    assert disagreements(folder, home.database_uri) == []
-
-
-def test_a_view_that_cannot_be_made_does_not_hold_up_the_others(home: Home, folder: Path) -> None:
-    told: list[str] = []
-    mirror, keys = mirror_of(
-        folder, Tracker(home.database_uri, "CartPole-v0", home.artifacts), told
-    )
-    mirror.mark([f"{keys[0]}/nobody", *keys])
-    assert mirror.close() == 0
-    assert told == [f"study 'made' has no run {keys[0]}/nobody; MLflow does not show it"]
     assert disagreements(folder, home.database_uri) == []

@@ -1,1 +1,1 @@
-"""What a study has found: numbers, tables and pictures of its journal."""
+"""Summary, tables and pictures of a study."""

@@ -1,10 +1,10 @@
-"""Importance of hyperparameters: how much worse a model predicts results without one.
+"""Importance of hyperparameters: the loss of a model's accuracy without each of them.
 
-The model is a random forest (Breiman, 2001) of the ranks of the results at the budget that has most
-of them; ranks, because results without an SE say little by how large they are. It predicts results
-that it was not fitted to, a fifth at a time. The importance of a hyperparameter is the drop of R^2
-when its values are permuted among all of these. It tells what mattered within the search space and
-among the configurations that were tried; where R^2 is not positive, it tells nothing.
+The model is a random forest (Breiman, 2001) of the ranks of the results at the budget with the most
+results. Ranks are used because objectives of configurations without an SE have little meaning as
+numbers. The forest predicts held-out results, a fifth at a time. The importance of a hyperparameter
+is the drop of R^2 on all held-out results when its values are permuted. It applies to the search
+space and the configurations that were tried, and is meaningless unless R^2 is positive.
 """
 
 from collections import Counter
@@ -19,8 +19,8 @@ from cluster.bohb.study.journal import Journal
 
 Floats = NDArray[np.float64]
 
-#: Fewest results at one budget for importances, per hyperparameter and besides.
-_PER_HYPERPARAMETER, _BESIDES = 2, 4
+#: Results at a budget that are needed: per hyperparameter, and in addition.
+_PER_HYPERPARAMETER, _ADDITIONAL = 2, 4
 _FOLDS, _TREES, _PERMUTATIONS = 5, 100, 10
 
 
@@ -33,38 +33,30 @@ class Importance:
     std: Floats  # (d,) over permutations
     budget: int
     results: int
-    explained: float  # R^2 on results that the forest was not fitted to
+    explained: float  # R^2 on held-out results
 
 
 def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | None:
-    """The importances in a study; None while it has too few results."""
-    good = journal.successes
-    if not good:
+    """Return the importances in a study; None if it has too few results, or equal ones."""
+    counts = Counter(line.budget for line in journal.successes)
+    budget = max(counts, key=lambda budget: (counts[budget], budget), default=0)
+    lines = [line for line in journal.successes if line.budget == budget]
+    if len(lines) < _PER_HYPERPARAMETER * len(space) + _ADDITIONAL:
         return None
-    budget = max(Counter(line.budget for line in good).items(), key=lambda item: (item[1], item[0]))
-    proposals = journal.proposals
-    at_budget = [line for line in good if line.budget == budget[0]]
-    if len(at_budget) < _PER_HYPERPARAMETER * len(space) + _BESIDES:
-        return None
-    inputs = np.array([unit_values(space, proposals[line.id].configuration) for line in at_budget])
-    ranks = rankdata([line.objective for line in at_budget])
+    ranks = rankdata([line.objective for line in lines])
     if np.ptp(ranks) == 0:
         return None
+    proposals = journal.proposals
+    inputs = np.array([unit_values(space, proposals[line.id].configuration) for line in lines])
     explained, drops = _held_out(inputs, ranks)
-    return Importance(
-        tuple(space),
-        drops.mean(axis=1),
-        drops.std(axis=1),
-        budget[0],
-        len(at_budget),
-        explained,
-    )
+    mean, std = drops.mean(axis=1), drops.std(axis=1)
+    return Importance(tuple(space), mean, std, budget, len(lines), explained)
 
 
 def _held_out(inputs: Floats, ranks: Floats) -> tuple[float, Floats]:
-    """R^2 of forests on the ranks (n,) that they were not fitted to, and its drops (d, p) when one
-    of the inputs (n, d) is permuted."""
-    # Imports pandas and more, which takes a second: only where there is a forest to fit.
+    """Fit forests to inputs (n, d) and ranks (n,); return R^2 on held-out ranks, and its drops
+    (d, p) with p permutations of each input."""
+    # Imported here because they take a second, for pandas among others.
     from sklearn.ensemble import RandomForestRegressor
     from sklearn.model_selection import KFold
 
@@ -73,36 +65,33 @@ def _held_out(inputs: Floats, ranks: Floats) -> tuple[float, Floats]:
         forest = RandomForestRegressor(_TREES, random_state=0, n_jobs=1)
         folds.append((forest.fit(inputs[seen], ranks[seen]), unseen))
 
-    def explained(given: Floats) -> Floats:
+    def explained(stack: Floats) -> Floats:
         """R^2 (p,) on inputs (p, n, d)."""
-        predicted = np.empty(given.shape[:2])
+        predicted = np.empty(stack.shape[:2])
         for forest, unseen in folds:
-            rows = given[:, unseen]
+            rows = stack[:, unseen]
             flat = forest.predict(rows.reshape(-1, inputs.shape[1]))
             predicted[:, unseen] = flat.reshape(rows.shape[:2])
-        found: Floats = 1 - np.square(predicted - ranks).mean(axis=1) / ranks.var()
-        return found
+        r2: Floats = 1 - np.square(predicted - ranks).mean(axis=1) / ranks.var()
+        return r2
 
-    (best,), random = explained(inputs[None]), np.random.default_rng(0)
+    (best,), rng = explained(inputs[None]), np.random.default_rng(0)
     drops = np.empty((inputs.shape[1], _PERMUTATIONS))
     for column, values in enumerate(inputs.T):
         permuted = np.repeat(inputs[None], _PERMUTATIONS, axis=0)
-        permuted[:, :, column] = [random.permutation(values) for _ in range(_PERMUTATIONS)]
+        permuted[:, :, column] = [rng.permutation(values) for _ in range(_PERMUTATIONS)]
         drops[column] = best - explained(permuted)
     return float(best), drops
 
 
 def unit_values(space: CS.ConfigurationSpace, configuration: dict[str, object]) -> Floats:
-    """The values (d,) of a configuration, each on [0, 1] over its range, as the search sees them;
-    categories evenly spread; NaN for one that the configuration does not have, or out of range."""
-    found = []
-    for name, dimension in space.items():
+    """Return the values (d,) of a configuration, scaled to [0, 1] over their ranges as in the
+    search, with evenly spaced categories; NaN where a value is missing or out of range."""
+    values = np.full(len(space), np.nan)
+    for index, (name, dimension) in enumerate(space.items()):
         value = configuration.get(name)
-        if value is None or not dimension.legal_value(value):
-            found.append(np.nan)
-            continue
-        place = float(dimension.to_vector(value))
-        if isinstance(dimension, CS.CategoricalHyperparameter):
-            place /= max(len(dimension.choices) - 1, 1)
-        found.append(place)
-    return np.array(found)
+        if value is not None and dimension.legal_value(value):
+            values[index] = dimension.to_vector(value)
+            if isinstance(dimension, CS.CategoricalHyperparameter):
+                values[index] /= max(len(dimension.choices) - 1, 1)
+    return values

@@ -1,11 +1,10 @@
-"""Summary of a study's journal so far: incumbent, costs, bracket table."""
+"""Summary of a study's journal: incumbent, costs, bracket table."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Self
 
-from bilevel.errors import InvalidInput
-from cluster.bohb.search.validation import VALIDATION_FILE, Validation
+from cluster.bohb.search.validation import Validation
 from cluster.bohb.study.brackets import Rung, core_seconds_to_run
 from cluster.bohb.study.definition import configuration_name
 from cluster.bohb.study.journal import ConfigId, Configuration, Journal, Origin, ResultLine
@@ -13,11 +12,10 @@ from cluster.bohb.study.journal import ConfigId, Configuration, Journal, Origin,
 
 @dataclass(frozen=True)
 class ResultPoint:
-    """A result of the search, for the plot of objective against cost."""
+    """A result in the plot of objective against cost."""
 
-    spent: int  # core seconds of the whole search when the result came, by budgets
+    spent: int  # core seconds of the whole search up to the result, by budgets
     budget: int
-    seconds: float  # since the first job began, pauses included
     objective: float
     origin: Origin
     id: ConfigId
@@ -25,17 +23,16 @@ class ResultPoint:
 
 @dataclass(frozen=True)
 class ValidatedPoint:
-    """A finalist's objective over new seeds, for the same plot."""
+    """A finalist's objective over new seeds in the same plot."""
 
     searched: ResultPoint  # its last result in the search
-    spent: int  # core seconds of the study when the validation was over
+    spent: int  # core seconds of search and validation
     objective: float
 
 
 @dataclass(frozen=True)
 class StudySummary:
-    """Summary of a journal for the brackets in `rungs`, and of the study's validation; it follows
-    the journal as that grows."""
+    """Summary of a journal, for the brackets in `rungs`. It follows the journal as that grows."""
 
     journal: Journal
     rungs: Sequence[Rung] = ()
@@ -43,24 +40,17 @@ class StudySummary:
 
     @classmethod
     def of(cls, journal: Journal, rungs: Sequence[Rung] = ()) -> Self:
-        """With the study's validation as it is on disk. Raises InvalidInput if that is damaged, or
-        of results that the journal does not have."""
-        validation = Validation.load(journal.folder)
-        if validation is not None and not validation.is_of(journal):
-            raise InvalidInput(
-                f"{VALIDATION_FILE} in {str(journal.folder)!r} is of other results than the "
-                "journal beside it: take both from the same copy, or remove it to validate again"
-            )
-        return cls(journal, rungs, validation)
+        """Return the summary with the validation on disk. Raises InvalidInput if it is damaged."""
+        return cls(journal, rungs, Validation.load(journal.folder))
 
     @property
     def incumbent(self) -> ResultLine | None:
-        """What is handed over: the winner of the validation, else the leader."""
+        """The winner of the validation, or else the leader."""
         return self.leader if self.validation is None else self.validation.winner
 
     @property
     def finalists(self) -> tuple[ResultLine, ...]:
-        """What they came to over new seeds, best first; empty without a validation."""
+        """Results of the validation, best first; empty without one."""
         return () if self.validation is None else self.validation.finalists
 
     @property
@@ -70,21 +60,18 @@ class StudySummary:
         return changes[-1][1] if changes else None
 
     def leaders(self) -> list[tuple[int, ResultLine]]:
-        """Each change of the leader, with the number (from 1) of the result that caused it."""
+        """Return each new leader with its number among the results, from 1."""
         changes: list[tuple[int, ResultLine]] = []
-        best: ResultLine | None = None
         for number, line in enumerate(self.journal.results, start=1):
-            if line.loss is not None and (best is None or _better(line, best)):
-                best = line
+            if line.loss is not None and (not changes or _key(line) < _key(changes[-1][1])):
                 changes.append((number, line))
         return changes
 
     @property
     def ranked(self) -> list[ConfigId]:
-        """The configurations that have results, the best first. Those that went on to a larger
-        budget come before those that did not."""
+        """Configurations with results, by their last budget and then by objective, best first."""
         last = {line.id: line for line in self.journal.successes}
-        return sorted(last, key=lambda one: (-last[one].budget, last[one].objective))
+        return sorted(last, key=lambda config_id: _key(last[config_id]))
 
     @property
     def model_based(self) -> int:
@@ -92,16 +79,16 @@ class StudySummary:
         return sum(line.origin is Origin.MODEL for line in self.journal.configs)
 
     def configuration(self, config_id: ConfigId) -> Configuration:
-        """The configuration with that id."""
+        """Return the configuration with that id."""
         return self.journal.proposals[config_id].configuration
 
     def result_of(self, config_id: ConfigId) -> ResultLine:
-        """The last result of that configuration that is no failure."""
+        """Return the last success of a configuration."""
         return next(line for line in reversed(self.journal.successes) if line.id == config_id)
 
     def points(self) -> list[ResultPoint]:
-        """All results, with the core seconds that the search had spent by then."""
-        proposals, began = self.journal.proposals, self.journal.began
+        """Return all successes with the core seconds that the search had spent."""
+        proposals = self.journal.proposals
         reached: dict[ConfigId, int] = {}
         spent = 0
         points = []
@@ -109,68 +96,57 @@ class StudySummary:
             spent += line.budget - reached.get(line.id, 0)
             reached[line.id] = line.budget
             if line.loss is not None:
-                seconds = line.finished - began
-                came = spent, line.budget, seconds
-                points.append(ResultPoint(*came, line.loss, proposals[line.id].origin, line.id))
+                origin = proposals[line.id].origin
+                points.append(ResultPoint(spent, line.budget, line.loss, origin, line.id))
         return points
 
     def validated_points(self) -> list[ValidatedPoint]:
-        """The finalists, the winner first; empty without a validation."""
+        """Return the finalists, the winner first; empty without a validation."""
         if self.validation is None:
             return []
-        before = self.journal.results[: self.validation.results]
-        known = self.points()[: sum(line.loss is not None for line in before)]
-        points = {point.id: point for point in known}  # the last of each, at its largest budget
-        spent = known[-1].spent + sum(line.budget for line in self.finalists)
-        return [ValidatedPoint(points[line.id], spent, line.objective) for line in self.finalists]
+        successes = [line.loss is not None for line in self.journal.results]
+        before = self.points()[: sum(successes[: self.validation.results])]
+        last = {point.id: point for point in before}
+        spent = before[-1].spent + sum(line.budget for line in self.finalists)
+        return [ValidatedPoint(last[line.id], spent, line.objective) for line in self.finalists]
 
     def core_seconds_left(self) -> int:
-        """Core seconds left until all brackets are done, by their budgets."""
-        reached = {line.id: line.budget for line in self.journal.results}  # by failures, too
+        """Return the core seconds until all brackets are complete, by budgets."""
+        reached = {line.id: line.budget for line in self.journal.results}
         return max(core_seconds_to_run(self.rungs) - sum(reached.values()), 0)
 
     def validation_table(self) -> str:
-        """The finalists' objectives over new seeds beside those of the search, in Markdown; empty
-        without a validation."""
-        if self.validation is None:
-            return ""
-        rows = [
-            "| configuration | core seconds | runs | SEs | objective | in the search |",
-            "| --- | --- | --- | --- | --- | --- |",
-        ]
+        """Return the finalists' objectives in search and validation, in Markdown; empty without a
+        validation."""
+        rows = []
         for line in self.finalists:
-            searched = self.result_of(line.id)
-            rows.append(
-                f"| {configuration_name(line.id)} | {line.budget} | {line.info['runs']} | "
-                f"{line.info['confirmed']} | {line.loss:.1f} | {searched.loss:.1f} "
-                f"({searched.budget} core seconds) |"
-            )
-        return "\n".join(rows) + "\n"
+            before = self.result_of(line.id)
+            objectives = f"{line.loss:.1f}", f"{before.loss:.1f} ({before.budget} core seconds)"
+            seeds = line.info["runs"], line.info["confirmed"]
+            rows.append((configuration_name(line.id), line.budget, *seeds, *objectives))
+        head = "configuration", "core seconds", "runs", "SEs", "objective", "in the search"
+        return _markdown(head, rows) if rows else ""
 
     def bracket_table(self) -> str:
-        """Results by bracket and budget, in Markdown."""
-        rows = [
-            "| bracket | core seconds | configurations | results | best objective | failed |",
-            "| --- | --- | --- | --- | --- | --- |",
-        ]
+        """Return the results by bracket and budget, in Markdown."""
+        rows = []
         for rung in self.rungs:
-            lines = [
-                line
-                for line in self.journal.results
-                if (line.id[0], line.budget) == (rung.bracket, rung.budget)
-            ]
-            good = [line.loss for line in lines if line.loss is not None]
+            key = rung.bracket, rung.budget
+            lines = [line for line in self.journal.results if (line.id[0], line.budget) == key]
+            losses = [line.loss for line in lines if line.loss is not None]
+            best = f"{min(losses):.1f}" if losses else ""
             if lines:
-                best = f"{min(good):.1f}" if good else ""
-                rows.append(
-                    f"| {rung.bracket} | {rung.budget} | {rung.configurations} | {len(lines)} | "
-                    f"{best} | {len(lines) - len(good)} |"
-                )
-        return "\n".join(rows) + "\n"
+                failed = len(lines) - len(losses)
+                rows.append((*key, rung.configurations, len(lines), best, failed))
+        head = "bracket", "core seconds", "configurations", "results", "best objective", "failed"
+        return _markdown(head, rows)
 
 
-def _better(one: ResultLine, other: ResultLine) -> bool:
-    """Whether a result has the larger budget, or the lower objective at the same."""
-    assert one.loss is not None
-    assert other.loss is not None
-    return (one.budget, -one.loss) > (other.budget, -other.loss)
+def _key(line: ResultLine) -> tuple[int, float]:
+    """Return the sort key of a success: a larger budget first, then a lower objective."""
+    return -line.budget, line.objective
+
+
+def _markdown(head: Sequence[str], rows: Iterable[Sequence[object]]) -> str:
+    lines = [head, ["---"] * len(head), *rows]
+    return "".join(f"| {' | '.join(map(str, cells))} |\n" for cells in lines)

@@ -1,1 +1,1 @@
-"""The search: which configuration runs next, how far it gets, and which of the best is chosen."""
+"""The search: proposals, promotions, objective and validation."""

@@ -1,21 +1,24 @@
-"""The NES runs of a configuration: one seed after the other, as long as its budget lasts."""
+"""The NES runs of a configuration: one seed after another until its budget is spent."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Self
 
 from bilevel.nes import NESState
+from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from cluster.bohb.search.objective import Tally
-from cluster.bohb.study.definition import Study
+from cluster.bohb.study.definition import Study, configuration_name
 from cluster.bohb.study.journal import ConfigId, Configuration
+from cluster.bohb.study.prior import search_seed
 from cluster.nes.run import NESRun, Pool
+from search_spaces.translation import to_hyperparameters
 
 
 @dataclass
 class ConfigurationRuns:
-    """The runs of a configuration, of the search or of its validation, with their states; each
-    lives in its own folder."""
+    """The runs of a configuration in the search, or in its validation, and their states. Each run
+    has a folder."""
 
     study: Study
     id: ConfigId
@@ -31,10 +34,10 @@ class ConfigurationRuns:
         configuration: Configuration,
         validation: bool = False,
     ) -> Self:
-        """What is on disk, without damaged runs and those after them. Raises InvalidInput for a
-        configuration that is not allowed."""
+        """Read the runs on disk up to the first damaged one. Raises InvalidInput for an invalid
+        configuration."""
         runs = cls(study, config_id, configuration, validation)
-        while (state := runs._next.load_if_sound()) is not None:
+        while (state := runs.run(len(runs.states)).load_if_sound()) is not None:
             runs.states.append(state)
         return runs
 
@@ -47,63 +50,65 @@ class ConfigurationRuns:
         log: Callable[[str], None] = lambda line: None,
         validation: bool = False,
     ) -> Self:
-        """What is on disk; a damaged run begins anew (`NESRun.open`). Raises InvalidInput, and
-        OtherVersion for a run of another version."""
+        """Open the runs on disk; damaged ones restart (`NESRun.open`). Raises InvalidInput for an
+        invalid configuration, and OtherVersion."""
         runs = cls(study, config_id, configuration, validation)
-        while runs._next.begun:
-            runs.states.append(runs._next.open(log))
+        while (run := runs.run(len(runs.states))).begun:
+            runs.states.append(run.open(log))
         return runs
 
     @property
     def tally(self) -> Tally:
-        """What they have come to."""
-        return Tally.of(self.states)
+        """Costs and successes of all runs."""
+        return Tally.of(self.states, self.study.task)
 
     @property
     def generations(self) -> int:
-        """Generations of all runs."""
+        """Number of generations of all runs."""
         return sum(state.generation for state in self.states)
 
     @property
     def best(self) -> StoredSE | None:
-        """The first SE that was confirmed, else the one whose agents scored highest; None before
-        the first generation."""
-        begun = [state for state in self.states if state.finalists]
-        for state in begun:
-            if state.confirmed:
-                return state.best
-        ranked = max(begun, key=lambda state: state.finalists[0].rank, default=None)
-        return None if ranked is None else ranked.best
+        """The first confirmed SE, or else the one with the highest scores; None before the first
+        generation."""
+        evolved = [state for state in self.states if state.finalists]
+        confirmed = [state for state in evolved if state.confirmed]
+        evolved.sort(key=lambda state: state.finalists[0].rank, reverse=True)
+        nes = self.run(0).nes
+        return next((nes.best(state) for state in (*confirmed, *evolved)), None)
 
     def run(self, number: int) -> NESRun:
-        """The run with that number, from 0."""
-        return self.study.run(self.id, self.configuration, number, self.validation)
+        """Return a run by its number, from 0.
+
+        Its seed depends on the study's seed, the configuration's id and the number, so that no two
+        configurations share a random start. Raises InvalidInput for an invalid configuration.
+        """
+        hp = to_hyperparameters(self.study.base, self.configuration)
+        purpose = Purpose.VALIDATION if self.validation else Purpose.CONFIGURATION
+        seed = derive(search_seed(self.study), purpose, *self.id, number)
+        configuration = self.study.folder / "configurations" / configuration_name(self.id)
+        folder = configuration / f"{'validation' if self.validation else 'run'}-{number}"
+        return NESRun(self.study.task, hp, seed, folder)
 
     def spent(self, budget: float) -> bool:
-        """Whether the runs have cost so many core seconds (estimated)."""
-        over = all(state.finished for state in self.states[:-1])
-        return over and self.tally.cost >= budget
+        """Return whether the runs have cost `budget` core seconds (estimated)."""
+        finished = all(state.finished for state in self.states[:-1])
+        return finished and self.tally.cost >= budget
 
     def advance(self, pool: Pool) -> NESState:
-        """Advance the first run that is not over, or begin another (`NESRun.advance`); return its
-        state. One that is on disk already, because an earlier one was lost, is only read."""
-        number = next(
-            (i for i, state in enumerate(self.states) if not state.finished), len(self.states)
-        )
+        """Advance the first unfinished run, or start the next one; return its state."""
+        unfinished = (i for i, state in enumerate(self.states) if not state.finished)
+        number = next(unfinished, len(self.states))
         run = self.run(number)
         if number == len(self.states):
-            there = run.begun
+            found = run.begun  # the states end at a lost run, which was repeated
             self.states.append(run.open())
-            if there:  # perhaps over
+            if found:  # possibly finished
                 return self.states[number]
         self.states[number] = run.advance(self.states[number], pool)
         return self.states[number]
 
     def spend(self, budget: float, pool: Pool) -> None:
-        """Advance until so many core seconds are spent."""
+        """Advance until the runs have cost `budget` core seconds."""
         while not self.spent(budget):
             self.advance(pool)
-
-    @property
-    def _next(self) -> NESRun:
-        return self.run(len(self.states))

@@ -1,16 +1,16 @@
-"""The finalists of a search, on new seeds: which of them is handed over.
+"""Validation: the best configurations of a search run again with new seeds.
 
-The best of many noisy results is also the luckiest, so its objective is too good. Before a recipe
-is handed over, the configurations with the best results, and the recipe that the search began with,
-run NES with seeds that the search made no choice on, each for at least the same core time:
+The best of many noisy results is also the luckiest, so its objective is too optimistic. Before a
+recipe is exported, the configurations with the best results, and the recipe that the search started
+with, run NES with new seeds, each for the same core time:
 
     finalists <- the recipe, the last winner, and the best results at the largest budgets
-    while time is left and some finalist has not spent its core seconds:
-        the finalist that has spent least advances by a generation
-    incumbent <- the best objective over these runs alone
+    while there is time and some finalist has not spent its core seconds:
+        advance the finalist with the lowest cost by a generation
+    incumbent <- the lowest objective over these runs
 
-A search that goes on is validated again; the runs of finalists that were there before count again.
-One that has hardly begun is not: less time than half of its largest budget would tell too little.
+A resumed search is validated again, and the runs of earlier finalists are reused. A search that
+would give each finalist less than half of its largest budget is not validated.
 """
 
 import json
@@ -32,14 +32,12 @@ from cluster.bohb.study.journal import ConfigId, Journal, ResultLine
 from cluster.nes.run import Pool
 from cluster.session.terminal import last_line
 
-#: Most configurations that a search validates, the recipe that it began with among them. The last
-#: winner may come on top.
+#: Maximum number of finalists, including the recipe. The last winner may be a further one.
 FINALISTS = 3
-#: Share of a study's core time, and of its time budget, that is kept for validation.
+#: Share of a study's core time, and of its time budget, for validation.
 SHARE = 0.25
-#: Part of the core seconds that finalists must have spent when time is up, to be compared; the
-#: search's largest budget is always enough. (Its trials fill any number of cores, the generations
-#: of its finalists do not.)
+#: Share of its core seconds that each finalist must have spent at the deadline for a comparison.
+#: The search's largest budget is always enough. (Finalists may use fewer cores than trials do.)
 _ENOUGH = 0.5
 
 #: File of a study with its last validation.
@@ -48,81 +46,67 @@ VALIDATION_FILE = "validation.json"
 
 @dataclass(frozen=True)
 class Validation:
-    """What the finalists' new runs came to."""
+    """Results of the finalists over new seeds."""
 
-    results: int  # of the search, by which the finalists were chosen
-    #: Best first; budgets are of the new runs alone.
+    results: int  # number of results of the search that the finalists were chosen from
+    #: Best first; budgets are the core seconds of the new runs.
     finalists: Annotated[tuple[ResultLine, ...], Field(min_length=1)]
 
     @classmethod
     def load(cls, folder: Path) -> Self | None:
-        """A study's last one; None before the first. Raises InvalidInput if damaged."""
+        """Read a study's last validation; None without one. Raises InvalidInput if damaged."""
         path = folder / VALIDATION_FILE
         return decode_file(cls, path, "damaged validation") if path.exists() else None
-
-    def is_of(self, journal: Journal) -> bool:
-        """Whether the journal has the results by which the finalists were chosen."""
-        chosen_by = journal.results[: self.results]
-        known = {line.id for line in chosen_by if line.loss is not None}
-        return len(chosen_by) == self.results and {line.id for line in self.finalists} <= known
 
     def save(self, folder: Path) -> None:
         """Write durably. Raises StorageFailure."""
         write_aside(folder / VALIDATION_FILE, json.dumps(asdict(self)).encode())
 
     @property
-    def outcome(self) -> list[Any]:
-        """What came of it, without the times when it ran."""
-        return [self.results, *((line.id, line.budget, line.info) for line in self.finalists)]
+    def winner(self) -> ResultLine:
+        """The finalist with the lowest objective."""
+        return self.finalists[0]
 
     @property
-    def winner(self) -> ResultLine:
-        """The finalist that is handed over."""
-        return self.finalists[0]
+    def outcome(self) -> list[Any]:
+        """Everything except times."""
+        return [self.results, *((line.id, line.budget, line.info) for line in self.finalists)]
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Who is validated, and for how long."""
+    """The finalists of a validation, and the core seconds of new runs of each."""
 
     finalists: tuple[ConfigId, ...]  # in the order of their proposals
-    core_seconds: int  # of new runs of each
+    core_seconds: int
 
     @classmethod
     def of(cls, journal: Journal, before: Validation | None, largest: int) -> Self | None:
-        """SHARE of the study's core time, for as many finalists as get the `largest` budget of its
-        schedule each; the last winner comes on top, whose earlier runs count. Those of the
-        validation `before`, if the search has no results since. None for a search that is too short
-        for it: two would get less than half."""
-        results = journal.successes
-        best = sorted(results, key=lambda line: (-line.budget, line.loss))
-        searched = sum(journal.reached.values())
-        core_seconds = validation_seconds(searched)
+        """Plan a validation that takes SHARE of the study's core time and gives each finalist the
+        `largest` budget of the schedule if possible.
+
+        The winner of the validation `before` is always a finalist; without results since then, all
+        of its finalists are. Returns None if there is nothing to compare, or if two finalists would
+        get less than half of the largest budget.
+        """
+        core_seconds = validation_seconds(sum(journal.reached.values()))
         number = min(max(int(core_seconds / largest), 2), FINALISTS)
         chosen = {journal.recipe} & journal.reached.keys()
-        for line in best:
+        for line in sorted(journal.successes, key=lambda line: (-line.budget, line.objective)):
             if len(chosen) < number:
                 chosen.add(line.id)
-        enough = core_seconds / number >= largest / 2
-        if before is not None:
+        if before is not None and before.results == len(journal.results):
+            chosen = {line.id for line in before.finalists}
+        elif before is not None:
             chosen.add(before.winner.id)
-            if before.results == len(journal.results):
-                chosen = {line.id for line in before.finalists}
-        if len(chosen) < 2 or not enough:
+        if len(chosen) < 2 or core_seconds / number < largest / 2:
             return None
-        places = tuple(line.id for line in journal.configs if line.id in chosen)
-        return cls(places, math.ceil(core_seconds / min(number, len(chosen))))
-
-
-def least_search(largest: int) -> float:
-    """Core seconds that a search must have taken to be validated, `largest` being the largest
-    budget of its schedule."""
-    return largest / SHARE * (1 - SHARE)
+        finalists = tuple(line.id for line in journal.configs if line.id in chosen)
+        return cls(finalists, math.ceil(core_seconds / min(number, len(chosen))))
 
 
 def validation_seconds(searched: float) -> float:
-    """Core seconds of the validation of a search that took so many; it needs at least the search's
-    largest budget."""
+    """Return the core seconds of the validation of a search that took `searched` core seconds."""
     return SHARE / (1 - SHARE) * searched
 
 
@@ -135,42 +119,43 @@ def validate(
     progress: Callable[[float, float], None],
     is_over: Callable[[], bool],
 ) -> Validation | None:
-    """Run the finalists and write what came of it; None if the time was not enough for that.
+    """Run or resume the finalists until `is_over`, and write the result; None if the time was too
+    short or all finalists failed.
 
-    `progress` takes the core seconds spent and those of all finalists. What has been run is on
-    disk, and is not run again. A finalist whose runs fail is left out; None if all do. Raises
-    StorageFailure, and OtherVersion.
+    `progress` is called with the core seconds spent and planned. Raises StorageFailure, and
+    OtherVersion.
     """
-    each = plan.core_seconds
-    proposals = journal.proposals
-    runs = [
-        ConfigurationRuns.open(study, one, proposals[one].configuration, log, validation=True)
-        for one in plan.finalists
+    each, proposals = plan.core_seconds, journal.proposals
+    finalists = [
+        ConfigurationRuns.open(study, id, proposals[id].configuration, log, validation=True)
+        for id in plan.finalists
     ]
     started = time.time()
-    while (left := [one for one in runs if not one.spent(each)]) and not is_over():
-        progress(sum(min(one.tally.cost, each) for one in runs), float(each * len(runs)))
-        behind = min(left, key=lambda one: one.tally.cost)
+    while (unfinished := [runs for runs in finalists if not runs.spent(each)]) and not is_over():
+        spent = sum(min(runs.tally.cost, each) for runs in finalists)
+        progress(spent, float(each * len(finalists)))
+        behind = min(unfinished, key=lambda runs: runs.tally.cost)
         try:
             behind.advance(pool)
         except (StorageFailure, OtherVersion):
             raise
-        except Exception as error:  # as in the search: others may go on
-            runs.remove(behind)
-            name = configuration_name(behind.id)
-            log(f"{name} failed with new seeds, and is left out: {last_line(str(error))}")
+        except Exception as error:  # as in the search, other configurations may succeed
+            finalists.remove(behind)
+            log(f"{configuration_name(behind.id)} failed with new seeds: {last_line(str(error))}")
     enough = min(_ENOUGH * each, study.schedule.budgets[-1])
-    if not runs or min(one.tally.cost for one in runs) < enough:
+    if not finalists or min(runs.tally.cost for runs in finalists) < enough:
         return None
-    now = time.time()
-    stamps = {"submitted": started, "started": started, "finished": now}
-    lines = [
-        ResultLine(one.id, round(one.tally.cost), one.tally.objective, one.tally.info, stamps)
-        for one in runs
-    ]
-    found = Validation(len(journal.results), tuple(sorted(lines, key=lambda line: line.objective)))
+    times = {"submitted": started, "started": started, "finished": time.time()}
+    tallies = sorted(((runs.id, runs.tally) for runs in finalists), key=lambda t: t[1].objective)
+    validation = Validation(
+        len(journal.results),
+        tuple(
+            ResultLine(id, round(tally.cost), tally.objective, tally.info, times)
+            for id, tally in tallies
+        ),
+    )
     before = Validation.load(study.folder)
-    if before is not None and before.outcome == found.outcome:
-        return before  # read from disk again: the times when it ran stay
-    found.save(study.folder)
-    return found
+    if before is not None and before.outcome == validation.outcome:
+        return before  # nothing was run: keep its times
+    validation.save(study.folder)
+    return validation

@@ -1,1 +1,1 @@
-"""What a study is: its definition, which never changes, and its journal, which grows."""
+"""The definition of a study and its files."""

@@ -1,10 +1,10 @@
-"""Which configurations get how much core time: brackets of successive halving.
+"""Brackets of successive halving: how many configurations get which budget.
 
 symbol   meaning
-------   ---------------------------------------------------------------
-eta      a rung keeps one configuration in eta, for eta times the budget
-rungs    length of the budget ladder
-s        rungs of a bracket above its first
+------   ------------------------------------------------------------------
+eta      a rung promotes one configuration in eta, to eta times the budget
+rungs    number of budgets
+s        number of rungs of a bracket above its first
 """
 
 from collections.abc import Sequence
@@ -18,7 +18,8 @@ ETA = 3
 
 @dataclass(frozen=True)
 class Rung:
-    """A stage of a bracket: `configurations` configurations have spent `budget` core seconds."""
+    """A stage of a bracket: `configurations` configurations run until they spent `budget` core
+    seconds."""
 
     bracket: int
     budget: int
@@ -26,18 +27,14 @@ class Rung:
 
 
 def budget_ladder(smallest: int, largest: int) -> list[int]:
-    """Budgets in core seconds, ascending: `largest` divided by powers of eta
-    (rounded), down to `smallest`.
-
-    Powers are multiplied up, because the rounding of a logarithm can lose a rung.
-    Raises InvalidInput unless 1 <= smallest <= largest.
-    """
+    """Return budgets in core seconds, ascending: `largest` divided by powers of eta, rounded, down
+    to `smallest`. Raises InvalidInput unless 1 <= smallest <= largest."""
     if not 1 <= smallest <= largest:
         raise InvalidInput(
             f"budgets must satisfy 1 <= smallest <= largest; got {smallest} and {largest}"
         )
     ladder = []
-    power = 1
+    power = 1  # multiplied, because a rounded logarithm can lose a rung
     while (budget := round(largest / power)) >= smallest:
         ladder.append(budget)
         power *= ETA
@@ -46,14 +43,12 @@ def budget_ladder(smallest: int, largest: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Schedule:
-    """Brackets of successive halving on one ladder, and their order.
-
-    Raises InvalidInput for a cycle that is longer than the ladder.
-    """
+    """The budgets of a study and the order of its brackets. Raises InvalidInput for a cycle that
+    is longer than the list of budgets."""
 
     budgets: tuple[int, ...]  # core seconds, ascending
-    #: Number of kinds of brackets, which take turns, beginning with the smallest first budget. In
-    #: Hyperband there is one kind per budget; with 1 all brackets begin at the smallest budget.
+    #: Number of kinds of brackets, which alternate and start with the smallest first budget.
+    #: Hyperband has one kind per budget; with 1, all brackets start at the smallest budget.
     cycle: int
 
     def __post_init__(self) -> None:
@@ -65,15 +60,15 @@ class Schedule:
 
     @classmethod
     def of(cls, method: str, smallest: int, largest: int, cycle: int | None = None) -> Self:
-        """The schedule of a search method; random search has the largest budget alone.
+        """Return the schedule of a method; random search has only the largest budget.
 
-        `cycle` None means Hyperband's. Raises InvalidInput as `budget_ladder` does.
+        The default cycle is Hyperband's. Raises InvalidInput for invalid budgets.
         """
         budgets = budget_ladder(largest if method == "random" else smallest, largest)
         return cls(tuple(budgets), min(cycle or len(budgets), len(budgets)))
 
     def bracket(self, number: int) -> list[Rung]:
-        """The rungs of a bracket (Li et al., 2018; sizes as hpbandster computes them)."""
+        """Return the rungs of a bracket (Li et al., 2018), with the sizes that hpbandster uses."""
         rungs = len(self.budgets)
         s = rungs - 1 - number % self.cycle
         first = rungs // (s + 1) * ETA**s
@@ -83,19 +78,18 @@ class Schedule:
         ]
 
     def brackets(self, count: int) -> list[Rung]:
-        """All rungs of the first `count` brackets."""
+        """Return all rungs of the first `count` brackets."""
         return [rung for number in range(count) for rung in self.bracket(number)]
 
 
-def configurations_to_begin(rungs: list[Rung]) -> int:
-    """Number of configurations in the lowest rungs; the other rungs continue some of them."""
-    begun = {rung.bracket: rung.configurations for rung in reversed(rungs)}
-    return sum(begun.values())
+def initial_configurations(rungs: Sequence[Rung]) -> int:
+    """Return the number of configurations in the lowest rung of each bracket."""
+    first = {rung.bracket: rung.configurations for rung in reversed(rungs)}
+    return sum(first.values())
 
 
 def core_seconds_to_run(rungs: Sequence[Rung]) -> int:
-    """Core seconds that these rungs cost; promoted configurations continue from their lower
-    rung."""
+    """Return the core seconds of these rungs, in which promoted configurations continue."""
     reached: dict[int, int] = {}
     total = 0
     for rung in rungs:

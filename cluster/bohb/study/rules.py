@@ -1,14 +1,14 @@
-"""What a search may search: the rules between its space, its recipe and what the user has set."""
+"""Checks of a search space against the recipe and the hyperparameters that a user has set."""
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from bilevel.agents.variation import VARIED
 from bilevel.errors import InvalidInput
+from bilevel.evolution import RULES
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
-from bilevel.nes.rules import RULES
-from bilevel.synthetic_env import least_units
+from bilevel.synthetic_env import smallest_hidden_size
 from bilevel.tasks import Task
 from cluster.bohb.study.profiles import SET_BY_SEARCH
 from search_spaces.space import Space
@@ -21,13 +21,10 @@ def searched_space(
     replaced: Sequence[tuple[str, Any]] = (),
     prior: str = "none",
 ) -> Space:
-    """The space of a search on the task that leaves all else to `base`: with SEs that are large
-    enough for the task.
+    """Return the space of a study on `task`; `core` is adapted to the task and to `base`.
 
-    `replaced` are the hyperparameters of `base` that the user has set, with their values; the
-    search begins with them if the `prior` is `recipe`. Raises InvalidInput for one that has no
-    effect, for a space that does not go with `base`, and for one whose configurations NES does not
-    allow.
+    `replaced` has the hyperparameters of `base` that the user has set. Raises InvalidInput if one
+    of them has no effect, if the space does not suit `base`, or if NES rejects a configuration.
     """
     for name, value in replaced:
         if name in SET_BY_SEARCH:
@@ -35,49 +32,53 @@ def searched_space(
                 f"{name} cannot be set to {value} in a search: all of its runs end once an SE is "
                 "confirmed, in the same way"
             )
-    unread = RULES[base.nes.update].needs_pairs  # mirrored_sampling and score_transform
-    if space == Space("full") and (unread or base.se.structure != "plain"):
-        raise InvalidInput(
-            "the space 'full' needs plain SEs and the rule paper or authors (--recipe authors or "
-            f"paper); the recipe {base.recipe!r} has {base.se.structure} SEs and the rule "
-            f"{base.nes.update}"
-        )
-    agents = [agent.agent for agent in base.agents]
-    unread_ones = _unread(base, space.searched(agents))
     if space == Space("core"):
-        space = space.without(unread_ones)
-    for name in unread_ones.keys() & space.searched(agents):
-        raise InvalidInput(
-            f"the search space {space.name!r} has {name}, which has no effect: {unread_ones[name]}"
-        )
-    searched, where = space.searched(agents), f"is searched in the space {space.name!r}"
-    for name, value in replaced:
-        if name in searched and prior != "recipe":
+        space = _adapted_core(task, base)
+    elif space == Space("full"):
+        _check_full(base)
+    agents = [agent.agent for agent in base.agents]
+    searched = space.searched(agents)
+    for name, value in replaced if prior != "recipe" else ():
+        if name in searched:
             raise InvalidInput(
-                f"{name} {where}, so that setting it to {value} has no effect: leave it out, or "
-                "begin with it (--prior recipe)"
+                f"{name} is searched in the space {space.name!r}, so that setting it to {value} "
+                "has no effect: leave it out, or use --prior recipe"
             )
     for name in (f"{agent}.{field}" for agent in agents for field in VARIED):
         if name in searched and base.vary_agent != "no":
             raise InvalidInput(
-                f"{name} {where}, but runs draw it anew for each agent (--vary-hp "
-                f"{base.vary_agent}): give --vary-hp no, or another space"
+                f"{name} is searched in the space {space.name!r}, but runs draw it for each "
+                f"agent (--vary-hp {base.vary_agent}): give --vary-hp no, or another space"
             )
-    if base.se.structure == "exogenous":
-        space = space.fitting("se.hidden_size", least_units(task))
     space.check(base, SET_BY_SEARCH, lambda hp: NES(task, hp))
     return space
 
 
-def _unread(base: Hyperparameters, searched: Collection[str]) -> dict[str, str]:
-    """Hyperparameters that NES does not read beside the others of `base`, and why; not where what
-    decides it is `searched` too."""
-    found = {}
-    if base.se.structure == "plain" and "se.structure" not in searched:
-        found["se.spread"] = "only exogenous SEs have a spread"
-    if not RULES[base.nes.update].transforms and "nes.update" not in searched:
-        why = f"the rule {base.nes.update} ranks the scores in its own way"
-        found |= dict.fromkeys(("nes.score_transform", "nes.ties"), why)
-    if base.nes.start == "distilled" and "nes.start" not in searched:
-        found["nes.start_candidates"] = "the start is distilled"
-    return found
+def _adapted_core(task: Task, base: Hyperparameters) -> Space:
+    """Return `core` without the spread of plain SEs, or with exogenous SEs large enough for the
+    task."""
+    import ConfigSpace as CS
+
+    dimensions = dict(Space("core").build())
+    if base.se.family == "plain":
+        del dimensions["se.spread"]
+    else:
+        size = dimensions["se.hidden_size"]
+        units = smallest_hidden_size(task.state_size, task.n_actions)
+        assert isinstance(size, CS.UniformIntegerHyperparameter)
+        if units <= size.lower:
+            return Space("core")
+        ends = units, max(size.upper, 2 * units)
+        dimensions[size.name] = CS.Integer(size.name, ends, log=size.log)
+    space = CS.ConfigurationSpace(name="core", space=list(dimensions.values()))
+    return Space("core", dict(space.to_serialized_dict()))
+
+
+def _check_full(base: Hyperparameters) -> None:
+    # `full` searches mirrored_sampling, which other rules need.
+    if RULES[base.nes.update].needs_pairs or base.se.family != "plain":
+        raise InvalidInput(
+            "the space 'full' needs plain SEs and the rule paper or authors (--recipe authors or "
+            f"paper); the recipe {base.recipe!r} has {base.se.family} SEs and the rule "
+            f"{base.nes.update}"
+        )

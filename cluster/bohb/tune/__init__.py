@@ -1,4 +1,16 @@
-"""Ray Tune for a study: it places trials and restarts nothing; all state is the study's own.
+"""Ray Tune for a study: Tune places trials, reuses their actors, and notices when one dies.
 
-Nothing is imported here: trials are processes of their own that need no hpbandster.
+Disabled features of Tune:
+- schedulers and Tune's own BOHB (`TuneBOHB` with `HyperBandForBOHB`): they lose the result of a
+  trial that is stopped at its last rung, and cannot be restored after a crash. `BohbSearcher` owns
+  hpbandster's brackets, under Tune's FIFO scheduler;
+- retries (`max_failures`): Tune fails a trial at once if a reused actor dies before its first step.
+  `BohbSearcher` suggests the job again;
+- `max_concurrent_trials`: the number of trials follows the size of the cluster;
+- checkpoints of trials and of the experiment: every generation is on disk before it is reported,
+  and the journal is the state of the search;
+- log files, progress output and automatic callbacks: `StudyReport` prints and feeds MLflow;
+- signal handling: `InterruptGuard` stops the trials in order.
+
+This module imports nothing, so that the processes of trials do not load hpbandster.
 """

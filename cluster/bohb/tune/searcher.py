@@ -1,11 +1,12 @@
-"""The search as Ray Tune sees it: a `Searcher` under Tune's plain FIFO scheduler.
+"""The search as Ray Tune sees it: a `Searcher` under Tune's FIFO scheduler.
 
-A Tune trial is one job (configuration, budget). A promoted configuration comes as
-a new trial that continues from the checkpoint of its lower rung.
+A Tune trial is one job (configuration, budget). A promoted configuration is a new trial that
+continues from the checkpoints of its lower rung.
 """
 
 import math
 import time
+from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
@@ -15,36 +16,26 @@ from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.user_code import Mistake
 from cluster.bohb.search.bracket_search import BracketSearch, Job
 from cluster.bohb.study.journal import ConfigId
-from cluster.bohb.tune.trial import (
-    BUDGET_REACHED,
-    EVALUATION_SECONDS,
-    FAILURE,
-    JOB,
-    MISTAKE,
-    NO_STORAGE,
-    OBJECTIVE,
-    TALLY,
-)
+from cluster.bohb.tune.trial import JOB, REPORT, TrialReport
 
-#: Deaths of trial processes on one job after which the configuration counts as failed.
-DEATHS = 20
+#: Crashes of a job's process or node after which the configuration counts as failed.
+MAX_CRASHES = 20
 
 
 class DriverOnly:
-    """Base of objects passed to Ray Tune that must not be pickled.
-
-    Tune pickles them to restore experiments; studies are restored from their journal instead.
-    """
+    """Base of objects that Ray Tune must not pickle. Tune pickles them to restore experiments;
+    studies are restored from their journal instead."""
 
     def __getstate__(self) -> dict[str, Any]:
         return {}
 
 
 class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
-    """Hands out at most `concurrent()` jobs at a time, each with `workers_per_trial` cores.
+    """Suggests at most `concurrent()` jobs at a time, each with `workers_per_trial` cores.
 
-    It hands out no job after `deadline` (seconds of `time.monotonic`), nor once an error is
-    stored in `stopped_by`.
+    It suggests no job after `deadline` (seconds of `time.monotonic`), nor after an error, which is
+    stored in `stopped_by`. Tune could limit the number of trials, but not to a number that follows
+    the size of the cluster.
     """
 
     def __init__(
@@ -54,43 +45,39 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         deadline: float,
         workers_per_trial: int = 1,
     ) -> None:
-        super().__init__(metric=OBJECTIVE, mode="min")
+        super().__init__()
         self._search = search
         self._concurrent = concurrent
         self._slots = 0  # last value of `concurrent()`
         self._deadline = deadline
         self._workers_per_trial = workers_per_trial
-        self._reported: float | None = (
-            None  # monotonic time of the last report of a trial (or first job)
-        )
+        self._reported: float | None = None  # time.monotonic of the last report or first job
         self._core_seconds = 0.0  # available core time until then
-        self._evaluation_seconds: dict[str, float] = {}  # spent in evaluations, by trial
+        self._evaluation_seconds: dict[str, float] = {}  # by trial
         self.jobs: dict[str, Job] = {}  # of the live trials
-        self._deaths: dict[tuple[ConfigId, int], int] = {}  # by job
+        self._crashes: Counter[tuple[ConfigId, int]] = Counter()  # by job
         self.stopped_by: InvalidInput | None = None
 
     @property
     def time_is_up(self) -> bool:
-        """Whether the deadline has passed."""
+        """True after the deadline."""
         return time.monotonic() >= self._deadline
 
     @property
     def core_utilisation(self) -> float:
-        """Share of the cores' time that was spent in evaluations, from the first job of
-        this process to the last report of a trial."""
+        """Share of the cores' time that was spent in evaluations, from the first job of this
+        process to the last report of a trial."""
         if self._core_seconds == 0:
             return 0.0
         return sum(self._evaluation_seconds.values()) / self._core_seconds
 
     def suggest(self, trial_id: str) -> dict[str, Any] | str | None:
-        """The next job; None while no job can start; FINISHED at the end."""
+        """Return the next job, None while no job can start, or FINISHED."""
         if self.time_is_up or self.stopped_by is not None or self._search.finished:
             return str(Searcher.FINISHED)
         try:
             self._slots = self._concurrent()
-            if len(self.jobs) >= self._slots:
-                return None
-            job = self._search.next_job()
+            job = self._search.next_job() if len(self.jobs) < self._slots else None
         except InvalidInput as error:
             self.stopped_by = error
             return None
@@ -106,48 +93,51 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         cores = self._slots * self._workers_per_trial
         self._core_seconds += (now - (self._reported or now)) * cores
         self._reported = now
-        self._evaluation_seconds[trial_id] = float(result.get(EVALUATION_SECONDS, 0.0))
+        self._evaluation_seconds[trial_id] = result[REPORT].evaluation_seconds
 
     def on_trial_complete(
         self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False
     ) -> None:
-        """Register the trial's result.
+        """Register the trial's result, or put back a job that was stopped or whose process or node
+        crashed: it resumes from its checkpoints.
 
-        A job that was interrupted, or whose process died, is handed out again and resumes from
-        its checkpoint. Errors go to `stopped_by`: Tune would take a raised one for the trial's.
+        Errors are stored in `stopped_by`, because Tune would count a raised one as the trial's.
         """
         job = self.jobs.pop(trial_id, None)
         if job is None:
             return
         try:
-            if result is not None:
+            if error:
+                self._crashed(job)
+            elif result is None or REPORT not in result:
+                self._search.put_back(job)
+            else:
                 self.on_trial_result(trial_id, result)
-            self._register(job, result or {}, error)
+                self._register(job, result[REPORT])
         except InvalidInput as reason:
             self.stopped_by = reason
             self._search.put_back(job)
 
-    def _register(self, job: Job, result: dict[str, Any], error: bool) -> None:
-        if error:  # the trial's process or node died, or the actor it was to reuse
-            key = job.id, job.budget
-            self._deaths[key] = self._deaths.get(key, 0) + 1
-            if self._deaths[key] < DEATHS:
-                self._search.put_back(job)
-            else:
-                text = f"the trial's process died {DEATHS} times"
-                self._search.register(job, None, exception=text)
-        elif NO_STORAGE in result:
-            raise StorageFailure(str(result[NO_STORAGE]))
-        elif MISTAKE in result and not self._search.succeeded:
-            raise Mistake(str(result[MISTAKE]))
-        elif MISTAKE in result:  # with other hyperparameters the agent works
-            self._search.register(job, None, exception=str(result[MISTAKE]))
-        elif FAILURE in result:
-            self._search.register(job, None, exception=str(result[FAILURE]))
-        elif not result.get(BUDGET_REACHED):
+    def _crashed(self, job: Job) -> None:
+        key = job.id, job.budget
+        self._crashes[key] += 1
+        if self._crashes[key] < MAX_CRASHES:
             self._search.put_back(job)
-        elif math.isfinite(objective := float(result[OBJECTIVE])):
-            info = {**result[TALLY].info, "core_utilisation": round(self.core_utilisation, 4)}
+        else:
+            crashed = f"the trial's process died {MAX_CRASHES} times"
+            self._search.register(job, None, exception=crashed)
+
+    def _register(self, job: Job, report: TrialReport) -> None:
+        if isinstance(report.error, StorageFailure):
+            raise report.error
+        if isinstance(report.error, Mistake) and not self._search.succeeded:
+            raise report.error  # after a success, the hyperparameters are the cause
+        if report.error is not None:
+            self._search.register(job, None, exception=str(report.error))
+        elif not report.budget_reached or report.tally is None:
+            self._search.put_back(job)
+        elif math.isfinite(objective := report.tally.objective):
+            info = {**report.tally.info, "core_utilisation": round(self.core_utilisation, 4)}
             self._search.register(job, objective, info)
         else:
             self._search.register(job, None, exception=f"the objective is {objective}")

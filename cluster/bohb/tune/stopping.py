@@ -1,4 +1,4 @@
-"""Stops a study before its brackets are done: time budget, Ctrl-C, full disk."""
+"""Stops a study before its brackets are complete: time budget, Ctrl-C, full disk."""
 
 from typing import Any
 
@@ -9,15 +9,17 @@ from cluster.session.interrupts import InterruptGuard
 
 
 class StudyStopper(DriverOnly, tune.Stopper):  # type: ignore[misc]
-    """Stops all trials at the deadline, on an error such as a full disk, or after Ctrl-C."""
+    """Stops all trials at the deadline, after an error such as a full disk, or after Ctrl-C."""
 
     def __init__(self, searcher: BohbSearcher, guard: InterruptGuard) -> None:
         self._searcher = searcher
         self._guard = guard
 
     def __call__(self, trial_id: str, result: dict[str, Any]) -> bool:
+        """Never stop a single trial."""
         return False
 
     def stop_all(self) -> bool:
+        """Return True at the deadline, after an error, or after Ctrl-C."""
         searcher = self._searcher
         return self._guard.interrupted or searcher.time_is_up or searcher.stopped_by is not None

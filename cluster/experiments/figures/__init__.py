@@ -1,2 +1,1 @@
-"""The experiments, one file each: what is asked of agents, and the data, pictures and summary made
-of their answers."""
+"""The experiments, one file each: agents to train, data, pictures and summary."""

@@ -1,147 +1,107 @@
-"""`cost`: what making an SE takes, and after how many agents that is paid back."""
-
-from collections.abc import Sequence
-from dataclasses import dataclass
+"""`cost`: the cost of making an SE, and the number of agents after which it pays off."""
 
 import numpy as np
+import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import LogLocator, NullLocator
 
-from cluster.experiments.agents import Unit
+from cluster.experiments.agents import Evaluation, Plan, evaluations_on
 from cluster.experiments.conditions import REAL
-from cluster.experiments.experiment import Experiment, Findings, Material, Plan
-from cluster.experiments.figures.transfer import units_on
-from cluster.experiments.sizes import Size
-from cluster.experiments.style import LOOKS, column
-from cluster.experiments.table import Row
+from cluster.experiments.experiment import Experiment, Findings, Material
+from cluster.experiments.style import LOOKS, column, legend_below
 
 
-@dataclass(frozen=True)
-class Cost:
-    """What one way of training agents costs, in real steps or in core seconds: once, and for each
-    agent."""
-
-    fixed: float
-    marginal: float
-
-    def break_even(self, other: "Cost") -> float | None:
-        """Number of agents from which this way is as cheap as the other; None if it never is."""
-        if other.marginal <= self.marginal:
-            return None
-        return max(self.fixed - other.fixed, 0.0) / (other.marginal - self.marginal)
+def _evaluations(plan: Plan, material: Material) -> list[Evaluation]:
+    sources, size = material.on("default", REAL), plan.size
+    return evaluations_on(plan, sources, plan.kinds[:1], size.agents, size.real_agents)
 
 
-@dataclass(frozen=True)
-class SECost:
-    """The costs of one SE."""
-
-    number: int
-    steps: Cost
-    core: Cost
-    test_return: float  # mean of the agents trained on it
-
-
-def _runs(size: Size) -> dict[str, int]:
-    return {"default": size.ses}
-
-
-def _units(plan: Plan, material: Material) -> list[Unit]:
-    sources = [*material.of("default"), *material.of(REAL)]
-    return units_on(plan, sources, slice(1))
+def break_even(cost: float, saved: float) -> float | None:
+    """Return the number of agents after which an SE that costs `cost` pays off if each agent saves
+    `saved`; None if never."""
+    return cost / saved if saved > 0 else None
 
 
 def _findings(plan: Plan, material: Material) -> Findings:
-    found, units = material.found, _units(plan, material)
-    real = [found[unit.key] for unit in units if unit.source.se is None]
-    steps = Cost(0.0, float(np.mean([one.train_steps for one in real])))
-    core = Cost(0.0, float(np.mean([one.cost for one in real])))
-    costs = []
-    for made, source in zip(material.ses, material.sources, strict=True):
+    agents = material.agents(_evaluations(plan, material))
+    columns = ["train_steps", "core_seconds", "score"]
+    on_real = agents[agents["source"] == REAL][columns].mean()
+    on_ses = agents[agents["source"] != REAL].groupby("se", sort=False)
+    rows = []
+    for source, (_, on_se) in zip(material.sources, on_ses, strict=True):
         assert source.se is not None
-        taught = [found[unit.key] for unit in units if unit.source is source]
-        costs.append(
-            SECost(
-                made.number,
-                Cost(float(source.se.info["real_env_steps"]), 0.0),
-                Cost(made.state.cost, float(np.mean([one.cost for one in taught]))),
-                float(np.mean([one.score for one in taught])),
-            )
+        steps, core = source.se.info["real_env_steps"], source.state.cost
+        mean = on_se[columns].mean()
+        rows.append(
+            {
+                "se": str(source.number),
+                "real_steps_to_make_it": steps,
+                "paid_back_in_real_steps_after_agents": break_even(steps, on_real["train_steps"]),
+                "core_seconds_to_make_it": core,
+                "core_seconds_of_an_agent": mean["core_seconds"],
+                "paid_back_in_core_time_after_agents": break_even(
+                    core, on_real["core_seconds"] - mean["core_seconds"]
+                ),
+                "test_return": mean["score"],
+            }
         )
-    rows = [_row(cost, steps, core) for cost in costs]
+    data = pd.DataFrame(rows, dtype=object)  # columns of integers remain integers
+    # An SE that never pays off counts as infinite.
+    medians = data.drop(columns="se").astype(float).fillna(np.inf).median()
+    median = {name: value if np.isfinite(value) else None for name, value in medians.items()}
+    kind = plan.kinds[0].agent
     return Findings(
-        rows,
-        [_median(rows), *rows],
-        {"payback": payback(costs, steps, core, f"{plan.kinds[0].agent} on {plan.task.id}")},
+        data,
+        [{"se": "median", **median}, *rows],
+        {"payback": payback(data, on_real, f"{kind} on {plan.task.id}")},
         {
-            "real_env_steps": float(np.median([cost.steps.fixed for cost in costs])),
-            "real_train_steps_of_an_agent": steps.marginal,
+            "real_env_steps": medians["real_steps_to_make_it"],
+            "real_train_steps_of_an_agent": on_real["train_steps"],
         },
         (
-            f"{len(real)} {plan.kinds[0].agent} agents on the real task train for "
-            f"{steps.marginal:.0f} steps and {core.marginal:.1f} core seconds on average; on an SE "
-            "an agent makes no real step before its tests.",
-            "Real steps of making an SE are all that its run made: tests of every evaluation, the "
+            f"{plan.size.real_agents} {kind} agents on the real task train for "
+            f"{on_real['train_steps']:.0f} steps and {on_real['core_seconds']:.1f} core seconds "
+            "on average. On an SE an agent makes no real step before its tests.",
+            "Real steps of making an SE are all steps of its run: tests of every evaluation, the "
             "scale of observations, and the last tests. Core seconds are estimated from training "
-            "steps, real steps and network sizes, and leave out the retest at the end.",
+            "steps, real steps and network sizes, and exclude the retest at the end.",
         ),
     )
 
 
-def _row(cost: SECost, steps: Cost, core: Cost) -> Row:
-    return {
-        "se": str(cost.number),
-        "real_steps_to_make_it": round(cost.steps.fixed),
-        "paid_back_in_real_steps_after_agents": cost.steps.break_even(steps),
-        "core_seconds_to_make_it": cost.core.fixed,
-        "core_seconds_of_an_agent": cost.core.marginal,
-        "paid_back_in_core_time_after_agents": cost.core.break_even(core),
-        "test_return": cost.test_return,
-    }
-
-
-def _median(rows: Sequence[Row]) -> Row:
-    """The median of each column; an SE that never pays back counts as the largest."""
-    medians: dict[str, str | float | int | None] = {"se": "median"}
-    for name in list(rows[0])[1:]:
-        numbers = [np.inf if (value := row[name]) is None else float(value) for row in rows]
-        middle = float(np.median(numbers))
-        medians[name] = middle if np.isfinite(middle) else None
-    return medians
-
-
-def payback(costs: Sequence[SECost], steps: Cost, core: Cost, what: str) -> Figure:
-    """Cumulated cost over the number of agents, on the real task and on SEs."""
+def payback(data: pd.DataFrame, on_real: pd.Series, name: str) -> Figure:
+    """Draw the cumulative costs over the number of agents, on the real task and on SEs."""
     figure = column(3.6)
     above, below = figure.subplots(2, 1)
-    _panel(above, [cost.steps for cost in costs], steps)
+    steps = data["real_steps_to_make_it"], data["paid_back_in_real_steps_after_agents"]
+    _panel(above, *steps, pd.Series(0.0, data.index), on_real["train_steps"])
     above.set_ylabel("real steps in all")
-    above.set_title(f"{what}; dots: an SE is paid back")
-    _panel(below, [cost.core for cost in costs], core)
+    above.set_title(f"{name}; dots: an SE is paid back")
+    core = data["core_seconds_to_make_it"], data["paid_back_in_core_time_after_agents"]
+    _panel(below, *core, data["core_seconds_of_an_agent"], on_real["core_seconds"])
     below.set_ylabel("core time in all (s)")
     below.yaxis.set_major_locator(LogLocator(subs=(1, 3)))
     below.yaxis.set_major_formatter("{x:g}")
     below.yaxis.set_minor_locator(NullLocator())
     for axes in (above, below):
         axes.set_xlabel("agents trained")
-    figure.legend(*below.get_legend_handles_labels(), loc="outside lower center", ncols=2)
+    legend_below(below)
     return figure
 
 
-def _panel(axes: Axes, costs: Sequence[Cost], real: Cost) -> None:
-    paid = [cost.break_even(real) for cost in costs]
-    last = 3 * max([10.0, *(one for one in paid if one is not None)])
-    agents = np.geomspace(1, last, 60)
-    ours, theirs = LOOKS["default"], LOOKS[REAL]
-    for cost, at in zip(costs, paid, strict=True):
-        axes.plot(agents, cost.fixed + cost.marginal * agents, color=ours.colour, lw=0.5, alpha=0.6)
+def _panel(axes: Axes, costs: pd.Series, paid: pd.Series, marginal: pd.Series, real: float) -> None:
+    """Draw the costs of SEs with their marginal costs of an agent, and the real task's."""
+    agents = np.geomspace(1, 3 * max([10.0, *paid.dropna()]), 60)
+    ours, task = LOOKS["default"], LOOKS[REAL]
+    totals = [cost + each * agents for cost, each in zip(costs, marginal, strict=True)]
+    for total, at in zip(totals, paid, strict=True):
+        axes.plot(agents, total, color=ours.colour, lw=0.5, alpha=0.6)
         if at is not None and at >= 1:
-            axes.plot([at], [real.marginal * at], marker=ours.marker, color=ours.colour, ls="none")
-    middle = np.median([cost.fixed + cost.marginal * agents for cost in costs], axis=0)
-    axes.plot(agents, middle, color=ours.colour, ls=ours.line, label="SEs (thick: median)")
-    axes.plot(
-        agents, real.marginal * agents, color=theirs.colour, ls=theirs.line, label="real task"
-    )
+            axes.plot([at], [real * at], marker=ours.marker, color=ours.colour, ls="none")
+    median = np.median(totals, axis=0)
+    axes.plot(agents, median, color=ours.colour, ls=ours.line, label="SEs (thick: median)")
+    axes.plot(agents, real * agents, color=task.colour, ls=task.line, label="real task")
     axes.set_xscale("log")
     axes.set_yscale("log")
 
@@ -149,9 +109,9 @@ def _panel(axes: Axes, costs: Sequence[Cost], real: Cost) -> None:
 COST = Experiment(
     "cost",
     "Cost of an SE",
-    "The real environment steps and the core time that making an SE takes, against those of "
-    "training agents on the real task.",
-    _runs,
+    "Real environment steps and core time of making an SE, compared with the training of agents on "
+    "the real task.",
+    lambda size: {"default": size.ses},
     _findings,
-    _units,
+    _evaluations,
 )

@@ -1,21 +1,18 @@
 """`sensitivity`: agents' returns against their hyperparameters, on one SE."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
+import pandas as pd
 from matplotlib.figure import Figure
 from matplotlib.ticker import NullLocator, ScalarFormatter
 from numpy.typing import NDArray
 from scipy.stats import spearmanr
 
 from bilevel.tasks import Task
-from cluster.experiments.agents import Place, Unit
-from cluster.experiments.experiment import Experiment, Findings, Material, Plan
-from cluster.experiments.figures.transfer import agent_row
-from cluster.experiments.sizes import Size
-from cluster.experiments.style import SERIES, column, solved_line
+from cluster.experiments.agents import Evaluation, Plan, evaluations_on
+from cluster.experiments.experiment import Experiment, Findings, Material
+from cluster.experiments.style import SERIES, column, panels, solved_line
 from cluster.experiments.table import Row, standard_error
 
 Floats = NDArray[np.float64]
@@ -32,22 +29,13 @@ VARIED = {
 _FIFTHS = 5
 
 
-def _runs(size: Size) -> dict[str, int]:
-    return {"default": 1}
-
-
-def _units(plan: Plan, material: Material) -> list[Unit]:
-    (source,) = material.of("default")
-    return [
-        Unit.of(plan.task, source, Place(0, agent), kind, plan.seed)
-        for kind in plan.kinds
-        for agent in range(plan.size.varied_agents)
-    ]
+def _evaluations(plan: Plan, material: Material) -> list[Evaluation]:
+    return evaluations_on(plan, material.on("default"), plan.kinds, plan.size.varied_agents)
 
 
 def grouped(values: Floats) -> list[NDArray[np.intp]]:
-    """Indices of the agents, ordered by a hyperparameter: a group for each value if there are
-    few, else fifths."""
+    """Return the indices of groups of agents, ordered by a hyperparameter: a group per value, or
+    fifths if there are more than five values."""
     distinct = np.unique(values)
     if len(distinct) <= _FIFTHS:
         return [np.flatnonzero(values == value) for value in distinct]
@@ -55,37 +43,28 @@ def grouped(values: Floats) -> list[NDArray[np.intp]]:
 
 
 def _findings(plan: Plan, material: Material) -> Findings:
-    units = _units(plan, material)
+    data = material.agents(_evaluations(plan, material))
     figures: dict[str, Figure] = {}
     summary: list[Row] = []
     metrics: dict[str, float] = {}
-    for kind in plan.kinds:
-        own = [unit for unit in units if unit.hp.agent == kind.agent]
-        scores = np.array([material.found[unit.key].score for unit in own])
-        values = {
-            name: np.array([getattr(unit.hp, name) for unit in own], np.float64)
-            for name in VARIED
-            if hasattr(kind, name)
-        }
-        if values:
-            figures[kind.agent] = panels(values, scores, plan.task, kind.agent)
-        summary += [_summary(kind.agent, name, one, scores) for name, one in values.items()]
-        metrics[f"test_return/{kind.agent}"] = float(scores.mean())
-    return Findings(
-        [agent_row(unit, material) for unit in units],
-        summary,
-        figures,
-        metrics,
-        (
-            f"All agents train on the SE with seed {plan.seed}, which was not chosen. All "
-            "hyperparameters are drawn at once, so each panel averages over the others.",
-        ),
+    for agent, rows in data.groupby("agent", sort=False):
+        varied = rows[[*VARIED]].dropna(axis="columns").astype(float)
+        scores = rows["score"].to_numpy(float)
+        if not varied.empty:
+            figures[agent] = scatter_plots(varied, scores, plan.task, agent)
+        summary += [_summary(agent, name, varied[name].to_numpy(), scores) for name in varied]
+        metrics[f"test_return/{agent}"] = float(scores.mean())
+    note = (
+        f"All agents train on the SE with seed {plan.seed}, which was not selected. All "
+        "hyperparameters are drawn at once, so each panel averages over the others."
     )
+    return Findings(data, summary, figures, metrics, [note])
 
 
 def _summary(agent: str, name: str, values: Floats, scores: Floats) -> Row:
     groups = [scores[group] for group in grouped(values)]
     constant = np.ptp(values) == 0 or np.ptp(scores) == 0
+    correlation = None if constant else float(spearmanr(values, scores).statistic)
     return {
         "agent": agent,
         "hyperparameter": VARIED[name][0],
@@ -94,27 +73,26 @@ def _summary(agent: str, name: str, values: Floats, scores: Floats) -> Row:
         "to": float(values.max()),
         "return_of_lowest_group": float(groups[0].mean()),
         "return_of_highest_group": float(groups[-1].mean()),
-        "rank_correlation": None if constant else float(spearmanr(values, scores).statistic),
+        "rank_correlation": correlation,
     }
 
 
-def panels(values: dict[str, Floats], scores: Floats, task: Task, kind: str) -> Figure:
-    """A panel for each hyperparameter: a point an agent, and means with standard errors."""
-    rows = -(-len(values) // 2)
-    figure = column(0.55 + 1.45 * rows)
-    drawn: Sequence[Axes] = list(figure.subplots(rows, 2, sharey=True, squeeze=False).flat)
-    look, line = SERIES[0], SERIES[1]
-    for axes, (name, at) in zip(drawn, values.items(), strict=False):
+def scatter_plots(varied: pd.DataFrame, scores: Floats, task: Task, agent: str) -> Figure:
+    """Draw a panel per hyperparameter: a point per agent, and group means with standard errors."""
+    figure = column(0.55 + 1.45 * -(-len(varied.columns) // 2))
+    points, means = SERIES[:2]
+    drawn = panels(figure, len(varied.columns), sharey=True)
+    for axes, name in zip(drawn, varied, strict=True):
         title, ticks = VARIED[name]
-        axes.scatter(at, scores, s=8, color=look.colour, alpha=0.5, lw=0, marker=look.marker)
+        at = varied[name].to_numpy()
+        axes.scatter(at, scores, s=8, color=points.colour, alpha=0.5, lw=0, marker=points.marker)
         groups = grouped(at)
         axes.errorbar(
             [float(np.exp(np.log(at[group]).mean())) for group in groups],
             [float(scores[group].mean()) for group in groups],
-            [_error(scores[group]) for group in groups],
-            color=line.colour,
-            ls=line.line,
-            marker=line.marker,
+            # NaN draws no bar.
+            [float(standard_error(scores[g])) if len(g) > 1 else math.nan for g in groups],
+            **means.curve,
             mec="black",
             mew=0.5,
             capsize=2,
@@ -126,24 +104,17 @@ def panels(values: dict[str, Floats], scores: Floats, task: Task, kind: str) -> 
         axes.xaxis.set_minor_locator(NullLocator())
         axes.set_xlabel(title)
         solved_line(axes, task.solved_reward)
-    for axes in drawn[len(values) :]:
-        axes.set_visible(False)
     figure.supylabel(f"mean test return on {task.id}", fontsize=7.5)
-    told = "dots: agents; squares: means of groups\nwith their standard errors"
-    figure.suptitle(f"{kind} ({told})", fontsize=8)
+    legend = "dots: agents; squares: means of groups\nwith their standard errors"
+    figure.suptitle(f"{agent} ({legend})", fontsize=8)
     return figure
-
-
-def _error(scores: Floats) -> float:
-    """Standard error of the mean; NaN, which draws no bar, of a single score."""
-    return float(standard_error(scores)) if len(scores) > 1 else math.nan
 
 
 SENSITIVITY = Experiment(
     "sensitivity",
     "Sensitivity to agents' hyperparameters",
-    "Scores of agents trained on one SE against each hyperparameter that is varied.",
-    _runs,
+    "Scores of agents trained on one SE against each varied hyperparameter.",
+    lambda size: {"default": 1},
     _findings,
-    _units,
+    _evaluations,
 )

@@ -1,125 +1,75 @@
-"""`transfer`: test returns of fresh agents, by what they were trained on (paper, the figures on
-evaluation performance and on transfer)."""
+"""`transfer`: test returns of fresh agents by training environment.
+
+See the paper's figures on evaluation performance and on transfer.
+"""
 
 from collections.abc import Sequence
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 
-from bilevel.agents.variation import VARIED
 from bilevel.tasks import Task
 from cluster.evaluate.report import Group
-from cluster.experiments.agents import Place, Source, Unit
+from cluster.experiments.agents import Evaluation, Plan, evaluations_on
 from cluster.experiments.authors import PICKED
 from cluster.experiments.conditions import REAL, title_of
-from cluster.experiments.experiment import Experiment, Findings, Material, Plan
-from cluster.experiments.sizes import Size
+from cluster.experiments.experiment import Experiment, Findings, Material
 from cluster.experiments.style import LOOKS, column, number, solved_line, violin
 from cluster.experiments.table import Row, standard_error
 
-#: What agents are trained on, in the order of the paper's violins, then ours.
+#: Training environments in the order of the paper's violins, followed by ours.
 SOURCES = (REAL, "varied", "fixed", "default")
 
 
-def _runs(size: Size) -> dict[str, int]:
-    return dict.fromkeys(("varied", "fixed", "default"), size.ses)
+def _agents(task_id: str) -> tuple[str, ...]:
+    return ("ddqn", "dueling-ddqn", *(["td3"] if task_id == "CartPole-v0" else []))
 
 
-def units_on(plan: Plan, sources: Sequence[Source], kinds: slice = slice(None)) -> list[Unit]:
-    """The agents on these sources: `agents` of each kind on an SE, `real_agents` on the real
-    task."""
-    size = plan.size
-    found = []
-    for source in sources:
-        places = (
-            Place.on_real(size.real_agents)
-            if source.se is None
-            else [Place(source.number, agent) for agent in range(size.agents)]
-        )
-        found += [
-            Unit.of(plan.task, source, place, kind, plan.seed)
-            for kind in plan.kinds[kinds]
-            for place in places
-        ]
-    return found
-
-
-def _units(plan: Plan, material: Material) -> list[Unit]:
-    return [unit for name in SOURCES for unit in units_on(plan, material.of(name))]
+def _evaluations(plan: Plan, material: Material) -> list[Evaluation]:
+    sources, size = material.on(*SOURCES), plan.size
+    return evaluations_on(plan, sources, plan.kinds, size.agents, size.real_agents)
 
 
 def _findings(plan: Plan, material: Material) -> Findings:
-    units = _units(plan, material)
-    results = {unit.key: material.found[unit.key] for unit in units}
-    groups: dict[tuple[str, str], list[Unit]] = {}
-    for unit in units:
-        groups.setdefault((unit.hp.agent, unit.source.condition), []).append(unit)
-    as_groups = {
-        place: Group(
-            place[1],
-            place[0],
-            plan.task.solved_reward,
-            tuple(results[unit.key] for unit in members),
-        )
-        for place, members in groups.items()
-    }
-    kinds = dict.fromkeys(agent for agent, _ in groups)
+    evaluations = _evaluations(plan, material)
+    data = material.agents(evaluations)
+    results = [material.result(evaluation) for evaluation in evaluations]
+    groups, summary = [], []
+    for (agent, source), rows in data.groupby(["agent", "source"], sort=False):
+        group = Group(source, agent, plan.task.solved_reward, tuple(results[i] for i in rows.index))
+        groups.append(group)
+        summary.append(_summary(group, rows))
+    lowest = min(float(group.test_returns.min()) for group in groups)
     return Findings(
-        [agent_row(unit, material) for unit in units],
-        [_summary(group, groups[place]) for place, group in as_groups.items()],
+        data,
+        summary,
         {
-            kind: violins(
-                [as_groups[kind, name] for name in SOURCES],
-                kind,
-                plan.task,
-                min(float(group.test_returns.min()) for group in as_groups.values()),
-            )
-            for kind in kinds
+            hp.agent: violins([g for g in groups if g.agent == hp.agent], plan.task, lowest)
+            for hp in plan.kinds
         },
-        {
-            f"test_return/{agent}/{name}": float(group.test_returns.mean())
-            for (agent, name), group in as_groups.items()
-        },
+        {f"test_return/{g.agent}/{g.source}": float(g.test_returns.mean()) for g in groups},
         (
             "The agents' learning rate, batch size and network are always drawn from the paper's "
-            "ranges; agents at the same position are the same on every source.",
-            "Test returns count each test episode, train steps and episodes each agent. The "
-            f"{PICKED} best SEs are picked by the returns shown, as the authors did: such a "
-            "number is too high for a new SE.",
-            "The SE of every NES run counts, whether or not the run solved the task; the authors' "
-            "SEs all come from runs that had.",
+            "ranges. Agents at the same position are equal on all sources.",
+            "Test returns are statistics over test episodes, train steps and train episodes over "
+            f"agents. The {PICKED} best SEs are chosen by the returns shown, as the authors did, "
+            "which overestimates the return on a new SE.",
+            "All SEs count, whether or not their NES runs solved the task. The authors used only "
+            "SEs of runs that had.",
         ),
     )
 
 
-def agent_row(unit: Unit, material: Material) -> Row:
-    """An agent's line of the data: who it is, its hyperparameters, and how it did."""
-    result, hp = material.found[unit.key], unit.hp
-    return {
-        "agent": hp.agent,
-        "source": unit.source.condition,
-        "se": None if unit.source.se is None else unit.source.number,
-        "position": f"{unit.place.se}-{unit.place.agent}",
-        **{name: getattr(hp, name, None) for name in VARIED},
-        "score": result.score,
-        "train_steps": result.train_steps,
-        "train_episodes": result.train_episodes,
-        "core_seconds": result.cost,
-        **{f"return_{i}": value for i, value in enumerate(result.test_returns)},
-    }
-
-
-def _summary(group: Group, units: Sequence[Unit]) -> Row:
+def _summary(group: Group, rows: pd.DataFrame) -> Row:
     s = group.summary()
-    by_se: dict[int, list[float]] = {}
-    for unit, result in zip(units, group.results, strict=True):
-        by_se.setdefault(unit.source.number, []).append(result.score)
-    means = sorted((float(np.mean(scores)) for scores in by_se.values()), reverse=True)
+    by_se = rows.groupby("se", dropna=False)["score"]  # the real task is one group
+    means = sorted((float(np.mean([*scores])) for _, scores in by_se), reverse=True)
     return {
         "agent": group.agent,
         "source": group.source,
-        "ses": None if group.source == REAL else len(by_se),
-        "agents": len(units),
+        "ses": None if group.source == REAL else len(means),
+        "agents": len(rows),
         "evaluations": group.test_returns.size,
         "test_return": s["test_returns_mean"],
         "test_return_std": s["test_returns_std"],
@@ -136,9 +86,9 @@ def _summary(group: Group, units: Sequence[Unit]) -> Row:
     }
 
 
-def violins(groups: Sequence[Group], kind: str, task: Task, lowest: float) -> Figure:
-    """Violins of test returns, on an axis from `lowest` on; the mean return above, train steps and
-    episodes below."""
+def violins(groups: Sequence[Group], task: Task, lowest: float) -> Figure:
+    """Draw a violin of test returns per source on an axis that starts at `lowest`; means above,
+    train steps and episodes below."""
     figure = column(3.0)
     axes = figure.subplots()
     for x, group in enumerate(groups):
@@ -159,22 +109,17 @@ def violins(groups: Sequence[Group], kind: str, task: Task, lowest: float) -> Fi
     low, high = min(lowest, task.solved_reward), max(highest, task.solved_reward)
     margin = 0.05 * max(high - low, 1.0)
     axes.set_ylim(low - margin, high + margin)
-    axes.set_xticks(range(len(groups)), [_below(group) for group in groups], fontsize=5.8)
-    axes.set_title(f"{kind} (above: mean)", pad=11)
+    axes.set_xticks(range(len(groups)), [_label(group) for group in groups], fontsize=5.8)
+    axes.set_title(f"{groups[0].agent} (above: mean)", pad=11)
     return figure
 
 
-def _below(group: Group) -> str:
+def _label(group: Group) -> str:
     steps, episodes = group.train_steps, group.train_episodes
-    return "\n".join(
-        (
-            title_of(group.source),
-            f"{len(group.results)} agents",
-            "train steps",
-            f"{steps.mean():.0f} ± {steps.std():.0f}",
-            "episodes",
-            f"{episodes.mean():.0f} ± {episodes.std():.0f}",
-        )
+    return (
+        f"{title_of(group.source)}\n{len(group.results)} agents\n"
+        f"train steps\n{steps.mean():.0f} ± {steps.std():.0f}\n"
+        f"episodes\n{episodes.mean():.0f} ± {episodes.std():.0f}"
     )
 
 
@@ -182,14 +127,10 @@ TRANSFER = Experiment(
     "transfer",
     "Performance and transfer of agents",
     "Test returns on the real task of fresh agents that were trained on the real task, and on SEs "
-    "that NES learned with DDQN alone. Bars are quartiles, white dots medians, diamonds means, and "
-    "the dotted line is the return that solves the task.",
-    _runs,
+    "that NES learned with DDQN agents. Bars are quartiles, white dots medians, diamonds means, "
+    "and the dotted line is the return that solves the task.",
+    lambda size: dict.fromkeys(("varied", "fixed", "default"), size.ses),
     _findings,
-    _units,
-    agents={
-        "CartPole-v0": ("ddqn", "dueling-ddqn", "td3"),
-        "Acrobot-v1": ("ddqn", "dueling-ddqn"),
-    },
-    usual_agents=("ddqn", "dueling-ddqn"),
+    _evaluations,
+    agents=_agents,
 )

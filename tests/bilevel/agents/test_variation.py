@@ -10,8 +10,9 @@ from scipy.stats import chisquare, kstest
 
 from bilevel import InvalidInput
 from bilevel.agents.variation import NARROWEST, SMALL, draw_agent
-from bilevel.hyperparameters import AgentHyperparameters, DDQNHyperparameters, load_recipe
+from bilevel.hyperparameters import AgentHyperparameters, DDQNHyperparameters
 from bilevel.hyperparameters.validation import hyperparameters
+from bilevel.recipes import load_recipe
 from tests.conftest import ddqn
 
 SAMPLES = 300

@@ -18,12 +18,8 @@ from bilevel.evaluation import (
     evaluate,
     train_and_test,
 )
-from bilevel.hyperparameters import (
-    DDQNHyperparameters,
-    Hyperparameters,
-    default_agents,
-    load_recipe,
-)
+from bilevel.hyperparameters import DDQNHyperparameters, Hyperparameters, default_agents
+from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import Task, get_task
 from tests.conftest import ddqn

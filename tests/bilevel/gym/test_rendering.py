@@ -1,4 +1,4 @@
-"""Pictures of an SE's states: those that the real task draws of the same states."""
+"""The real task's renderer draws an SE's states."""
 
 from pathlib import Path
 from typing import Any
@@ -14,10 +14,11 @@ from bilevel.gym.rendering import Renderer
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
 from bilevel.zoo import ENTRIES, env_id, zoo_file
+from tests.envs import CustomEnv, register_env
 
 
 @pytest.mark.parametrize("name", [*ENTRIES, "MountainCar-v0"])
-def test_a_state_of_the_real_task_looks_as_there(name: str) -> None:
+def test_states_look_like_in_the_real_task(name: str) -> None:
     task = get_task(name)
     real: Any = task.make(render_mode="rgb_array").unwrapped
     renderer = Renderer(task, "rgb_array")
@@ -30,10 +31,10 @@ def test_a_state_of_the_real_task_looks_as_there(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", ENTRIES)
-def test_each_state_is_drawn(name: str) -> None:
+def test_images_change_with_the_state(name: str) -> None:
     env = gymnasium.make(env_id(name), render_mode="rgb_array")
-    task = load_se(zoo_file(name)).task()
-    assert env.metadata["render_fps"] == task.make(render_mode="rgb_array").metadata["render_fps"]
+    real = load_se(zoo_file(name)).task().make(render_mode="rgb_array")
+    assert env.metadata["render_fps"] == real.metadata["render_fps"]
     env.reset(seed=0)
     first = env.render()
     for _ in range(5):
@@ -42,64 +43,33 @@ def test_each_state_is_drawn(name: str) -> None:
     env.close()
 
 
-def window() -> Any:
-    """The pixels of the open window."""
-    surface = pygame.display.get_surface()
-    assert surface is not None
-    return pygame.surfarray.array3d(surface)
-
-
-def test_a_window_follows_the_episode(se_file: Path) -> None:
+def test_the_window_shows_the_current_state(se_file: Path) -> None:
     env = gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file, render_mode="human")
     with pytest.raises(ResetNeeded):
         env.unwrapped.render()
-    seen = []
     env.reset(seed=0)
+    images = []
     for _ in range(5):
-        seen.append(window())
+        surface = pygame.display.get_surface()
+        assert surface is not None
+        images.append(pygame.surfarray.array3d(surface))
         env.step(1)
-    seen.append(window())
-    assert np.any(seen[0] != seen[-1])
+    assert np.any(images[0] != images[-1])
     env.close()
 
 
-def test_a_mode_that_there_is_not() -> None:
-    with pytest.raises(
-        InvalidInput, match="unknown render mode 'ansi': allowed are human, rgb_array"
-    ):
-        Renderer(get_task("CartPole-v0"), "ansi")
-
-
-class Hidden(gymnasium.Env[Any, Any]):
-    """A task whose state is not what it draws."""
-
-    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}  # noqa: RUF012
-    observation_space = gymnasium.spaces.Box(-1, 1, (2,), np.float32)
-    action_space = gymnasium.spaces.Discrete(2)
-
-    def __init__(self, **kwargs: Any) -> None:
-        self.render_mode = kwargs.get("render_mode")
-
-    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
-        super().reset(seed=seed)
-        return np.zeros(2, np.float32), {}
-
-    def render(self) -> Any:
-        return np.zeros((4, 4, 3), np.uint8)
-
-
-class Blind(Hidden):
-    """A task without render modes."""
-
-    def __init__(self) -> None:
-        super().__init__()
-
-
-@pytest.mark.parametrize("entry_point", [Hidden, Blind])
-def test_a_task_that_cannot_draw_a_given_state(entry_point: Any) -> None:
-    gymnasium.register("Hidden-v0", entry_point, reward_threshold=1.0, max_episode_steps=5)
-    try:
-        with pytest.raises(InvalidInput, match="Hidden-v0 cannot draw a given state"):
-            Renderer(get_task("Hidden-v0"), "rgb_array")
-    finally:
-        del gymnasium.registry["Hidden-v0"]
+@pytest.mark.parametrize(
+    ("entry_point", "mode", "message"),
+    [
+        (CustomEnv, "ansi", "unknown render mode 'ansi': allowed are human, rgb_array"),
+        (CustomEnv, "rgb_array", "cannot draw a given state .*render_mode"),
+        (lambda **_: CustomEnv(), "rgb_array", "cannot draw a given state$"),
+    ],
+)
+def test_tasks_that_cannot_draw_a_given_state(
+    entry_point: Any, mode: str, message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """They do not accept `render_mode`, or have no attribute `state`."""
+    task = get_task(register_env(monkeypatch, entry_point))
+    with pytest.raises(InvalidInput, match=message):
+        Renderer(task, mode)

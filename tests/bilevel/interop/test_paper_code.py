@@ -1,4 +1,4 @@
-"""SE files of the paper's own code: built here as that code builds and saves them."""
+"""Import of SE files of the paper's code, which are built here as that code builds them."""
 
 import pickle
 from pathlib import Path
@@ -23,7 +23,7 @@ ACTIVATIONS = {
 
 
 def network(inputs: int, outputs: int, settings: dict[str, Any], norm: bool) -> nn.Sequential:
-    """One of the three networks; one module for all activations, one for all normalisations."""
+    """One of the three networks; all layers share the activation and normalisation modules."""
     size = settings["hidden_size"]
     active = ACTIVATIONS[settings["activation_fn"]]()
     between = nn.LayerNorm(size) if norm else nn.Identity()
@@ -34,7 +34,7 @@ def network(inputs: int, outputs: int, settings: dict[str, Any], norm: bool) -> 
 
 
 class Saved(nn.Module):
-    """What the paper's code saves: an environment within a wrapper."""
+    """The module that the paper's code saves: an environment in a wrapper."""
 
     def __init__(self, settings: dict[str, Any], norm: bool = False) -> None:
         super().__init__()
@@ -54,7 +54,7 @@ def settings(activation: str = "leakyrelu", layers: int = 1) -> dict[str, Any]:
         "solved_reward": 195.0,
         "max_steps": 200,
         "activation_fn": activation,
-        "hidden_size": [48, 83, 192],  # as in a file of BOHB's, with the range around it
+        "hidden_size": [48, 83, 192],  # searched: lowest value, value, highest
         "hidden_layer": layers,
         "info_dim": 0,
     }
@@ -65,7 +65,7 @@ def chosen(given: dict[str, Any]) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize(("activation", "layers"), [("leakyrelu", 1), ("tanh", 2), ("prelu", 2)])
-def test_it_gives_the_same_numbers(activation: str, layers: int, tmp_path: Path) -> None:
+def test_outputs_equal_the_original(activation: str, layers: int, tmp_path: Path) -> None:
     given = settings(activation, layers)
     torch.manual_seed(0)
     theirs = Saved(chosen(given))
@@ -81,20 +81,29 @@ def test_it_gives_the_same_numbers(activation: str, layers: int, tmp_path: Path)
         )
 
 
-def test_what_it_cannot_represent_is_refused(tmp_path: Path) -> None:
-    normed = Saved(chosen(settings("tanh", 2)), norm=True)
-    with pytest.raises(InvalidInput, match="of a layer that SEs here do not have"):
-        read_paper_se(normed.write(tmp_path / "se.pt", settings("tanh", 2)))
-    linear = Saved(chosen(settings("identity")))
-    with pytest.raises(InvalidInput, match=r"activation .identity.: allowed are tanh"):
-        read_paper_se(linear.write(tmp_path / "se.pt", settings("identity")))
-    other = Saved(chosen(settings()))
-    with pytest.raises(InvalidInput, match="parameters: an SE of Acrobot-v1 with 1 hidden"):
-        read_paper_se(other.write(tmp_path / "se.pt", settings()), "Acrobot-v1")
+@pytest.mark.parametrize(
+    ("activation", "layers", "norm", "task", "message"),
+    [
+        ("tanh", 2, True, None, "belongs to an unsupported layer"),
+        ("identity", 1, False, None, "activation_fn: must be 'tanh', 'relu'.*; got 'identity'"),
+        ("leakyrelu", 1, False, "Acrobot-v1", "psi has shape .* networks have"),
+    ],
+)
+def test_unsupported_networks(
+    activation: str, layers: int, norm: bool, task: str | None, message: str, tmp_path: Path
+) -> None:
+    given = settings(activation, layers)
+    file = Saved(chosen(given), norm).write(tmp_path / "se.pt", given)
+    with pytest.raises(InvalidInput, match=message):
+        read_paper_se(file, task)
+
+
+def test_a_learned_slope_is_unsupported(tmp_path: Path) -> None:
+    saved = Saved(chosen(settings("prelu")))
     with torch.no_grad():
-        next(other.parameters()).fill_(torch.nan)
-    with pytest.raises(InvalidInput, match="holds parameters that are not finite"):
-        read_paper_se(other.write(tmp_path / "se.pt", settings()))
+        next(p for p in saved.parameters() if p.numel() == 1).fill_(0.3)
+    with pytest.raises(InvalidInput, match="a PReLU with a learned slope"):
+        read_paper_se(saved.write(tmp_path / "se.pt", settings("prelu")))
 
 
 class Bomb:
@@ -105,17 +114,15 @@ class Bomb:
         return Path.touch, (self.path,)
 
 
-@pytest.mark.parametrize("content", [b"", b"nonsense", pickle.dumps({"config": 1})])
-def test_another_file_is_refused(content: bytes, tmp_path: Path) -> None:
-    (tmp_path / "se.pt").write_bytes(content)
-    with pytest.raises(InvalidInput, match="is no SE of the paper's code"):
-        read_paper_se(tmp_path / "se.pt")
+@pytest.mark.parametrize("content", [b"", b"nonsense", pickle.dumps({"config": 1}), None])
+def test_other_files(content: bytes | None, tmp_path: Path) -> None:
+    path = tmp_path / "se.pt"
     with pytest.raises(InvalidInput, match="no file at"):
-        read_paper_se(tmp_path / "none.pt")
-
-
-def test_code_in_a_file_does_not_run(tmp_path: Path) -> None:
-    torch.save({"model": {}, "config": Bomb(tmp_path / "executed")}, tmp_path / "se.pt")
+        read_paper_se(path)
+    if content is None:
+        torch.save({"model": {}, "config": Bomb(tmp_path / "executed")}, path)
+    else:
+        path.write_bytes(content)
     with pytest.raises(InvalidInput, match="is no SE of the paper's code"):
-        read_paper_se(tmp_path / "se.pt")
+        read_paper_se(path)
     assert not (tmp_path / "executed").exists()

@@ -12,7 +12,7 @@ SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": 0.01, "prelu": 0.25}
 def test_tanh_is_accurate_over_its_whole_range() -> None:
     x = np.linspace(-20, 20, 200_001, dtype=np.float32).reshape(1, -1)
     y = x.copy()
-    activate(y[0], TANH, np.float32(0))
+    activate(y[0], np.float32(0), TANH, np.float32(0))
     np.testing.assert_allclose(y, np.tanh(x.astype(np.float64)), atol=5e-7)
 
 
@@ -26,7 +26,7 @@ def test_forward_equals_torch(name: str, rng: np.random.Generator) -> None:
     np.testing.assert_allclose(rows, expected, atol=1e-6)
     if name == "prelu":
         np.testing.assert_allclose(pre, z, atol=1e-6)
-    activate(z[0], CODES[name], np.float32(SLOPES[name]))
+    activate(z[0], np.float32(0), CODES[name], np.float32(SLOPES[name]))
     np.testing.assert_allclose(z[0], expected[0], atol=5e-7)
 
 
@@ -34,7 +34,7 @@ def test_forward_equals_torch(name: str, rng: np.random.Generator) -> None:
 def test_nan_and_infinity_are_not_hidden(name: str) -> None:
     z = np.array([[np.nan, np.inf, -np.inf]], np.float32)
     expected = activation_module(name)(torch.from_numpy(z)).detach().numpy()
-    activate(z[0], CODES[name], np.float32(SLOPES[name]))
+    activate(z[0], np.float32(0), CODES[name], np.float32(SLOPES[name]))
     assert np.isnan(z[0, 0])
     if name == "tanh":  # saturates at the clamp
         np.testing.assert_allclose(z[0, 1:], expected[0, 1:], atol=5e-7)

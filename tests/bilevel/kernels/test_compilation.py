@@ -13,7 +13,7 @@ import sys
 from dataclasses import replace
 import numpy as np
 from bilevel.evaluation import train_and_test
-from bilevel.hyperparameters import load_recipe
+from bilevel.recipes import load_recipe
 from bilevel.kernels import training
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import get_task
@@ -29,15 +29,12 @@ for name in sys.argv[1:]:
     training.train = lambda kernel, *others: (kept.append(kernel), train(kernel, *others))[1]
     train_and_test(task, SE(architecture, psi), agent, 3)
     training.train = train
-    if name == "td3":
-        print(name, kept[0].phi.online.tobytes().hex()[:200])
-    else:
-        print(name, kept[0].theta.tobytes().hex()[:200])
+    print(name, kept[0].parameters()[0].tobytes().hex()[:200])
 """
 
 
 def parameters(root: Path, *agents: str) -> set[str]:
-    """Parameters that the agents learn in a process that trains them in that order."""
+    """The parameters after a process has trained the agents in that order."""
     run = subprocess.run(
         [sys.executable, "-c", PROGRAM, *agents],
         cwd=root,
@@ -55,6 +52,6 @@ def test_results_do_not_depend_on_what_the_process_compiled(tmp_path: Path) -> N
     ignored = shutil.ignore_patterns("__pycache__")
     shutil.copytree(here / "bilevel", tmp_path / "bilevel", ignore=ignored)
     compiled_alone = parameters(tmp_path, "ddqn")
-    loaded = parameters(here, "td3", "ddqn")  # compiled by `make setup`, after others
+    loaded = parameters(here, "td3", "ddqn")  # compiled by `make setup`
     assert len(compiled_alone) == 1
     assert compiled_alone < loaded

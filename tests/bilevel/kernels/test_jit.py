@@ -1,6 +1,5 @@
-"""Where compiled kernels are kept."""
+"""The folder of compiled kernels."""
 
-import os
 from pathlib import Path
 
 import numba
@@ -9,35 +8,29 @@ import pytest
 from bilevel.kernels import jit
 
 
-def test_the_cache_is_where_numba_is_told_to_keep_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    assert Path(jit._cache_folder()).parent == tmp_path
-
-
-def test_where_the_package_cannot_be_written_the_cache_is_the_users(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As a package that root has installed. A folder that Numba is told of, and that cannot be
-    made, is left alone."""
-    package = Path(jit.__file__).parent
-    monkeypatch.setattr(numba.config, "CACHE_DIR", "/proc/none")
-    monkeypatch.setattr(
-        os, "access", lambda path, mode: package not in (Path(path), *Path(path).parents)
-    )
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert Path(jit._cache_folder()).parent == tmp_path / ".cache" / "bilevel"
-
-
-def test_where_nothing_can_be_written_the_cache_is_the_process_own(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As a container's user without a home, and with a package that root has installed."""
+@pytest.fixture(autouse=True)
+def _package_is_read_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A copy of the package in a place that nobody can write, like one that root has installed."""
+    monkeypatch.setattr(jit, "__file__", "/proc/bilevel/kernels/jit.py")
+    monkeypatch.setattr(Path, "read_bytes", lambda _: b"")
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")
-    monkeypatch.setattr(os, "access", lambda *_: False)
+
+
+def test_numbas_setting_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
+    assert jit.cache_folder().parent == tmp_path
+
+
+def test_the_users_cache_is_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(numba.config, "CACHE_DIR", "/proc/none")
+    monkeypatch.setenv("HOME", str(tmp_path))
+    assert jit.cache_folder().parent == tmp_path / ".cache" / "bilevel"
+
+
+def test_a_temporary_folder_is_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In a container whose user has no home."""
     monkeypatch.setenv("HOME", "/proc/none")
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    first, second = jit._cache_folder(), jit._cache_folder()
+    first, second = jit.cache_folder(), jit.cache_folder()
     assert first != second
-    assert {Path(first).parent, Path(second).parent} == {tmp_path}
+    assert {first.parent, second.parent} == {tmp_path}

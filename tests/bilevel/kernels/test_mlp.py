@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from bilevel.agents.ddqn import MLP
+from bilevel.agents.modules import MLP, set_parameters
 from bilevel.hyperparameters import ACTIVATIONS
 from bilevel.kernels import mlp
 from bilevel.networks import initial_parameters, network
@@ -15,7 +15,7 @@ def networks(shape: tuple[int, int, int, int], activation: str):  # type: ignore
     net = network(n_in, hidden, depth, n_out, activation)
     params = initial_parameters(net, np.random.default_rng(5))
     module = MLP(n_in, n_out, hidden, depth, activation)
-    torch.nn.utils.vector_to_parameters(torch.from_numpy(params.copy()), module.parameters())
+    set_parameters(module, params)
     return net, params, module
 
 
@@ -29,10 +29,15 @@ def test_forward_and_backward_equal_torch(
     n_in, hidden, depth, n_out = shape
     x = rng.normal(0, 1, (n_in, batch)).astype(np.float32)
     delta = rng.normal(0, 1, (n_out, batch)).astype(np.float32)
-    h, z, delta_h = (np.zeros((depth, hidden, batch), np.float32) for _ in range(3))
-    y, gradient = np.zeros((n_out, batch), np.float32), np.zeros_like(params)
-    mlp.forward(net, params, x, h, z, y)
-    mlp.backward(net, params, x, h, z, delta, delta_h, gradient)
+    work = mlp.Work(
+        mlp.zeros(depth, hidden, batch),
+        mlp.zeros(depth, hidden, batch),
+        mlp.zeros(depth, hidden, batch),
+        mlp.zeros(2, hidden),
+    )
+    y, gradient = mlp.zeros(n_out, batch), np.zeros_like(params)
+    mlp.forward(net, params, x, work, y)
+    mlp.backward(net, params, x, work, delta, gradient)
 
     outputs = module(torch.from_numpy(x.T.copy()))
     outputs.backward(torch.from_numpy(delta.T.copy()))
@@ -47,13 +52,11 @@ def test_single_equals_batch(
     shape: tuple[int, int, int, int], activation: str, rng: np.random.Generator
 ) -> None:
     net, params, _ = networks(shape, activation)
-    n_in, hidden, depth, n_out = shape
-    x = rng.normal(0, 1, (n_in, 9)).astype(np.float32)
-    h, z = (np.zeros((depth, hidden, 9), np.float32) for _ in range(2))
-    y = np.zeros((n_out, 9), np.float32)
-    mlp.forward(net, params, x, h, z, y)
-    work, single = np.zeros((2, hidden), np.float32), np.zeros(n_out, np.float32)
-    for i in range(9):
+    n_in, _, _, n_out = shape
+    x = rng.normal(0, 1, (n_in, 16)).astype(np.float32)
+    work, y, single = mlp.work_space(net, 16), mlp.zeros(n_out, 16), mlp.zeros(n_out)
+    mlp.forward(net, params, x, work, y)
+    for i in range(16):
         mlp.forward_single(net, params, x[:, i].copy(), work, single)
         np.testing.assert_allclose(single, y[:, i], atol=2e-6)
 

@@ -31,7 +31,7 @@ def multiplied(a, b, out):  # type: ignore[no-untyped-def]
     product(a, b, out)
 
 
-def check(a: np.ndarray, b: np.ndarray, multiply: Callable[..., Any] = multiplied) -> None:
+def assert_product(a: np.ndarray, b: np.ndarray, multiply: Callable[..., Any] = multiplied) -> None:
     """Multiply into the middle of an array, whose other elements must keep their values."""
     size = a.shape[0] * b.shape[1]
     memory = np.full(size + 64, np.float32(7), np.float32)
@@ -50,7 +50,7 @@ def test_products_with_rows_equal_numpys(
     rows, terms, columns = shape
     a = rng.normal(0, 1, (rows, terms)).astype(np.float32)
     b = rng.normal(0, 1, (terms, columns)).astype(np.float32)
-    check(a.T.copy().T if transposed else a, b)
+    assert_product(a.T.copy().T if transposed else a, b)
 
 
 @pytest.mark.parametrize("shape", OF_ROWS)
@@ -60,18 +60,17 @@ def test_products_of_rows_equal_numpys(
     rows, terms, columns = shape
     a = rng.normal(0, 1, (rows, terms)).astype(np.float32)
     b = rng.normal(0, 1, (columns, terms)).astype(np.float32)
-    check(a, b.T)
+    assert_product(a, b.T)
 
 
-def test_tiles_equal_numpy_also_where_blas_multiplies(rng: np.random.Generator) -> None:
-    """On every processor, and at every size."""
+def test_tiles_equal_numpy_on_every_processor(rng: np.random.Generator) -> None:
     for rows in (*range(1, 14), 140):
         a = rng.normal(0, 1, (rows, 144)).astype(np.float32)
-        check(a, rng.normal(0, 1, (144, 48)).astype(np.float32), tiles_with_rows)
-        check(a, rng.normal(0, 1, (141, 144)).astype(np.float32).T, tiles_of_rows)
+        assert_product(a, rng.normal(0, 1, (144, 48)).astype(np.float32), tiles_with_rows)
+        assert_product(a, rng.normal(0, 1, (141, 144)).astype(np.float32).T, tiles_of_rows)
 
 
-def test_what_is_not_finite_stays_so() -> None:
+def test_nan_spreads_along_its_row_only() -> None:
     a, b = np.ones((7, 16), np.float32), np.ones((16, 16), np.float32)
     a[3, 5] = np.nan
     out = np.zeros((7, 16), np.float32)

@@ -5,7 +5,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bilevel.agents.training import returns_converged
 from bilevel.agents.variation import SIZES
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import (
@@ -17,9 +16,8 @@ from bilevel.evaluation import (
 )
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES, NESState
-from bilevel.nes.checkpoint import save_state
-from bilevel.nes.requests import as_turn
-from bilevel.nes.start import EPISODES
+from bilevel.nes.confirmation import Confirming
+from bilevel.nes.start import EPISODES, ChoosingStart
 from bilevel.synthetic_env import load_se, save_se
 from bilevel.tasks import Task
 from tests.results import made_up_result
@@ -31,6 +29,13 @@ def answer(request: EvaluationRequest, score: float, finite: bool = True) -> Eva
 
 def answers(nes: NES, state: NESState, score: float) -> list[EvaluationResult]:
     return [answer(request, score) for request in nes.ask(state)]
+
+
+def after(nes: NES, state: NESState, *scores: float) -> NESState:
+    """Return the state after rounds in which all agents have the same score."""
+    for score in scores:
+        state = nes.tell(state, answers(nes, state, score))
+    return state
 
 
 def with_nes(hp: Hyperparameters, **changes: object) -> Hyperparameters:
@@ -68,7 +73,7 @@ class TestAsk:
         assert nes.hp.nes.evaluations == 5
 
     @pytest.mark.parametrize("shared", [True, False])
-    def test_members_share_agent_and_random_numbers_if_asked_to(
+    def test_members_may_share_agent_and_random_numbers(
         self, shared: bool, cartpole: Task, small: Hyperparameters
     ) -> None:
         hp = replace(with_nes(small, shared_agent=shared), vary_agent="all")
@@ -79,7 +84,7 @@ class TestAsk:
         later = nes.ask(replace(nes.init(), generation=1))[2:]
         assert {r.seed for r in members}.isdisjoint(r.seed for r in later)
 
-    def test_the_same_seed_asks_the_same(self, nes: NES) -> None:
+    def test_requests_depend_on_the_seed_only(self, nes: NES) -> None:
         assert nes.ask(nes.init()) == nes.ask(nes.init())
         other = replace(nes, seed=5)
         seeds = {request.seed for request in nes.ask(nes.init())}
@@ -89,36 +94,38 @@ class TestAsk:
         nes = NES(cartpole, with_nes(small, patient_episodes=5), 0)
         for generation, patient in ((0, False), (1, True)):
             requests = nes.ask(replace(nes.init(), generation=generation))
-            trained = [(r.agent.max_episodes, r.agent.early_out_episodes) for r in requests]
-            usual = (13, small.agents[0].early_out_episodes)
-            assert trained[:2] == [usual, (5, 5)]
-            assert set(trained[2:]) == {(5, 5) if patient else usual}
+            lengths = [(r.agent.max_episodes, r.agent.early_out_episodes) for r in requests]
+            impatient = (13, small.agents[0].early_out_episodes)
+            assert lengths[:2] == [impatient, (5, 5)]
+            assert set(lengths[2:]) == {(5, 5) if patient else impatient}
 
-    def test_a_transform_that_compares_needs_members(
-        self, cartpole: Task, small: Hyperparameters
+    @pytest.mark.parametrize(
+        ("changes", "message"),
+        [
+            ({"update": "nes", "mirrored_sampling": False}, "needs nes.mirrored_sampling true"),
+            ({"update": "antithetic", "mirrored_sampling": False}, "needs nes.mirrored_sampling"),
+            (
+                {"update": "paper", "score_transform": "rank", "population_size": 1},
+                r"'rank' compares members: nes.population_size",
+            ),
+        ],
+    )
+    def test_contradictory_hyperparameters(
+        self, changes: dict[str, Any], message: str, cartpole: Task, small: Hyperparameters
     ) -> None:
-        one = replace(small.nes, update="snes", score_transform="rank", population_size=1)
-        NES(cartpole, replace(small, nes=one))
-        with pytest.raises(InvalidInput, match=r"'rank' compares members: nes.population_size"):
-            NES(cartpole, replace(small, nes=replace(one, update="paper")))
-
-    def test_a_rule_that_needs_pairs_says_so(self, cartpole: Task, small: Hyperparameters) -> None:
-        for update in ("snes", "antithetic"):
-            hp = with_nes(small, update=update, mirrored_sampling=False)
-            with pytest.raises(InvalidInput, match=r"needs nes.mirrored_sampling true"):
-                NES(cartpole, hp)
+        with pytest.raises(InvalidInput, match=message):
+            NES(cartpole, with_nes(small, **changes))
 
 
 class TestStart:
-    def test_agents_that_choose_train_briefly(self, cartpole: Task, small: Hyperparameters) -> None:
-        """But always beyond the episodes in which they do not learn."""
+    def test_agents_train_briefly(self, cartpole: Task, small: Hyperparameters) -> None:
+        """Training still lasts longer than the episodes in which agents do not learn."""
         cases = ((1, 150, EPISODES), (1, 13, 13), (EPISODES, 150, 2 * EPISODES), (40, 41, 41))
         for init, longest, expected in cases:
             lengths = {"init_episodes": init, "max_episodes": longest}
             agents = tuple(replace(agent, **lengths) for agent in small.agents)
             nes = NES(cartpole, replace(with_nes(small, start_candidates=3), agents=agents), 1)
-            trained = {request.agent.max_episodes for request in nes.ask(nes.init())}
-            assert trained == {expected}
+            assert {r.agent.max_episodes for r in nes.ask(nes.init())} == {expected}
 
     def test_the_best_candidate_of_the_last_round_is_the_start(
         self, cartpole: Task, small: Hyperparameters
@@ -131,7 +138,7 @@ class TestStart:
         assert len({request.seed for request in first}) == 1  # common random numbers
         good = set(seeds[7:12])
         sizes = []
-        while state.race is not None:
+        while isinstance(state.phase, ChoosingStart):
             requests = nes.ask(state)
             sizes.append(len(requests))
             results = []
@@ -141,59 +148,33 @@ class TestStart:
                 results.append(answer(request, score + (request.on.seed == seeds[9])))
             state = nes.tell(state, results[::-1])
         assert sizes == [40, 5 * 4, 2 * 8]
-        expected = state.se.coordinates.initialize(np.random.default_rng(seeds[9]))
-        np.testing.assert_array_equal(state.se.mean, expected)
+        expected = nes.family(state.scale).initialize(np.random.default_rng(seeds[9]))
+        np.testing.assert_array_equal(state.search.mean, expected)
         assert state.generation == 0
         assert state.real_env_steps == 7 * sum(sizes)
 
-    def test_a_single_candidate_is_tried_by_nobody(self, nes: NES) -> None:
-        assert nes.init().race is None
+    def test_a_single_candidate_is_not_evaluated(self, nes: NES) -> None:
+        assert not isinstance(nes.init().phase, ChoosingStart)
 
-    def test_a_run_that_does_not_get_going_begins_again(
-        self, cartpole: Task, small: Hyperparameters
-    ) -> None:
+    def test_a_stagnating_run_restarts(self, cartpole: Task, small: Hyperparameters) -> None:
         nes = NES(cartpole, with_nes(small, restart_after=2, generations=100), 0)
-        state = nes.init()
-        began = state.se.mean
-        for score in (20.0, 30.0, 25.0):
-            state = nes.tell(state, answers(nes, state, score))
-            assert state.attempt == 0
-        state = nes.tell(state, answers(nes, state, 29.0))
-        assert (state.attempt, state.attempt_began, state.generation) == (1, 4, 4)
-        assert not np.array_equal(state.se.mean, began)
+        start = nes.init()
+        state = after(nes, start, 20.0, 30.0, 25.0)
+        assert state.attempt == 0
+        state = after(nes, state, 29.0)
+        assert (state.attempt, state.attempt_start, state.generation) == (1, 4, 4)
+        assert not np.array_equal(state.search.mean, start.search.mean)
         assert state.finalists[0].generation == 1  # the best of all attempts is kept
-        state = nes.tell(state, answers(nes, state, 1.0))
-        assert state.records[-1].attempt == 1
+        assert after(nes, state, 1.0).records[-1].attempt == 1
 
-    def test_a_run_that_has_solved_the_task_does_not(
+    def test_a_run_that_solved_the_task_does_not_restart(
         self, cartpole: Task, small: Hyperparameters
     ) -> None:
         nes = NES(cartpole, with_nes(small, restart_after=1, generations=100), 0)
-        state = nes.init()
-        for score in (196.0, 50.0, 50.0, 50.0):
-            state = nes.tell(state, answers(nes, state, score))
-        assert state.attempt == 0
+        assert after(nes, nes.init(), 196.0, 50.0, 50.0, 50.0).attempt == 0
 
 
 class TestTell:
-    @pytest.mark.parametrize("kept", [0.0, 0.75])
-    def test_the_unperturbed_se_is_a_moving_average(
-        self, kept: float, cartpole: Task, small: Hyperparameters
-    ) -> None:
-        nes = NES(cartpole, with_nes(small, averaging=kept, generations=9), 0)
-        state = nes.init()
-        np.testing.assert_array_equal(state.se.average, state.se.mean)
-        expected = state.se.mean
-        for _ in range(3):
-            results = [answer(r, float(r.index % 5)) for r in nes.ask(state)]
-            tried, state = state.se.average, nes.tell(state, results)
-            assert any(np.array_equal(f.theta, tried) for f in state.finalists)
-            expected = kept * expected + (1 - kept) * state.se.mean
-            np.testing.assert_allclose(state.se.average, expected, rtol=1e-5, atol=1e-6)
-            np.testing.assert_array_equal(state.se.centre.psi, state.se.at(state.se.average).psi)
-        apart = float(np.abs(state.se.mean - state.se.average).max())
-        assert (apart > 1e-4) is bool(kept)
-
     @pytest.mark.parametrize(
         ("refuted", "finer", "slower"), [(0, 1.0, 1.0), (1, 0.5, 0.5), (4, 1 / 16, 0.25)]
     )
@@ -201,31 +182,28 @@ class TestTell:
         self, refuted: int, finer: float, slower: float, cartpole: Task, small: Hyperparameters
     ) -> None:
         nes = NES(cartpole, with_nes(small, averaging=0.5, refinement=0.5, generations=9), 0)
-        began = nes.init()
-        results = [answer(r, float(r.index % 5)) for r in nes.ask(began)]
-        usual = nes.tell(began, results).se
-        fine = nes.tell(replace(began, refuted=refuted), results).se
-        step = usual.mean - began.se.mean
-        np.testing.assert_allclose(fine.mean - began.se.mean, finer * step, rtol=1e-3, atol=1e-6)
-        moved = 0.5 * slower * (fine.mean - began.se.mean)
-        np.testing.assert_allclose(fine.average - began.se.mean, moved, rtol=1e-3, atol=1e-6)
+        start = nes.init()
+        results = [answer(r, float(r.index % 5)) for r in nes.ask(start)]
+        step = nes.tell(start, results).search.mean - start.search.mean
+        fine = nes.tell(replace(start, refuted=refuted), results).search
+        moved = fine.mean - start.search.mean
+        np.testing.assert_allclose(moved, finer * step, rtol=1e-3, atol=1e-6)
+        averaged = fine.average - start.search.mean
+        np.testing.assert_allclose(averaged, 0.5 * slower * moved, rtol=1e-3, atol=1e-6)
 
-    def test_it_moves_towards_better_members_whatever_their_order(self, nes: NES) -> None:
+    def test_it_moves_towards_better_members_in_any_order(self, nes: NES) -> None:
         state = nes.init()
         requests = nes.ask(state)
-        target = state.se.noise(perturbed(requests)[0].seed)
-        results = [
-            answer(r, 100.0 * (isinstance(r.on, Perturbed) and r.on == perturbed(requests)[0]))
-            for r in requests
-        ]
+        best = perturbed(requests)[0]
+        results = [answer(r, 100.0 * (r.on == best)) for r in requests]
         one, two = nes.tell(state, results), nes.tell(state, results[::-1])
-        np.testing.assert_array_equal(one.se.mean, two.se.mean)
-        assert (one.se.mean - state.se.mean) @ target > 0
+        np.testing.assert_array_equal(one.search.mean, two.search.mean)
+        assert (one.search.mean - state.search.mean) @ state.search.noise(best.seed) > 0
 
-    def test_what_is_recorded(self, nes: NES) -> None:
+    def test_records(self, nes: NES) -> None:
         state = nes.init()
-        requests = nes.ask(state)
         scores = [10.0, 30.0, 1.0, 2.0, 3.0, 4.0, 5.0, 6.0]
+        requests = nes.ask(state)
         results = [answer(r, s, finite=s != 1.0) for r, s in zip(requests, scores, strict=True)]
         state = nes.tell(state, results).timed(2.0, 2, 99.0)
         record = state.records[-1]
@@ -237,127 +215,117 @@ class TestTell:
         assert record.cost == pytest.approx(sum(result.cost for result in results))
         assert record.core_utilisation == pytest.approx(8 * 0.01 / 4)
         assert (record.generation_seconds, record.finished) == (2.0, 99.0)
-        later = nes.tell(state, answers(nes, state, 0.0))
+        later = after(nes, state, 0.0)
         assert later.records[-1].real_env_steps == 2 * 7 * 8
         assert later.cost == pytest.approx(2 * record.cost)
-        assert record.cost > 0
 
     def test_the_best_ses_are_kept(self, cartpole: Task, small: Hyperparameters) -> None:
         nes = NES(cartpole, with_nes(small, generations=100), 0)
-        state, thetas = nes.init(), []
+        state, averages = nes.init(), []
         for score in (5.0, 50.0, 20.0, 10.0, 40.0, 30.0):
-            thetas.append(state.se.average)
-            state = nes.tell(state, answers(nes, state, score))
+            averages.append(state.search.average)
+            state = after(nes, state, score)
         assert [f.generation for f in state.finalists] == [1, 4, 5, 2]
-        np.testing.assert_array_equal(state.best.psi, state.se.at(thetas[1]).psi)
+        expected = nes.distribution(state).at(averages[1]).psi
+        np.testing.assert_array_equal(nes.best(state).psi, expected)
+        assert [se.info["score_mean"] for se in nes.candidates(state)] == [50.0, 40.0, 30.0, 20.0]
         assert state.best_score == 50.0
 
-    def test_it_is_finished_once_solved_for_long_enough_or_out_of_generations(
+
+class TestEnd:
+    def test_solved_for_several_generations_or_out_of_generations(
         self, cartpole: Task, small: Hyperparameters
     ) -> None:
         nes = NES(cartpole, with_nes(small, solved_for=2, generations=5), 0)
         state, finished = nes.init(), []
         for score in (195.0, 194.9, 195.0, 200.0, 1.0):
-            state = nes.tell(state, answers(nes, state, score))
+            state = after(nes, replace(state, phase=nes.init().phase), score)
             finished.append(state.finished)
-            assert not state.confirmed  # without fresh agents nobody has confirmed it
+            assert not state.confirmed
         assert finished == [False, False, False, True, True]
+        endless = NES(cartpole, with_nes(small, solved_for=0, generations=9), 0)
+        assert not after(endless, endless.init(), 200.0, 200.0).finished
 
-    def test_a_confirmation_that_failed_waits_for_generations_of_its_own(
+    def test_generations_count_towards_one_confirmation_only(
         self, cartpole: Task, small: Hyperparameters
     ) -> None:
-        """The mean over generations counts, of those that no confirmation has judged."""
         nes = NES(cartpole, with_nes(small, solved_for=3, confirming_agents=1, generations=9), 0)
-        state, tried = nes.init(), []
+        state, confirmations = nes.init(), []
         for score in (200.0, 190.0, 195.0, 200.0, 200.0, 200.0, 180.0, 200.0):
-            state = nes.tell(state, answers(nes, state, score))
-            if state.confirmation is not None:
-                tried.append(state.generation)
-                state = nes.tell(state, answers(nes, state, 1.0))
-        assert tried == [3, 6]
+            state = after(nes, state, score)
+            if isinstance(state.phase, Confirming):
+                confirmations.append(state.generation)
+                state = after(nes, state, 1.0)
+        assert confirmations == [3, 6]
         assert state.refuted == 2
 
-    @pytest.mark.parametrize(("confirming", "ends"), [(200.0, True), (190.0, False)])
-    def test_fresh_agents_confirm_it(
-        self, confirming: float, ends: bool, cartpole: Task, small: Hyperparameters
+    @pytest.mark.parametrize(("score", "confirmed"), [(200.0, True), (190.0, False)])
+    def test_fresh_agents_confirm_the_se(
+        self, score: float, confirmed: bool, cartpole: Task, small: Hyperparameters
     ) -> None:
-        """They are narrowed and never patient; a run that they do not confirm continues, with
-        narrowed agents."""
+        """They are narrowed and never patient. A rejected run continues with narrowed agents."""
         hp = with_nes(small, solved_for=1, confirming_agents=64, patient_episodes=99)
         nes = NES(cartpole, replace(hp, vary_agent="small"), 0)
-        state = nes.init()
-        while not state.records:
-            state = nes.tell(state, answers(nes, state, 200.0))
+        state = after(nes, nes.init(), 200.0)
         rounds = []
-        while state.confirmation is not None:
-            assert not state.finished
+        while isinstance(state.phase, Confirming):
             requests, before = nes.ask(state), state
             assert {request.on for request in requests} == {Centre()}
             assert {request.agent.early_out_episodes for request in requests} == {10}
             assert {request.agent.max_episodes for request in requests} != {99}
             assert min(vars(r.agent)["hidden_size"] for r in requests) < SIZES[0]  # narrowed
             rounds.append(len(requests))
-            state = nes.tell(state, answers(nes, state, confirming))
+            state = after(nes, state, score)
             assert state.real_env_steps > before.real_env_steps
             assert state.generation == 1
-        assert rounds == ([8, 24, 32] if ends else [8])
-        assert (state.confirmed, state.finished, state.refuted) == (ends, ends, int(not ends))
-        if not ends:
-            small_ones, others = (
-                [request.agent for request in nes.ask(replace(state, refuted=refuted))]
-                for refuted in (0, 1)
-            )
-            assert small_ones != others
+        assert rounds == ([8, 24, 32] if confirmed else [8])
+        assert (state.confirmed, state.finished) == (confirmed, confirmed)
+        assert state.refuted == int(not confirmed)
+        if confirmed:
+            np.testing.assert_array_equal(nes.best(state).psi, nes.current(state).psi)
+            assert nes.best(state).info["confirmed"]
+        else:
+            drawn = [
+                [r.agent for r in nes.ask(replace(state, refuted=refuted))] for refuted in (0, 1)
+            ]
+            assert drawn[0] != drawn[1]
 
-    def test_out_of_generations_it_is_still_confirmed(
+    def test_the_last_generation_can_be_confirmed(
         self, cartpole: Task, small: Hyperparameters
     ) -> None:
         nes = NES(cartpole, with_nes(small, solved_for=1, confirming_agents=1, generations=1), 0)
-        state = nes.tell(nes.init(), answers(nes, nes.init(), 200.0))
+        state = after(nes, nes.init(), 200.0)
         assert not state.finished
-        state = nes.tell(state, answers(nes, state, 3.0))
-        assert (state.confirmed, state.finished) == (False, True)
+        for score in (3.0, 200.0):
+            end = after(nes, state, score)
+            assert (end.confirmed, end.finished) == (score == 200.0, True)
 
-    def test_without_a_streak_to_reach_it_goes_on(
-        self, cartpole: Task, small: Hyperparameters
+    def test_an_extended_run_restarts_where_an_uninterrupted_one_does(
+        self, cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
     ) -> None:
-        nes = NES(cartpole, with_nes(small, solved_for=0, generations=9), 0)
-        state = nes.tell(nes.init(), answers(nes, nes.init(), 200.0))
-        assert not state.finished
+        short, long = (
+            NES(cartpole, with_nes(small_hp, restart_after=2, generations=generations), 0)
+            for generations in (3, 9)
+        )
+        ends = [after(nes, nes.init(), 5.0, 5.0, 5.0) for nes in (short, long)]
+        assert [(end.finished, end.attempt) for end in ends] == [(True, 0), (False, 1)]
+        short.save(ends[0], tmp_path / "state")
+        assert short.load(tmp_path / "state").attempt == 0
+        extended = long.load(tmp_path / "state")
+        assert (extended.attempt, extended.attempt_start, extended.finished) == (1, 3, False)
+        np.testing.assert_array_equal(extended.search.mean, ends[1].search.mean)
 
 
-def test_a_run_that_is_extended_begins_again_where_an_undisturbed_one_does(
-    cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
-) -> None:
-    """A restart that is due at the last generation waits until there are more generations: the SE
-    of a finished run is one that it has learned."""
-    short, long = (
-        NES(cartpole, with_nes(small_hp, restart_after=2, generations=generations), 0)
-        for generations in (3, 9)
-    )
-    ends = []
-    for nes in (short, long):
-        state = nes.init()
-        for _ in range(3):
-            state = nes.tell(state, answers(nes, state, 5.0))
-        ends.append(state)
-    assert [end.finished for end in ends] == [True, False]
-    assert [end.attempt for end in ends] == [0, 1]
-    save_state(ends[0], tmp_path / "state")
-    assert short.load(tmp_path / "state").attempt == 0
-    extended = long.load(tmp_path / "state")
-    assert (extended.attempt, extended.attempt_began, extended.finished) == (1, 3, False)
-    np.testing.assert_array_equal(extended.se.mean, ends[1].se.mean)
-
-
-class TestResultsThatDoNotBelong:
-    @pytest.mark.parametrize("candidates", [1, 9])
-    def test_a_result_missing_or_told_twice_is_refused(
-        self, candidates: int, cartpole: Task, small: Hyperparameters
+class TestInvalidResults:
+    @pytest.mark.parametrize("changes", [{}, {"start_candidates": 9}, {"confirming_agents": 16}])
+    def test_missing_and_repeated_results(
+        self, changes: dict[str, int], cartpole: Task, small: Hyperparameters
     ) -> None:
-        """In a generation, and in the choice of a start."""
-        nes = NES(cartpole, with_nes(small, start_candidates=candidates), 0)
+        """In a generation, in the choice of a start, and in a confirmation."""
+        nes = NES(cartpole, with_nes(small, solved_for=1, **changes), 0)
         state = nes.init()
+        if "confirming_agents" in changes:
+            state = after(nes, state, 200.0)
         results = answers(nes, state, 20.0)
         for wrong in ([], results[1:], [*results, results[0]], [results[1], *results[1:]]):
             with pytest.raises(InvalidInput, match=f"NES asked for {len(results)} evaluations"):
@@ -365,45 +333,21 @@ class TestResultsThatDoNotBelong:
         nes.tell(state, results[::-1])
 
     @pytest.mark.parametrize("returns", [(), (float("nan"),), (200.0, float("inf"))])
-    def test_returns_that_are_no_numbers_are_refused(
-        self, returns: tuple[float, ...], cartpole: Task, small: Hyperparameters
-    ) -> None:
-        nes = NES(cartpole, small, 0)
+    def test_non_finite_returns(self, returns: tuple[float, ...], nes: NES) -> None:
         state = nes.init()
         first, *others = answers(nes, state, 20.0)
         with pytest.raises(InvalidInput, match="the result of request 0 has the test returns"):
             nes.tell(state, [replace(first, test_returns=returns), *others])
 
-    def test_also_in_a_confirmation(self, cartpole: Task, small: Hyperparameters) -> None:
-        nes = NES(cartpole, with_nes(small, solved_for=1, confirming_agents=16), 0)
-        state = nes.tell(nes.init(), answers(nes, nes.init(), 200.0))
-        assert state.confirmation is not None
-        results = answers(nes, state, 200.0)
-        with pytest.raises(InvalidInput, match="NES asked for 2 evaluations"):
-            nes.tell(state, results[:1])
-
 
 @pytest.mark.parametrize("seed", [-1, 0.5, "one", None])
-def test_a_seed_is_a_whole_number(seed: Any, cartpole: Task, small: Hyperparameters) -> None:
+def test_invalid_seeds(seed: Any, cartpole: Task, small: Hyperparameters) -> None:
     with pytest.raises(InvalidInput, match="a seed is an integer of at least 0; got"):
         NES(cartpole, small, seed)
 
 
-def test_a_seed_of_numpys_is_as_good(
-    cartpole: Task, small: Hyperparameters, tmp_path: Path
-) -> None:
+def test_numpy_seeds(cartpole: Task, small: Hyperparameters, tmp_path: Path) -> None:
     nes = NES(cartpole, small, np.arange(5)[4])
     assert nes == NES(cartpole, small, 4)
-    save_se(nes.init().best, tmp_path / "se")
+    save_se(nes.best(nes.init()), tmp_path / "se")
     assert load_se(tmp_path / "se").info["seed"] == 4
-
-
-def test_patient_agents_do_not_stop_early(cartpole: Task, small: Hyperparameters) -> None:
-    """Not even where all returns are equal, as on an SE whose rewards are all the same."""
-    patient = replace(small.nes, patient_episodes=30)
-    assert as_turn(small.agents[0], patient, turn=1).max_episodes == 13  # of at most 13
-    agent = as_turn(replace(small.agents[0], max_episodes=99), patient, turn=1)
-    stop = returns_converged(agent)
-    assert agent.max_episodes == 30
-    assert not any(stop([1.0] * episodes) for episodes in range(1, 31))
-    assert as_turn(small.agents[0], small.nes, turn=1) == small.agents[0]

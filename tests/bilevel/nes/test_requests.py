@@ -1,4 +1,4 @@
-"""Agents that decide something are fresh: none takes part twice."""
+"""The seeds and agents of evaluations."""
 
 from dataclasses import replace
 from typing import Annotated
@@ -6,72 +6,77 @@ from typing import Annotated
 import pytest
 from pydantic import Field
 
+from bilevel.agents.training import returns_converged
 from bilevel.evaluation import EvaluationRequest
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 from bilevel.hyperparameters.validation import hyperparameters
-from bilevel.nes import NES, NESState
-from bilevel.nes.confirmation import Confirmation
-from bilevel.nes.requests import Requests, as_turn
-from bilevel.nes.start import StartRace
-from bilevel.tasks import Task
+from bilevel.nes.confirmation import Confirming
+from bilevel.nes.requests import Requests, with_patience
+from bilevel.nes.start import ChoosingStart
 
 
 @pytest.fixture
-def state(cartpole: Task, small_hp: Hyperparameters) -> NESState:
-    return NES(cartpole, small_hp, 0).init()
-
-
-@pytest.fixture
-def asked(small_hp: Hyperparameters) -> Requests:
+def requests(small_hp: Hyperparameters) -> Requests:
     return Requests(replace(small_hp, vary_agent="all"), 0)
 
 
 def require_fresh(requests: list[EvaluationRequest], agents: int) -> None:
-    """So many agents, whose random numbers and hyperparameters all differ."""
+    """Require this number of agents, whose seeds and hyperparameters all differ."""
     assert len({request.seed for request in requests}) == agents
     assert len({request.agent for request in requests}) == agents
 
 
 @hyperparameters
 class Long(AgentHyperparameters, agent="long"):
-    """Its training and its windows cannot be short."""
+    """An agent whose training and windows cannot be short."""
 
     max_episodes: Annotated[int, Field(ge=100, le=500)] = 200
     early_out_episodes: Annotated[int, Field(ge=5, le=30)] = 10
 
 
-def test_an_agents_own_ranges_are_kept(small_hp: Hyperparameters) -> None:
-    """In the choice of a start, which asks for fewer episodes, and in patient turns."""
-    requests = StartRace.of([0]).requests([(0, Long())])
-    assert [vars(request.agent)["max_episodes"] for request in requests] == [100]
+def test_short_training_respects_an_agents_ranges(small_hp: Hyperparameters) -> None:
+    """In the choice of a start and in patient turns."""
+    made = ChoosingStart.between([0]).requests([(0, Long())])
+    assert [request.agent.max_episodes for request in made] == [100]
     for patient, episodes, window in ((60, 100, 30), (150, 150, 30)):
-        turn = as_turn(Long(), replace(small_hp.nes, patient_episodes=patient), 1)
+        turn = with_patience(Long(), replace(small_hp.nes, patient_episodes=patient), 1)
         assert (turn.max_episodes, turn.early_out_episodes) == (episodes, window)
 
 
-def test_no_agent_confirms_twice(asked: Requests, state: NESState) -> None:
-    """Neither in two rounds, nor after a confirmation that failed."""
+def test_patient_agents_do_not_stop_early(small_hp: Hyperparameters) -> None:
+    """Even if all returns are equal."""
+    agent, patient = small_hp.agents[0], replace(small_hp.nes, patient_episodes=30)
+    assert with_patience(agent, patient, turn=1).max_episodes == agent.max_episodes == 13
+    longer = with_patience(replace(agent, max_episodes=99), patient, turn=1)
+    stop = returns_converged(longer)
+    assert longer.max_episodes == 30
+    assert not any(stop([1.0] * episodes) for episodes in range(1, 31))
+    assert with_patience(agent, small_hp.nes, turn=1) == agent
+
+
+def test_confirmations_use_fresh_agents(requests: Requests) -> None:
+    """In every round, and after a failed confirmation."""
     made: list[EvaluationRequest] = []
     for generation in (4, 9):
-        confirmation = Confirmation(16)
+        confirming = Confirming(16)
         for _ in range(3):
-            now = asked.confirmation(replace(state, generation=generation), confirmation)
-            made += now
-            confirmation = confirmation.after([200.0] * len(now))
-        assert len(confirmation.all_scores) == 16
+            new = requests.confirmation(confirming, generation)
+            made += new
+            confirming = confirming.after([200.0] * len(new))
+        assert len(confirming.all_scores) == 16
     assert len(made) == 32
     require_fresh(made, 32)
 
 
-def test_no_agent_chooses_a_start_twice(asked: Requests, state: NESState) -> None:
-    """Neither in two rounds, nor in two attempts; the candidates of a round share their agents."""
+def test_rounds_of_the_start_use_fresh_agents(requests: Requests) -> None:
+    """In every round and attempt; the candidates of a round share their agents."""
     made: list[EvaluationRequest] = []
     for attempt in (0, 1):
-        race = StartRace.of(range(64))
+        choosing = ChoosingStart.between(range(64))
         for left, agents in ((64, 1), (8, 4), (2, 8)):
-            race = replace(race, seeds=race.seeds[:left])
-            now = asked.start(replace(state, attempt=attempt), race)
-            assert len(now) == left * agents
-            made += now
-            race = replace(race, round=race.round + 1)
+            new = requests.start(choosing, attempt)
+            assert len(new) == left * agents
+            made += new
+            halving = choosing.halving.after(range(left))
+            choosing = replace(choosing, halving=halving)
     require_fresh(made, 2 * (1 + 4 + 8))

@@ -1,3 +1,5 @@
+"""`bilevel runs`."""
+
 import io
 import json
 import re
@@ -10,7 +12,9 @@ from cluster.bohb.study.profiles import ENDLESS
 from cluster.catalog.overview import overview, print_overview
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus, held
-from tests.studies import make_study, new_study
+from tests.studies import make_study
+
+LONG_NAME = "a-name-that-is-longer-than-the-terminal-is-wide-and-as-long-as-any"
 
 
 @pytest.fixture
@@ -18,33 +22,29 @@ def home(tmp_path: Path) -> Home:
     return Home(tmp_path)
 
 
-def test_nothing_yet(home: Home) -> None:
+def test_an_empty_home_has_no_runs(home: Home) -> None:
     assert overview(home) == []
 
 
 def test_states_progress_and_scores(home: Home) -> None:
-    for name in ("ended", "stopped", "killed", "running"):
-        make_study(home.run_folder("CartPole-v0", name))
-    RunStatus("KILLED", 0.0, 4).save(home.run_folder("CartPole-v0", "stopped"))
-    for name in ("killed", "running"):
-        RunStatus("RUNNING", 0.0, 2).save(home.run_folder("CartPole-v0", name))
-    with held(home.run_folder("CartPole-v0", "running")):
-        lines = {line.name: line for line in overview(home)}
-    assert {name: line.state for name, line in lines.items()} == {
-        "ended": "finished",
-        "stopped": "stopped",
-        "killed": "killed",
-        "running": "running",
-    }
-    assert lines["ended"].progress == "6/6 results"
-    assert lines["stopped"].progress == "6/12 results"
-    RunStatus("KILLED", 0.0, ENDLESS).save(home.run_folder("CartPole-v0", "stopped"))
-    assert {line.name: line for line in overview(home)}["stopped"].progress == "6 results"
-    assert lines["ended"].final == "100.0"
-    assert re.fullmatch(r"\d+ core s", lines["ended"].best)
+    folders = {name: home.run_folder("CartPole-v0", name) for name in ("a", "b", "c", "d")}
+    for folder in folders.values():
+        make_study(folder)
+    RunStatus("KILLED", 0.0, 4).save(folders["b"])
+    for name in ("c", "d"):
+        RunStatus("RUNNING", 0.0, 2).save(folders[name])
+    with held(folders["d"]):
+        finished, stopped, killed, running = overview(home)
+    states = [line.state for line in (finished, stopped, killed, running)]
+    assert states == ["finished", "stopped", "killed", "running"]
+    assert (finished.progress, stopped.progress) == ("6/6 results", "6/12 results")
+    assert finished.final == "100.0"
+    assert re.fullmatch(r"\d+ core s", finished.best)
+    RunStatus("KILLED", 0.0, ENDLESS).save(folders["b"])
+    assert overview(home)[1].progress == "6 results"
 
 
-def test_a_damaged_study_is_listed_as_such(home: Home) -> None:
+def test_a_damaged_run_is_listed_with_its_error(home: Home) -> None:
     folder = home.run_folder("CartPole-v0", "broken")
     make_study(folder)
     (folder / "results.json").write_text("nonsense\n")
@@ -53,56 +53,32 @@ def test_a_damaged_study_is_listed_as_such(home: Home) -> None:
     assert "results.json', line 1" in line.fault
     out = io.StringIO()
     print_overview([line], Console(file=out, width=40, soft_wrap=True))
-    *_, told, advice = out.getvalue().splitlines()
-    assert told == f"CartPole-v0/broken: {line.fault}"
-    assert "no more than its command again" in advice
-    assert "Bring other damaged files back" in advice
+    assert f"CartPole-v0/broken: {line.fault}" in out.getvalue().splitlines()
 
 
-def test_a_study_of_another_format_is_listed_as_such(home: Home) -> None:
+def test_a_run_of_another_format_is_listed_as_old(home: Home) -> None:
     folder = home.run_folder("CartPole-v0", "ancient")
     make_study(folder)
     settings = json.loads((folder / "settings.json").read_text())
-    (folder / "settings.json").write_text(json.dumps({**settings, "format": 1}))
+    (folder / "settings.json").write_text(json.dumps({**settings, "format": 99}))
     (line,) = overview(home)
     assert line.state == "old"
-    assert "'ancient' has format 1" in line.fault
+    assert "'ancient' has format 99" in line.fault
 
 
-def test_table(home: Home, capsys: pytest.CaptureFixture[str]) -> None:
-    make_study(home.run_folder("CartPole-v0", "one"))
-    print_overview(overview(home), Console(width=100))
-    header, line = capsys.readouterr().out.splitlines()
-    assert header.split() == ["task", "name", "kind", "state", "progress", "best", "final"]
-    assert line.split()[:6] == ["CartPole-v0", "one", "study", "finished", "6/6", "results"]
-
-
-def test_a_study_is_read_as_it_was_begun(home: Home) -> None:
-    from cluster.bohb.study.definition import Study
-
-    folder = home.run_folder("CartPole-v0", "one")
-    make_study(folder)
-    assert Study.read(folder) == new_study(folder)
-
-
-def test_a_narrow_terminal_folds_names_and_cuts_nothing(home: Home) -> None:
-    make_study(home.run_folder("CartPole-v0", "a-name-that-is-longer-than-the-terminal-is-wide"))
+@pytest.mark.parametrize(("width", "terminal"), [(76, True), (40, False)])
+def test_only_terminals_fold_long_names(width: int, terminal: bool, home: Home) -> None:
+    make_study(home.run_folder("CartPole-v0", LONG_NAME))
     out = io.StringIO()
-    print_overview(
-        overview(home),
-        Console(file=out, width=76, force_terminal=True, color_system=None, soft_wrap=True),
+    console = Console(
+        file=out, width=width, force_terminal=terminal, color_system=None, soft_wrap=True
     )
-    text = out.getvalue()
-    for shown in ("finished", "6/6 results", "100.0"):
-        assert shown in text
-    assert max(len(line) for line in text.splitlines()) <= 76
-    assert "\u2026" not in text
-
-
-def test_a_pipe_gets_whole_lines(home: Home) -> None:
-    name = "a-name-that-is-longer-than-the-terminal-is-wide-and-of-the-longest-sort"
-    make_study(home.run_folder("CartPole-v0", name))
-    out = io.StringIO()
-    print_overview(overview(home), Console(file=out, width=40, soft_wrap=True))
-    _, line = out.getvalue().splitlines()
-    assert line.split()[:4] == ["CartPole-v0", name, "study", "finished"]
+    print_overview(overview(home), console)
+    header, *lines = out.getvalue().splitlines()
+    assert header.split() == ["task", "name", "kind", "state", "progress", "best", "final"]
+    for value in ("study", "finished", "100.0"):
+        assert value in lines[0]
+    if terminal:
+        assert max(map(len, lines)) <= width
+    else:
+        assert LONG_NAME in lines[0]

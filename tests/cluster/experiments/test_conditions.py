@@ -1,4 +1,4 @@
-"""Conditions and sizes."""
+"""Conditions, sizes and names."""
 
 from pathlib import Path
 
@@ -7,7 +7,7 @@ import pytest
 from bilevel.errors import InvalidInput
 from bilevel.nes import NES
 from bilevel.tasks import get_task
-from cluster.experiments.conditions import CONDITIONS, title_of
+from cluster.experiments.conditions import CONDITIONS
 from cluster.experiments.registry import EXPERIMENTS, get_experiments
 from cluster.experiments.run import folder_name
 from cluster.experiments.sizes import SIZES, get_size
@@ -16,14 +16,14 @@ from cluster.storage.home import Home
 
 
 @pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"])
-def test_every_condition_is_a_run_with_a_name_of_its_own(task_id: str, tmp_path: Path) -> None:
+def test_run_names_differ_with_the_hyperparameters(task_id: str, tmp_path: Path) -> None:
     task, home, names = get_task(task_id), Home(tmp_path), set()
     for condition in CONDITIONS.values():
-        for one in SIZES.values():
-            run = condition.run(task, one, 3, home)
+        for size in SIZES.values():
+            run = condition.run(task, size, 3, home)
             assert isinstance(run.nes, NES)
             names.add((run.folder.name, run.hp))
-    assert len({name for name, _ in names}) == len(names)  # equal names, equal hyperparameters
+    assert len({name for name, _ in names}) == len(names)
 
 
 def test_names_of_nes_runs_and_experiments_differ() -> None:
@@ -33,7 +33,7 @@ def test_names_of_nes_runs_and_experiments_differ() -> None:
     assert folder_name("experiment-", "cost", ("td3",), 1) == "experiment-cost-td3-seed1"
 
 
-def test_varied_agents_are_of_the_full_ranges_at_paper_size_alone() -> None:
+def test_only_the_paper_size_draws_agents_from_the_full_ranges() -> None:
     task, varied = get_task("CartPole-v0"), CONDITIONS["varied"]
     found = {name: varied.hyperparameters(task, size).vary_agent for name, size in SIZES.items()}
     assert found == {"smoke": "narrowed", "local": "narrowed", "paper": "all"}
@@ -41,10 +41,8 @@ def test_varied_agents_are_of_the_full_ranges_at_paper_size_alone() -> None:
     assert CONDITIONS["default"].hyperparameters(task, SIZES["local"]).vary_agent == "small"
 
 
-def test_everything_has_a_title_and_a_look() -> None:
-    for name in (*CONDITIONS, "real"):
-        assert title_of(name)
-        assert name in LOOKS
+def test_every_condition_of_an_experiment_is_known_and_has_a_look() -> None:
+    assert {*CONDITIONS, "real"} <= LOOKS.keys()
     for experiment in EXPERIMENTS.values():
         for size in SIZES.values():
             assert set(experiment.runs(size)) <= set(CONDITIONS)
@@ -60,7 +58,7 @@ def test_larger_sizes_and_options_add() -> None:
     assert local.changed(None, None, None) == local
 
 
-def test_unknown_names() -> None:
+def test_unknown_names_are_invalid() -> None:
     with pytest.raises(InvalidInput, match="unknown size 'tiny': allowed are smoke, local, paper"):
         get_size("tiny")
     with pytest.raises(InvalidInput, match="unknown experiment 'x': allowed are success"):

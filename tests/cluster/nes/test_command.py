@@ -1,13 +1,19 @@
 from dataclasses import replace
 from typing import get_type_hints
 
+import pytest
+
 from bilevel.nes import GenerationRecord
-from cluster.nes.command import generation_line, of_short_episodes
+from cluster.nes.command import generation_line, short_episode_warning
 
 
-def test_a_generation_fits_80_columns() -> None:
+@pytest.fixture
+def record() -> GenerationRecord:
     zero = {name: kind(0) for name, kind in get_type_hints(GenerationRecord).items()}
-    record = GenerationRecord(**zero)
+    return replace(GenerationRecord(**zero), train_steps_mean=50.0, train_episodes_mean=40.0)
+
+
+def test_a_generation_fits_80_columns(record: GenerationRecord) -> None:
     large = replace(
         record,
         generation=119,
@@ -19,12 +25,9 @@ def test_a_generation_fits_80_columns() -> None:
     assert len(generation_line(large, -500.0)) <= 80
 
 
-def test_episodes_that_end_at_once_are_told() -> None:
-    zero = {name: kind(0) for name, kind in get_type_hints(GenerationRecord).items()}
-    record = replace(GenerationRecord(**zero), train_steps_mean=50.0, train_episodes_mean=40.0)
-    told = of_short_episodes(record)
-    assert told is not None
-    assert told.startswith("episodes on the SE last 1.2 steps on average: agents see little but")
-    assert of_short_episodes(replace(record, generation=1)) is None
-    assert of_short_episodes(replace(record, train_episodes_mean=10.0)) is None
-    assert of_short_episodes(replace(record, train_episodes_mean=0.0)) is None  # all diverged
+def test_short_episodes_are_reported_once(record: GenerationRecord) -> None:
+    assert "1.2 steps" in (short_episode_warning(record) or "")
+    assert short_episode_warning(replace(record, generation=1)) is None
+    assert short_episode_warning(replace(record, train_episodes_mean=10.0)) is None
+    all_diverged = replace(record, train_episodes_mean=0.0)
+    assert short_episode_warning(all_diverged) is None

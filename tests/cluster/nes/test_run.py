@@ -7,36 +7,35 @@ import pytest
 from bilevel.errors import StorageFailure
 from bilevel.evaluation import evaluate
 from bilevel.hyperparameters import Hyperparameters
-from bilevel.nes.checkpoint import save_state
 from bilevel.tasks import Task
 from cluster.nes.run import STATE_FILE, NESRun
 from cluster.nes.view import nes_progress
 from cluster.storage.run_folder import locked_settings
 
 
-def test_a_checkpoint_that_cannot_be_read_is_left_where_it_is(
+def test_an_unreadable_checkpoint_is_not_renamed(
     cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
 ) -> None:
-    """It may be sound: the disk is what fails."""
+    """It may be intact: the disk has failed."""
     run = NESRun(cartpole, small_hp, 0, tmp_path)
     run.open()
     state = tmp_path / STATE_FILE
     state.unlink()
-    state.mkdir()  # reading it is an error of the disk
+    state.mkdir()  # reading a folder is a disk error
     for read in (run.open, run.load_if_sound):
         with pytest.raises(StorageFailure, match="cannot read checkpoint"):
             read()
     assert [path.name for path in tmp_path.iterdir()] == [STATE_FILE]
 
 
-def test_progress_is_never_above_the_whole(
+def test_progress_never_exceeds_the_total(
     cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
 ) -> None:
-    """A later call may ask for fewer generations than there are."""
+    """A later call may ask for fewer generations than exist."""
     run = NESRun(cartpole, small_hp, 0, tmp_path)
     with locked_settings(tmp_path, run.settings()):
         assert nes_progress(tmp_path, 3).done == "0/3 generations"
         state = run.nes.run(lambda ses, requests: [evaluate(cartpole, ses, r) for r in requests])
-        save_state(state, tmp_path / STATE_FILE)
-    told = [nes_progress(tmp_path, generations).done for generations in (1, 2, 9)]
-    assert told == ["2/2 generations", "2/2 generations", "2/9 generations"]
+        run.nes.save(state, tmp_path / STATE_FILE)
+    done = [nes_progress(tmp_path, generations).done for generations in (1, 2, 9)]
+    assert done == ["2/2 generations", "2/2 generations", "2/9 generations"]

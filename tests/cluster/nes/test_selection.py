@@ -1,4 +1,4 @@
-"""The choice of the best SE, with scores set by hand."""
+"""The choice of the best SE, with prescribed scores."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -10,18 +10,16 @@ import pytest
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import Hyperparameters
+from bilevel.nes.halving import Round
 from bilevel.synthetic_env import SE, Architecture, SEDistribution, StoredSE, load_se
 from bilevel.tasks import Task
 from cluster.nes.selection import (
     Contender,
     FinalScore,
-    Round,
     agents_needed,
     choose_best,
     evaluate_holdout,
     export_best,
-    in_time,
-    race,
 )
 from cluster.ray.pool import EvaluationPool
 from tests.conftest import ddqn
@@ -30,7 +28,7 @@ from tests.ses import make_se
 
 
 class ByHand:
-    """A fake pool: returns score and train steps k for the SE whose parameters are all k."""
+    """A pool that returns the k-th outcome (score, train steps) for the SE whose psi is k."""
 
     def __init__(self, *outcomes: tuple[float, int]) -> None:
         self.outcomes, self.asked = outcomes, list[EvaluationRequest]()
@@ -60,7 +58,7 @@ class ByHand:
         return results
 
     def score(self, score: float, request: EvaluationRequest, asked: int) -> float:
-        """Score of a request that is one of `asked` requests."""
+        """Return the score of one of `asked` requests."""
         return score
 
 
@@ -94,7 +92,7 @@ def test_the_best_is_chosen(
 def test_an_se_whose_agents_diverge_is_not_chosen(
     cartpole: Task, small_hp: Hyperparameters
 ) -> None:
-    """However the task's worst score compares with the scores of others."""
+    """Even if the worst score of the task is higher than the scores of others."""
 
     class Diverging(ByHand):
         def run(self, *args: Any) -> list[EvaluationResult]:
@@ -112,21 +110,21 @@ def test_each_round_keeps_the_best(count: int, cartpole: Task, small_hp: Hyperpa
     by_hand = ByHand(*((100.0 + (3 * k) % 5, 1000) for k in range(count)))
     pool = cast(EvaluationPool, by_hand)
     entered = contenders(cartpole, small_hp, count)
-    rounds = (Round(4, 2), Round(2, 5))
+    rounds = (Round(4, 2), Round(2, 3))
     steps: list[int] = []
     best = choose_best(cartpole, entered, (1,), pool, lambda: steps.append(1), rounds)
     # scores 100, 103, 101 and 104; no round includes the SEs after the fourth
     assert best is entered[{1: 0, 2: 1, 3: 1, 9: 3}[count]]
-    told = {1: 0, 2: 2 * 2 + 2 * 3, 3: 3 * 2 + 2 * 3, 9: 4 * 2 + 2 * 3}[count]
-    assert len(by_hand.seeds) == len(steps) == agents_needed(count, rounds) == told
+    needed = {1: 0, 2: 2 * 2 + 2 * 3, 3: 3 * 2 + 2 * 3, 9: 4 * 2 + 2 * 3}[count]
+    assert len(by_hand.seeds) == len(steps) == agents_needed(count, rounds) == needed
     assert len(set(by_hand.seeds)) == (0 if count == 1 else 5)
 
 
 @pytest.mark.parametrize(("later", "expected"), [(10.0, 1), (95.0, 0)])
-def test_a_score_that_was_lucky_is_found_out(
+def test_later_rounds_detect_lucky_scores(
     cartpole: Task, small_hp: Hyperparameters, later: float, expected: int
 ) -> None:
-    """All agents so far count: the first two score 120, the next six `later`."""
+    """The agents of all rounds count: the first two score 120, the next six `later`."""
 
     class Lucky(ByHand):
         def score(self, score: float, request: EvaluationRequest, asked: int) -> float:
@@ -134,28 +132,22 @@ def test_a_score_that_was_lucky_is_found_out(
 
     pool = cast(EvaluationPool, Lucky((120.0, 1000), (100.0, 1000)))
     entered = contenders(cartpole, small_hp, 2)
-    rounds = (Round(2, 2), Round(2, 8))
+    rounds = (Round(2, 2), Round(2, 6))
     assert choose_best(cartpole, entered, (1,), pool, rounds=rounds[:1]) is entered[0]
     assert choose_best(cartpole, entered, (1,), pool, rounds=rounds) is entered[expected]
 
 
-@pytest.mark.parametrize(("left", "asked"), [(0, 1), (1, 2), (5, 3)])
-def test_no_round_begins_once_time_is_up_but_the_first(left: int, asked: int) -> None:
-    rounds = (Round(4, 2), Round(2, 5), Round(1, 9))
-    over = iter([False] * left + [True])
-    assert tuple(in_time(rounds, lambda: next(over))) == rounds[:asked]
+def test_only_the_first_round_starts_late(cartpole: Task, small_hp: Hyperparameters) -> None:
+    by_hand = ByHand((1.0, 10), (2.0, 10), (3.0, 10))
+    entered = contenders(cartpole, small_hp, 3)
+    rounds = (Round(3, 2), Round(2, 5))
+    pool = cast(EvaluationPool, by_hand)
+    best = choose_best(cartpole, entered, (1,), pool, rounds=rounds, is_late=lambda: True)
+    assert best is entered[2]
+    assert len(by_hand.asked) == 3 * 2
 
 
-@pytest.mark.parametrize("final_agents", [1, 4, 10])
-def test_a_race_tries_few_ses_with_more_agents_than_score_the_winner(final_agents: int) -> None:
-    rounds = race(final_agents)
-    assert [one.contenders for one in rounds] == [16, 6, 2]
-    agents = [one.agents for one in rounds]
-    assert agents == sorted(set(agents))
-    assert agents[0] <= final_agents < agents[-1]
-
-
-def test_the_final_score_has_seeds_of_its_own(cartpole: Task, small_hp: Hyperparameters) -> None:
+def test_the_final_score_uses_new_seeds(cartpole: Task, small_hp: Hyperparameters) -> None:
     by_hand = ByHand((50.0, 1000), (60.0, 2000))
     pool = cast(EvaluationPool, by_hand)
     best = choose_best(cartpole, contenders(cartpole, small_hp, 2), (1,), pool)
@@ -168,10 +160,10 @@ def test_the_final_score_has_seeds_of_its_own(cartpole: Task, small_hp: Hyperpar
     assert not chosen_by & set(by_hand.seeds)
 
 
-def test_agents_of_the_final_score_are_drawn_from_all_of_the_papers_ranges(
+def test_the_final_score_uses_the_papers_full_ranges(
     cartpole: Task, small_hp: Hyperparameters
 ) -> None:
-    """They train by the stopping rule, although NES has patient and small agents."""
+    """And the stopping rule, although NES has patient and small agents."""
     hp = replace(small_hp, vary_agent="small", nes=replace(small_hp.nes, patient_episodes=99))
     (contender,) = contenders(cartpole, hp, 1)
     by_hand = ByHand((60.0, 2000))
@@ -182,8 +174,8 @@ def test_agents_of_the_final_score_are_drawn_from_all_of_the_papers_ranges(
     assert max(agent.hidden_size for agent in agents) > 300
 
 
-def test_real_steps_are_those_of_all_ends(cartpole: Task, tmp_path: Path) -> None:
-    """A run that is continued tests its SEs again; one whose end is only written again does not."""
+def test_real_steps_include_all_ends(cartpole: Task, tmp_path: Path) -> None:
+    """A resumed run tests its SEs again; writing the same end twice counts once."""
     se = make_se(cartpole)
 
     def end(step: int, score: float, learned: int, tests: int) -> int:

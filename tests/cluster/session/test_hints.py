@@ -1,4 +1,4 @@
-"""What messages advise: options of commands, and addresses."""
+"""Commands and addresses in messages."""
 
 from pathlib import Path
 from types import SimpleNamespace
@@ -36,7 +36,7 @@ UNKNOWN = "test/WithoutThreshold-v0"
         (UNKNOWN, {"solved_reward": 50, "step_limit": 80}, " --solved-reward 50 --step-limit 80"),
     ],
 )
-def test_what_the_id_of_a_task_does_not_give(
+def test_options_for_values_that_differ_from_the_defaults_of_a_task(
     task_id: str, values: dict[str, Any], options: str
 ) -> None:
     if task_id == UNKNOWN and UNKNOWN not in gymnasium.registry:
@@ -44,22 +44,20 @@ def test_what_the_id_of_a_task_does_not_give(
     assert task_options(get_task(task_id, **values)) == options
 
 
-def test_files_of_agents(tmp_path: Path) -> None:
+def test_options_for_agent_files(tmp_path: Path) -> None:
     with forgotten_afterwards():
         assert agent_options() == ""
-        (tmp_path / "of mine").mkdir()
-        files = [tmp_path / "first_hinted.py", tmp_path / "of mine" / "second_hinted.py"]
+        (tmp_path / "a folder").mkdir()
+        files = [tmp_path / "first_hinted.py", tmp_path / "a folder" / "second_hinted.py"]
         for file in files:
             file.write_text(documented_agent().replace('"reinforce"', f'"{file.stem}"'))
             load_agent_file(file)
         assert agent_options() == f" --agent-file {files[0]} --agent-file '{files[1]}'"
 
 
-def test_mlflow_without_its_password(tmp_path: Path) -> None:
-    home, server = Home(tmp_path), "http://me:secret@mlflow:5000"
-    told = tracking_option(server)
-    assert told.startswith(" --tracking-uri ")
-    assert "mlflow:5000" in told
+def test_no_message_contains_a_password(tmp_path: Path) -> None:
+    server = "http://me:secret@mlflow:5000"
     tracker: Any = SimpleNamespace(uri=server, server=server, page=lambda key: "/#/experiments")
-    for text in (told, shown_at(home, tracker)):
+    for text in (tracking_option(server), shown_at(Home(tmp_path), tracker)):
+        assert "mlflow:5000" in text
         assert "secret" not in text

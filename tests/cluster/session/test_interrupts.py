@@ -1,4 +1,4 @@
-"""Ctrl-C in places where Python may swallow it."""
+"""Signals, also where Python or a pipe may swallow them."""
 
 import signal
 import subprocess
@@ -9,30 +9,32 @@ import pytest
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal
 
-
-class Swallows:
-    """An object with a finaliser, in which Python ignores exceptions."""
-
-    def __init__(self, number: signal.Signals) -> None:
-        self.number = number
-
-    def __del__(self) -> None:
-        signal.raise_signal(self.number)
+SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+@pytest.mark.parametrize("number", SIGNALS)
+def test_signals_interrupt_at_once(number: signal.Signals) -> None:
+    previous = signal.getsignal(number)
+    with InterruptGuard(Terminal()), pytest.raises(KeyboardInterrupt):
+        signal.raise_signal(number)
+    assert signal.getsignal(number) is previous
+
+
+@pytest.mark.parametrize("number", SIGNALS)
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_what_a_finaliser_swallows_is_raised_again(number: signal.Signals) -> None:
-    before = signal.getsignal(number)
+def test_check_repeats_an_interrupt_that_a_finaliser_swallowed(number: signal.Signals) -> None:
+    class Swallows:
+        def __del__(self) -> None:
+            signal.raise_signal(number)
+
     with InterruptGuard(Terminal()) as guard:
         guard.check()
-        Swallows(number)
+        Swallows()
         with pytest.raises(KeyboardInterrupt):
             guard.check()
-    assert signal.getsignal(number) is before
 
 
-def test_the_first_one_in_order_is_a_flag() -> None:
+def test_the_first_signal_of_an_orderly_stop_sets_a_flag() -> None:
     with InterruptGuard(Terminal()) as guard:
         with guard.orderly():
             signal.raise_signal(signal.SIGINT)
@@ -43,27 +45,22 @@ def test_the_first_one_in_order_is_a_flag() -> None:
             guard.check()
 
 
-def test_a_pipe_without_a_reader_keeps_it_in_order() -> None:
-    """As in `bilevel bohb ... | tee log`, where Ctrl-C ends `tee` too."""
+def test_orderly_stop_although_the_reader_of_the_output_has_ended() -> None:
+    """Ctrl-C in `bilevel bohb ... | tee log` also ends `tee`."""
     code = """
 import signal, sys
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal
 with Terminal() as terminal, InterruptGuard(terminal) as guard, guard.orderly():
     sys.stdin.readline()
-    terminal.log("nobody reads this")
+    terminal.log("without a reader")
     signal.raise_signal(signal.SIGINT)
-    terminal.log("nor this")
+    terminal.log("without a reader")
 sys.exit(7 if guard.interrupted else 0)
 """
     command, pipe = [sys.executable, "-c", code], subprocess.PIPE
-    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as one:
-        assert one.stdout is not None
-        one.stdout.close()
-        _, errors = one.communicate(b"go on\n", timeout=60)
-    assert (one.returncode, errors) == (7, b"")
-
-
-def test_any_other_is_an_interrupt() -> None:
-    with InterruptGuard(Terminal()), pytest.raises(KeyboardInterrupt):
-        signal.raise_signal(signal.SIGTERM)
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=pipe) as process:
+        assert process.stdout is not None
+        process.stdout.close()
+        _, errors = process.communicate(b"continue\n", timeout=60)
+    assert (process.returncode, errors) == (7, b"")

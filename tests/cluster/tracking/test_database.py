@@ -1,36 +1,46 @@
-"""MLflow's SQLite database: how it is made."""
+"""MLflow's SQLite database."""
 
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
-from sqlalchemy import create_engine, text
+import pytest
 
-from cluster.tracking.database import _unflushed, database_ready, experiments
+from bilevel import InvalidInput
+from cluster.tracking.database import database_ready, experiments
 
-
-def flushed(path: Path) -> bool:
-    """Whether new connections to a database wait for the disk."""
-    engine = create_engine(f"sqlite:///{path}")
-    with engine.connect() as connection:
-        level = connection.execute(text("PRAGMA synchronous")).scalar()
-    engine.dispose()
-    return level != 0
+_CREATE = (
+    "import sys; from cluster.tracking.database import database_ready\n"
+    "with database_ready(sys.argv[1]): pass"
+)
 
 
-def test_only_the_database_that_is_made_is_not_flushed(tmp_path: Path) -> None:
-    made, other = tmp_path / "made.db", tmp_path / "other.db"
-    with _unflushed(made):
-        assert not flushed(made)
-        assert flushed(other)
-    assert flushed(made)
-
-
-def test_it_is_made_once_and_without_an_experiment(tmp_path: Path) -> None:
+def test_the_database_is_created_once_and_without_experiments(tmp_path: Path) -> None:
     path = tmp_path / "home" / "mlflow.db"
-    made = []
+    files = []
     for _ in range(2):
         with database_ready(f"sqlite:///{path}"):
             assert experiments(path) == {}
-            made.append(path.stat().st_ino)
-    assert made[0] == made[1]
-    left = {file.name for file in path.parent.iterdir()} - {"artifacts"}
-    assert left <= {path.name, f".{path.name}.lock"}
+            files.append(path.stat().st_ino)
+    assert files[0] == files[1]
+    assert {file.name for file in path.parent.iterdir()} <= {path.name, f".{path.name}.lock"}
+
+
+def test_an_interruption_leaves_no_partial_database(tmp_path: Path) -> None:
+    code = (
+        "import os, signal, alembic.command\n"
+        f"alembic.command.upgrade = lambda *_: os.kill(os.getpid(), signal.SIGKILL)\n{_CREATE}"
+    )
+    uri = f"sqlite:///{tmp_path}/mlflow.db"
+    command = [sys.executable, "-W", "ignore", "-c", code, uri]
+    assert subprocess.run(command, check=False).returncode == -signal.SIGKILL
+    with database_ready(uri):
+        assert experiments(tmp_path / "mlflow.db") == {}
+
+
+def test_a_damaged_database_is_reported(tmp_path: Path) -> None:
+    (tmp_path / "mlflow.db").write_bytes(b"no database at all, but some bytes" * 99)
+    damaged = pytest.raises(InvalidInput, match="is damaged: file is not a database; move it away")
+    with damaged, database_ready(f"sqlite:///{tmp_path}/mlflow.db"):
+        pass

@@ -1,6 +1,5 @@
-"""What MLflow cannot be given does not keep the rest from it."""
+"""Runs that MLflow rejects, and documents that cannot be created."""
 
-import time
 from pathlib import Path
 
 import mlflow
@@ -8,75 +7,63 @@ import pytest
 
 from bilevel import InvalidInput
 from cluster.storage.run_folder import Lifetime
-from cluster.tracking import Tracker
-from cluster.tracking import mirror as mirrors
-from cluster.tracking.mirror import Mirror
-from cluster.tracking.view import Document, RunView
+from cluster.tracking import Document, Mirror, Point, RunView, Tracker
 
 
 def fail() -> bytes:
-    raise ValueError("one picture is broken")
+    raise ValueError("broken")
 
 
 OVER = Lifetime("FINISHED", 1.0, 2.0)
-GOOD = Document.of_text("good.txt", "whole")
-#: A run as MLflow takes it, one with a document that cannot be made, and one with a parameter of
-#: a name that MLflow does not allow.
+GOOD = Document.of_text("good.txt", "content")
+BAD = Document("bad.png", "1", fail)
 VIEWS = {
-    "taken": RunView("taken", "taken", OVER, {}, {}, documents=(GOOD,)),
-    "broken": RunView(
-        "broken",
-        "broken",
-        OVER,
-        {},
-        {},
-        documents=(Document("bad.png", "1", fail), GOOD),
-    ),
-    "refused": RunView("refused", "refused", OVER, {"a|b": 1}, {}),
+    "good": RunView("good", "good", OVER, {}, {}, documents=(GOOD,)),
+    "broken": RunView("broken", "broken", OVER, {}, {}, documents=(BAD, GOOD)),
+    "rejected": RunView("rejected", "rejected", OVER, {"a|b": 1}, {}),
 }
 
 
 @pytest.fixture
-def tracker(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Tracker:
-    monkeypatch.setattr(mirrors, "_FIRST_RETRY", 0.05)
+def tracker(tmp_path: Path) -> Tracker:
     return Tracker(f"sqlite:///{tmp_path}/mlflow.db", "task", tmp_path / "artifacts")
 
 
-def names(tracker: Tracker) -> dict[str, mlflow.entities.Run]:
+def runs_of(tracker: Tracker) -> dict[str, mlflow.entities.Run]:
     client = mlflow.MlflowClient(tracker.uri)
     return {run.info.run_name: run for run in client.search_runs([tracker.experiment_id])}
 
 
-def test_a_document_that_cannot_be_made_is_left_out(tracker: Tracker) -> None:
-    told: list[str] = []
-    mirror = Mirror(tracker, VIEWS.__getitem__, told.append)
-    mirror.mark(["broken", "taken"])
-    assert mirror.close() == 0
-    runs = names(tracker)
-    assert runs["broken"].info.status == runs["taken"].info.status == "FINISHED"
+def test_the_rest_is_written(tracker: Tracker) -> None:
+    log: list[str] = []
+    mirror = Mirror(tracker, VIEWS.__getitem__, log.append)
+    mirror.mark(["rejected", "broken", "unreadable", "good"])
+    assert mirror.close() == 2
+    runs = runs_of(tracker)
+    assert runs["good"].info.status == runs["broken"].info.status == "FINISHED"
     files = mlflow.MlflowClient(tracker.uri).list_artifacts(runs["broken"].info.run_id)
     assert [file.path for file in files] == ["good.txt"]
-    assert told == ["broken: MLflow lacks bad.png (one picture is broken)"]
+    rejected, broken, unreadable = log
+    assert rejected.startswith("rejected: MLflow rejects the run (")
+    assert broken == "broken: MLflow lacks bad.png (broken)"
+    assert unreadable == "'unreadable'; MLflow does not show this run"
 
 
-def test_a_run_that_mlflow_does_not_take_lets_others_through(tracker: Tracker) -> None:
-    told: list[str] = []
-    mirror = Mirror(tracker, VIEWS.__getitem__, told.append)
-    mirror.mark(["refused", "taken"])
-    end = time.monotonic() + 60
-    while not any("does not take" in line for line in told) and time.monotonic() < end:
-        time.sleep(0.05)
-    assert mirror.close() == 1
-    assert names(tracker)["taken"].info.status == "FINISHED"
-    (line,) = (line for line in told if "does not take" in line)
-    assert line.startswith("refused: MLflow does not take the run (")
+def test_points_are_appended_to_a_run_that_was_deleted_in_the_ui(tracker: Tracker) -> None:
+    mirror = Mirror(tracker, VIEWS.__getitem__, print)
+    tracker.show(VIEWS["good"])
+    client = mlflow.MlflowClient(tracker.uri)
+    client.delete_run(runs_of(tracker)["good"].info.run_id)
+    mirror.append("good", [Point({"score": 1.0}, 0, 1.0)])
+    assert mirror.close() == 0
+    assert runs_of(tracker)["good"].info.status == "FINISHED"
 
 
-def test_a_deleted_experiment_is_told_at_once(tracker: Tracker) -> None:
-    """MLflow would refuse each run, as if it could not be reached."""
+def test_a_deleted_experiment_is_reported(tracker: Tracker) -> None:
+    """MLflow would reject every run."""
     client = mlflow.MlflowClient(tracker.uri)
     client.delete_experiment(tracker.experiment_id)
-    with pytest.raises(InvalidInput, match=r"experiment 'task' was deleted.* brings it back"):
+    with pytest.raises(InvalidInput, match=r"experiment 'task' was deleted; restore it"):
         Tracker(tracker.uri, "task", Path())
     client.restore_experiment(tracker.experiment_id)
     assert Tracker(tracker.uri, "task", Path()).experiment_id == tracker.experiment_id

@@ -1,52 +1,27 @@
-"""Recipes in the size of a profile."""
-
 from dataclasses import asdict, replace
-from pathlib import Path
 
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.hyperparameters import RECIPES, load_recipe
+from bilevel.recipes import RECIPES, load_recipe
 from cluster.bohb.study.profiles import PROFILES, get_profile, sized
-from cluster.cli.options import RunOptions
 from search_spaces.space import Space
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
 @pytest.mark.parametrize("profile", PROFILES)
-def test_a_profile_leaves_the_recipe_otherwise_alone(profile: str, recipe: str) -> None:
-    hp, size = load_recipe(recipe, "CartPole-v0"), get_profile(profile)
-    made = sized(hp, size)
-    changed = {
-        "solved_for",
-        "confirming_agents",
-        "population_size",
-        "centre_agents",
-        "patient_episodes",
-    }
-    before = {name: getattr(hp.nes, name) for name in changed}
-    agents = tuple(
-        replace(one, max_episodes=was.max_episodes)
-        for one, was in zip(made.agents, hp.agents, strict=True)
-    )
-    assert replace(made, nes=replace(made.nes, **before), agents=agents) == hp
-
-
-@pytest.mark.parametrize("recipe", RECIPES)
-@pytest.mark.parametrize("profile", PROFILES)
-def test_runs_of_a_search_end_once_an_se_is_confirmed(profile: str, recipe: str) -> None:
-    """Those of a recipe that never ends early, too."""
+def test_a_profile_changes_only_sizes_and_the_end_of_runs(profile: str, recipe: str) -> None:
     hp = load_recipe(recipe, "CartPole-v0")
-    nes = sized(hp, get_profile(profile)).nes
-    assert nes.solved_for == (hp.nes.solved_for or 4)
-    assert nes.confirming_agents == (hp.nes.confirming_agents or 128)
-
-
-def test_the_population_is_the_profiles_if_it_has_any() -> None:
-    for name in PROFILES:
-        hp = load_recipe("default", "CartPole-v0")
-        own = 16 if name == "paper" else hp.nes.population_size
-        assert sized(hp, get_profile(name)).nes.population_size == own
+    changed = sized(hp, get_profile(profile))
+    assert changed.nes.solved_for == (hp.nes.solved_for or 4)
+    assert changed.nes.confirming_agents == (hp.nes.confirming_agents or 128)
+    sizes = "population_size", "centre_agents", "patient_episodes"
+    kept = {name: getattr(hp.nes, name) for name in (*sizes, "solved_for", "confirming_agents")}
+    agents = tuple(
+        replace(agent, max_episodes=before.max_episodes)
+        for agent, before in zip(changed.agents, hp.agents, strict=True)
+    )
+    assert replace(changed, nes=replace(changed.nes, **kept), agents=agents) == hp
 
 
 @pytest.mark.parametrize("profile", PROFILES)
@@ -58,29 +33,17 @@ def test_a_profile_sets_nothing_that_its_space_searches(profile: str) -> None:
     assert not changed & Space.of(size.space).searched()
 
 
-def test_what_a_user_asks_for_goes_before_the_profile(tmp_path: Path) -> None:
-    chosen = ("nes.start_candidates", 3)
-    options = RunOptions(
-        "CartPole-v0", 0, None, (), None, None, tmp_path, None, None, 5, settings=(chosen,)
-    )
-    smoke = get_profile("smoke")
-    nes = options.the_hyperparameters(
-        options.the_task(), "default", lambda hp: sized(hp, smoke)
-    ).nes
-    assert (nes.population_size, nes.start_candidates, nes.centre_agents) == (5, 3, 2)
-
-
-def test_the_papers_space_is_searched_under_the_rule_of_its_ranges() -> None:
-    """Its step sizes are of the authors' code; Algorithm 1 divides the step by n_p sigma."""
+def test_the_paper_profile() -> None:
+    """The ranges of step sizes in `full` were searched with the authors' update rule."""
     profile = get_profile("paper")
     assert (profile.space, profile.recipe) == ("full", "authors")
-    assert load_recipe(profile.recipe, "CartPole-v0").nes.update == "authors"
+    hp = sized(load_recipe(profile.recipe, "CartPole-v0"), profile)
+    assert (hp.nes.update, hp.nes.population_size) == ("authors", 16)
 
 
 @pytest.mark.parametrize("recipe", ["authors", "paper"])
 @pytest.mark.parametrize("task", ["CartPole-v0", "Acrobot-v1"])
-def test_the_papers_space_fits_its_recipes(recipe: str, task: str) -> None:
-    """But not where training is cut to fewer episodes than it begins with."""
+def test_the_space_full_fits_the_paper_profile_only(recipe: str, task: str) -> None:
     full, hp = Space.of("full"), load_recipe(recipe, task)
     full.check(sized(hp, get_profile("paper")))
     with pytest.raises(InvalidInput, match=r"init_episodes must be below ddqn\.max_episodes, 15"):

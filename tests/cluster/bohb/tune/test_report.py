@@ -1,66 +1,131 @@
-"""What the terminal tells while a study runs."""
+"""The report of a study, called as Ray Tune calls it."""
 
 import io
 import math
 import re
 import time
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import mlflow
 import pytest
 from rich.console import Console
 
+from bilevel.nes import GenerationRecord
 from cluster.bohb.search.bracket_search import Job
 from cluster.bohb.search.objective import Tally
+from cluster.bohb.search.runs import ConfigurationRuns
+from cluster.bohb.study.definition import configuration_name
 from cluster.bohb.study.journal import Journal, Origin
 from cluster.bohb.tune.report import StudyReport
-from cluster.bohb.tune.trial import BUDGET_REACHED, MESSAGES, OBJECTIVE, RECORD, SPENT, TALLY
+from cluster.bohb.tune.trial import REPORT, TrialReport
 from cluster.bohb.view import StudyViews
 from cluster.session.terminal import Terminal
-from cluster.storage.run_folder import RunIdentity
+from cluster.storage.run_folder import RunStatus
+from cluster.tracking import Mirror, RunView, Tracker
+from cluster.tracking.tracker import KEY
 from tests.studies import make_study
 
-
-class Marks:
-    """Stands for the mirror and the searcher, which the terminal does not show."""
-
-    def __init__(self, job: Job) -> None:
-        self.jobs = {"trial": job}
-
-    def mark(self, keys: list[str]) -> None:
-        """Nothing is shown in MLflow."""
+_DRAWN = Origin.RANDOM, 0.0
+TALLY = Tally(cost=3.0, runs=1, confirmed=1, progress=0.0)
 
 
-@pytest.mark.parametrize(("budget", "told"), [(math.inf, ""), (900.0, r"; 1[45]m\d\ds left")])
-def test_a_result_of_an_earlier_processs_generations(
-    budget: float, told: str, tmp_path: Path
+class Trial:
+    """A trial of a job with generations on disk, whose reports go to MLflow and a terminal."""
+
+    def __init__(self, folder: Path, time_budget: float = math.inf) -> None:
+        self.study = make_study(folder)
+        self.journal = Journal(folder)
+        self.records: list[GenerationRecord] = []
+        for line in self.journal.configs:
+            states = ConfigurationRuns.read(self.study, line.id, line.configuration).states
+            if records := [record for state in states for record in state.records]:
+                self.records, self.job = records, Job(line.id, line.configuration, 3, *_DRAWN)
+        RunStatus("RUNNING", 0.0, 2).save(folder)
+        self.views = replace(StudyViews.of(folder), live=True, journal=self.journal)
+        self.key = self.views.key(configuration_name(self.job.id))
+        self.tracker = Tracker(f"sqlite:///{folder}/mlflow.db", "task", folder / "artifacts")
+        self.out = io.StringIO()
+        self.built: list[str] = []
+        self.mirror = Mirror(self.tracker, self._view, lambda line: print(line, file=self.out))
+        terminal = Terminal(Console(file=self.out, width=200, soft_wrap=True))
+        searcher: Any = SimpleNamespace(jobs={"trial": self.job})
+        deadline = time.monotonic() + time_budget
+        self.report = StudyReport(
+            4, deadline, self.journal, searcher, self.views, self.mirror, terminal
+        )
+        self.trial = SimpleNamespace(trial_id="trial", last_result=None)
+
+    def _view(self, key: str) -> RunView:
+        self.built.append(key)
+        return self.views.view(key)
+
+    def start(self) -> None:
+        """Start the trial, with the study's run in MLflow."""
+        self.mirror.mark([self.views.parent])
+        self.report.on_trial_start(0, [], self.trial)
+
+    def step(self, report: TrialReport) -> None:
+        """Report a step."""
+        self.trial.last_result = {REPORT: report}
+        self.report.on_trial_result(0, [], self.trial, self.trial.last_result)
+
+    def history(self, name: str) -> dict[int, float]:
+        """A metric of the configuration by step."""
+        client = mlflow.MlflowClient(self.tracker.uri)
+        (run,) = client.search_runs([self.tracker.experiment_id], f"tags.`{KEY}` = '{self.key}'")
+        return {m.step: m.value for m in client.get_metric_history(run.info.run_id, name)}
+
+
+def wait_for(condition: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while not condition():
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+
+
+def test_a_generation_costs_as_much_however_many_there_were(tmp_path: Path) -> None:
+    """No files are read for it: only its own point is written."""
+    trial = Trial(tmp_path)
+    trial.start()
+    wait_for(lambda: len(trial.built) == 2)
+    template, before = trial.records[-1], len(trial.records)
+    for number in range(50):
+        record = replace(template, generation=number, finished=template.finished + 1 + number)
+        trial.step(TrialReport(TALLY, False, record, run=9, before=before, spent=1.0))
+        if number % 10 == 0:  # otherwise the mirror would write all of them at once
+            wait_for(lambda: before + number in trial.history("score_mean"))  # noqa: B023
+    assert trial.mirror.close() == 0
+    assert trial.built == [trial.views.parent, trial.key]
+    assert sorted(trial.history("score_mean")) == list(range(before + 50))
+    assert trial.history("run")[before + 49] == 9
+
+
+def test_a_repeated_generation_replaces_the_run(tmp_path: Path) -> None:
+    """Its checkpoint was damaged: the scores are the same, the measured times are not."""
+    trial = Trial(tmp_path)
+    trial.start()
+    wait_for(lambda: len(trial.built) == 2)
+    first = trial.records[0]
+    trial.step(TrialReport(TALLY, False, replace(first, finished=first.finished + 9), spent=1.0))
+    assert trial.mirror.close() == 0
+    assert trial.built == [trial.views.parent, trial.key, trial.key]
+
+
+@pytest.mark.parametrize(("budget", "left"), [(math.inf, ""), (900.0, r"; 1[45]m\d\ds left")])
+def test_the_line_of_a_result_of_earlier_generations(
+    budget: float, left: str, tmp_path: Path
 ) -> None:
-    """Nothing has been spent since the command began, so that no speed is known."""
-    study = make_study(tmp_path)
-    line = Journal(tmp_path).configs[0]
-    job = Job(line.id, line.configuration, 3, Origin.RANDOM, 0.0)
-    marks: Any = Marks(job)
-    views = StudyViews(study, RunIdentity("0" * 32, 0.0), live=True)
-    out = io.StringIO()
-    terminal = Terminal(Console(file=out, width=200, soft_wrap=True))
-    deadline = time.monotonic() + budget
-    report = StudyReport(4, deadline, Journal(tmp_path), marks, views, marks, terminal)
-    trial = SimpleNamespace(trial_id="trial", last_result=None)
-    report.on_trial_start(0, [], trial)
-    assert len(views.running) == 1
-    result = {
-        TALLY: Tally(cost=3.0, runs=1, confirmed=1, progress=0.0),
-        MESSAGES: [],
-        SPENT: 0.0,
-        RECORD: None,
-        OBJECTIVE: 3.0,
-        BUDGET_REACHED: True,
-    }
-    report.on_trial_result(0, [], trial, result)
-    trial.last_result = result
-    report.on_trial_complete(0, [], trial)
-    assert not views.running
-    report.on_trial_start(1, [], trial)
-    (shown,) = [text for text in out.getvalue().splitlines() if "objective 3" in text]
-    assert re.search(rf"objective 3 \(best at \d+: \d+\){told}$", shown)
+    """Nothing was spent since the command started, so the speed is unknown."""
+    trial = Trial(tmp_path, budget)
+    trial.start()
+    assert trial.views.running
+    trial.step(TrialReport(TALLY, budget_reached=True))
+    trial.report.on_trial_complete(0, [], trial.trial)
+    assert not trial.views.running
+    assert trial.mirror.close() == 0
+    (line,) = [text for text in trial.out.getvalue().splitlines() if "objective 3" in text]
+    assert re.search(rf"objective 3 \(best at \d+: \d+\){left}$", line)

@@ -14,20 +14,18 @@ from cluster.bohb.search.bracket_search import BracketSearch
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.journal import Journal
-from cluster.bohb.tune.searcher import DEATHS, BohbSearcher
-from cluster.bohb.tune.trial import (
-    BUDGET_REACHED,
-    FAILURE,
-    JOB,
-    MISTAKE,
-    NO_STORAGE,
-    OBJECTIVE,
-    TALLY,
-)
+from cluster.bohb.tune.searcher import MAX_CRASHES, BohbSearcher
+from cluster.bohb.tune.trial import JOB, REPORT, StepFailed, TrialReport
 from search_spaces.bohb import search_space
 
-#: The report of a trial that has spent its budget.
-DONE = {OBJECTIVE: 6.0, TALLY: Tally(12.0, 2, 2, 0.0), BUDGET_REACHED: True}
+
+def result(cost: float = 12.0, **values: Any) -> dict[str, Any]:
+    """Last result of a trial with two confirmed SEs."""
+    return {REPORT: TrialReport(Tally(cost, 2, 2, 0.0), **values)}
+
+
+DONE = result(budget_reached=True)
+MISTAKE = Mistake("agent 'mine': division by zero")
 
 
 @pytest.fixture
@@ -47,7 +45,7 @@ def suggested(searcher: BohbSearcher, trial_id: str) -> Any:
     return job[JOB]
 
 
-def test_as_many_jobs_at_a_time_as_the_cluster_has_room_for(searcher: BohbSearcher) -> None:
+def test_the_number_of_concurrent_jobs_is_limited(searcher: BohbSearcher) -> None:
     suggested(searcher, "a")
     suggested(searcher, "b")
     assert searcher.suggest("c") is None
@@ -55,82 +53,78 @@ def test_as_many_jobs_at_a_time_as_the_cluster_has_room_for(searcher: BohbSearch
     suggested(searcher, "c")
 
 
-def test_a_job_whose_process_died_is_the_next_one_again(
+def test_the_job_of_a_crashed_process_is_suggested_again_until_it_fails(
     searcher: BohbSearcher, journal: Journal
 ) -> None:
-    first = suggested(searcher, "a")
-    for number in range(DEATHS - 1):
-        searcher.on_trial_complete("a" if number == 0 else str(number), None, error=True)
-        assert suggested(searcher, str(number + 1)) == first
+    first = suggested(searcher, "0")
+    for number in range(1, MAX_CRASHES):
+        searcher.on_trial_complete(str(number - 1), None, error=True)
+        assert suggested(searcher, str(number)) == first
     assert journal.results == []
-    searcher.on_trial_complete(str(DEATHS - 1), None, error=True)
+    searcher.on_trial_complete(str(MAX_CRASHES - 1), None, error=True)
     (line,) = journal.results
     assert line.loss is None
-    assert line.exception == f"the trial's process died {DEATHS} times"
+    assert line.exception == f"the trial's process died {MAX_CRASHES} times"
     assert suggested(searcher, "other") != first
 
 
 @pytest.mark.parametrize(
-    ("result", "told"),
+    ("last", "message"),
     [
-        ({FAILURE: "Traceback\nValueError: no"}, "ValueError: no"),
-        ({OBJECTIVE: math.nan, BUDGET_REACHED: True}, "the objective is nan"),
-        ({OBJECTIVE: math.inf, BUDGET_REACHED: True}, "the objective is inf"),
+        ({REPORT: TrialReport(error=StepFailed("Traceback\nValueError: no"))}, "ValueError: no"),
+        (result(math.nan, budget_reached=True), "the objective is nan"),
+        (result(math.inf, budget_reached=True), "the objective is inf"),
     ],
 )
-def test_what_is_no_result_counts_as_failed(
-    result: dict[str, Any], told: str, searcher: BohbSearcher, journal: Journal
-) -> None:
-    suggested(searcher, "a")
-    searcher.on_trial_complete("a", result)
-    (line,) = journal.results
-    assert line.loss is None
-    assert told in (line.exception or "")
-
-
-def test_a_users_wrong_agent_stops_the_study(searcher: BohbSearcher, journal: Journal) -> None:
-    suggested(searcher, "a")
-    searcher.on_trial_complete("a", {MISTAKE: "agent 'mine': division by zero"})
-    assert isinstance(searcher.stopped_by, Mistake)
-    assert journal.results == []
-
-
-def test_an_agent_that_has_worked_fails_with_its_hyperparameters(
-    searcher: BohbSearcher, journal: Journal
-) -> None:
-    suggested(searcher, "a")
-    searcher.on_trial_complete("a", DONE)
-    suggested(searcher, "b")
-    searcher.on_trial_complete("b", {MISTAKE: "agent 'mine': division by zero"})
-    assert searcher.stopped_by is None
-    assert [result.loss for result in journal.results] == [6.0, None]
-    assert journal.results[0].info["confirmed"] == 2
-    assert journal.results[1].exception == "agent 'mine': division by zero"
-
-
-def test_a_job_that_was_stopped_short_counts_as_nothing(
-    searcher: BohbSearcher, journal: Journal
+def test_a_job_without_a_finite_objective_fails(
+    last: dict[str, Any], message: str, searcher: BohbSearcher, journal: Journal
 ) -> None:
     first = suggested(searcher, "a")
-    searcher.on_trial_complete("a", {OBJECTIVE: 1.0, BUDGET_REACHED: False})
+    searcher.on_trial_complete("a", last)
+    (line,) = journal.results
+    assert line.loss is None
+    assert message in (line.exception or "")
+    assert suggested(searcher, "b") != first
+
+
+@pytest.mark.parametrize("last", [None, {}, result()])
+def test_the_job_of_a_stopped_trial_is_suggested_again(
+    last: dict[str, Any] | None, searcher: BohbSearcher, journal: Journal
+) -> None:
+    first = suggested(searcher, "a")
+    searcher.on_trial_complete("a", last)
     assert journal.results == []
     assert suggested(searcher, "b") == first
 
 
-def test_no_room_stops_the_study_and_the_job_counts_as_nothing(
-    searcher: BohbSearcher, journal: Journal
+@pytest.mark.parametrize("error", [MISTAKE, StorageFailure("cannot write '/x': disk full")])
+def test_an_error_stops_the_study_without_a_result(
+    error: Any, searcher: BohbSearcher, journal: Journal
 ) -> None:
     suggested(searcher, "a")
-    searcher.on_trial_complete("a", {NO_STORAGE: "cannot write '/x': No space left on device"})
-    assert isinstance(searcher.stopped_by, StorageFailure)
+    searcher.on_trial_complete("a", {REPORT: TrialReport(error=error)})
+    assert searcher.stopped_by is error
     assert journal.results == []
     assert searcher.suggest("b") == BohbSearcher.FINISHED
 
 
-def test_a_journal_that_cannot_be_written_stops_the_study(
+def test_a_mistake_after_a_success_is_a_failed_job(
     searcher: BohbSearcher, journal: Journal
 ) -> None:
-    """Its file is a link to a device that is always full."""
+    """The hyperparameters are the cause."""
+    suggested(searcher, "a")
+    searcher.on_trial_complete("a", DONE)
+    suggested(searcher, "b")
+    searcher.on_trial_complete("b", {REPORT: TrialReport(error=MISTAKE)})
+    assert searcher.stopped_by is None
+    assert [line.loss for line in journal.results] == [pytest.approx(6.0, rel=0.01), None]
+    assert journal.results[0].info["confirmed"] == 2
+    assert journal.results[1].exception == str(MISTAKE)
+
+
+def test_a_full_disk_under_the_journal_stops_the_study(
+    searcher: BohbSearcher, journal: Journal
+) -> None:
     suggested(searcher, "a")
     journal.paths[1].symlink_to("/dev/full")
     searcher.on_trial_complete("a", DONE)
@@ -138,8 +132,8 @@ def test_a_journal_that_cannot_be_written_stops_the_study(
     assert journal.results == []
 
 
-def test_a_trial_starts_without_what_proposes() -> None:
-    """The imports of hpbandster and ConfigSpace take longer than a trial's own."""
-    proposing = "{'hpbandster', 'ConfigSpace'}"
-    code = f"import sys, cluster.bohb.tune.trial; sys.exit(bool({proposing} & set(sys.modules)))"
+def test_a_trial_does_not_import_the_search() -> None:
+    """hpbandster and ConfigSpace take longer to import than the trial itself."""
+    heavy = "{'hpbandster', 'ConfigSpace'}"
+    code = f"import sys, cluster.bohb.tune.trial; sys.exit(bool({heavy} & set(sys.modules)))"
     subprocess.run([sys.executable, "-c", code], check=True)

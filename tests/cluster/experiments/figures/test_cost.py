@@ -1,11 +1,12 @@
-"""The numbers of cost."""
+"""The number of agents after which an SE pays off."""
 
-from cluster.experiments.figures.cost import Cost
+import pytest
+
+from cluster.experiments.figures.cost import break_even
 
 
-def test_when_an_se_is_paid_back() -> None:
-    real = Cost(fixed=0.0, marginal=1000.0)
-    assert Cost(50_000.0, 0.0).break_even(real) == 50.0
-    assert Cost(50_000.0, 500.0).break_even(real) == 100.0
-    assert Cost(1.0, 1000.0).break_even(real) is None
-    assert Cost(0.0, 1.0).break_even(real) == 0.0
+@pytest.mark.parametrize(
+    ("cost", "saved", "agents"), [(50_000, 1000, 50), (0, 999, 0), (1, 0, None), (1, -5, None)]
+)
+def test_break_even(cost: float, saved: float, agents: float | None) -> None:
+    assert break_even(cost, saved) == agents

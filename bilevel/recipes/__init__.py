@@ -1,0 +1,141 @@
+"""Recipes: the hyperparameters of an NES run as TOML files that extend each other.
+
+name        content
+---------   ----------------------------------------------------------------------------------
+default     SEs from scores only, in minutes
+paper       the update as the paper prints it, with the paper's tables. Its division by n_p sigma
+            appears only in the paper's text, not in the authors' code for which they tuned the
+            step size, and scores are compared with agents trained on the unperturbed SE
+authors     the update rule, transforms and ties of the authors' code
+
+A recipe holds its differences from the recipe that it `extends`. `agents` and `vary_agent` select
+the agents that evaluations draw. The sections `nes`, `se` and one per agent hold hyperparameters.
+A section `tasks.ID.SECTION` applies only to the task ID, where it overrides the recipe's SECTION.
+"""
+
+import json
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict
+from importlib.resources import files
+from pathlib import Path
+from typing import Any, Protocol
+
+from bilevel.decode import decode
+from bilevel.errors import InvalidInput, one_of
+from bilevel.hyperparameters import (
+    AgentHyperparameters,
+    Hyperparameters,
+    NESHyperparameters,
+    SEHyperparameters,
+    Variation,
+    agent_hyperparameters,
+    agent_names,
+)
+
+#: The recipes of this package.
+RECIPES = ("default", "paper", "authors")
+
+_Values = dict[str, Any]
+
+
+class _Task(Protocol):
+    @property
+    def id(self) -> str:
+        """The gymnasium id."""
+
+
+def load_recipe(
+    name: str | Path, task: _Task | str, agents: Sequence[str] | str | None = None
+) -> Hyperparameters:
+    """Return the hyperparameters of a recipe for a task, or for the task's id ("" for no task).
+
+    `name` is a recipe of this package or the path of a file (`*.toml`). `agents`, one name or
+    several, replaces the agents of the recipe. Fields of an agent that the recipe does not give
+    have the defaults of its class. Raises InvalidInput for an unknown name, and for a file that is
+    not a recipe or incomplete.
+    """
+    name, task_id = str(name), task if isinstance(task, str) else task.id
+    values, source = _resolved(name, task_id, ()), f"recipe {name!r}"
+    names = decode(tuple[str, ...], values.pop("agents", ()), f"{source}: agents")
+    if agents is not None:
+        names = (agents,) if isinstance(agents, str) else tuple(agents)
+    vary: Variation = values.pop("vary_agent", None)  # validated below
+    sections = {key: decode(_Values, value, f"{source}, {key}") for key, value in values.items()}
+    with _error_prefix(source):
+        nes = NESHyperparameters(**sections.pop("nes", {}))
+        se = SEHyperparameters(**sections.pop("se", {}))
+        # Also the agents that this run does not draw are checked.
+        known = {agent: _agent(agent, section) for agent, section in sections.items()}
+        drawn = tuple(known[agent] if agent in known else _agent(agent, {}) for agent in names)
+        return Hyperparameters(
+            nes=nes, se=se, agents=drawn, vary_agent=vary, recipe=Path(name).stem
+        )
+
+
+def complete_recipe(name: str | Path, task: _Task | str = "") -> str:
+    """Return a recipe with all values, including those of agents that it does not draw."""
+    hp = load_recipe(name, task)
+    sections = load_recipe(name, task, agent_names()).agents
+    suffix = f" for {task if isinstance(task, str) else task.id}" if task else ""
+    return recipe_text(hp, f"The recipe {hp.recipe}{suffix}.", sections)
+
+
+def recipe_text(
+    hp: Hyperparameters, heading: str, sections: Sequence[AgentHyperparameters] = ()
+) -> str:
+    """Return a complete recipe file with these hyperparameters, after `heading` as a comment.
+
+    `sections` are agents that the recipe describes, if not only those that it draws.
+    """
+    agents = ", ".join(f'"{agent.agent}"' for agent in hp.agents)
+    lines = [f"# {line}" for line in heading.splitlines()]
+    lines += ["", f"agents = [{agents}]", f'vary_agent = "{hp.vary_agent}"']
+    described: dict[str, Any] = {"nes": hp.nes, "se": hp.se}
+    described |= {agent.agent: agent for agent in sections or hp.agents}
+    for name, section in described.items():
+        # JSON writes strings, numbers and booleans as TOML does.
+        lines += ["", f"[{name}]"]
+        lines += [f"{field} = {json.dumps(value)}" for field, value in asdict(section).items()]
+    return "\n".join(lines) + "\n"
+
+
+def _resolved(name: str, task_id: str, children: tuple[str, ...]) -> _Values:
+    """Return the values of a recipe on top of those that it extends."""
+    if name in children:
+        raise InvalidInput(f"recipe {name!r} extends itself: {' -> '.join((*children, name))}")
+    own = _read(name)
+    parent, tasks = own.pop("extends", None), own.pop("tasks", {})
+    merged = {} if parent is None else _resolved(str(parent), task_id, (*children, name))
+    for layer in (own, tasks.get(task_id, {})):
+        for key, value in layer.items():
+            both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
+            merged[key] = {**merged[key], **value} if both else value
+    return merged
+
+
+def _read(name: str) -> _Values:
+    if name in RECIPES:
+        return tomllib.loads((files(__name__) / f"{name}.toml").read_text())
+    if not name.endswith(".toml"):
+        raise one_of("recipe", name, (*RECIPES, "and paths of recipe files (*.toml)"))
+    try:
+        return tomllib.loads(Path(name).read_text())
+    except OSError as error:
+        raise InvalidInput(f"cannot read the recipe {name!r}: {error.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise InvalidInput(f"recipe {name!r} is not a TOML file: {error}") from None
+
+
+@contextmanager
+def _error_prefix(source: str) -> Iterator[None]:
+    """Prefix the messages of InvalidInput with the recipe."""
+    try:
+        yield
+    except InvalidInput as error:
+        raise InvalidInput(f"{source}: {error}") from None
+
+
+def _agent(name: str, section: Mapping[str, Any]) -> AgentHyperparameters:
+    return agent_hyperparameters(name)(**section)

@@ -1,0 +1,126 @@
+"""Specification of a task by its gymnasium id."""
+
+import math
+from contextlib import closing
+from dataclasses import fields
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.spaces import Box, Discrete, Space
+
+from bilevel.errors import InvalidInput, first_line, is_number
+from bilevel.kernels import dynamics
+from bilevel.tasks.adapter import CheckedEnv, RealEnv, make_env
+from bilevel.tasks.task import COMPILED, MAX_STEP_LIMIT, Task
+from bilevel.user_code import as_mistake
+
+#: Tasks with the paper's values by id.
+BUILT_IN_TASKS = {
+    task.id: Task(**{field.name: getattr(task, field.name) for field in fields(Task)})
+    for task in COMPILED.values()
+}
+
+
+def get_task(
+    task_id: str,
+    solved_reward: float | None = None,
+    step_limit: int | None = None,
+    worst_score: float | None = None,
+) -> Task:
+    """Return the task with a gymnasium id.
+
+    CartPole-v0 and Acrobot-v1 are built in: they have the paper's values and compiled dynamics. All
+    other environments of gymnasium work if their observations are a flat Box and their actions
+    Discrete. An id `MODULE:ID` imports a module, which registers the environment.
+
+    Args:
+        task_id: Gymnasium's id, such as `CartPole-v0` or `my_package:Balance-v0`.
+        solved_reward: Mean return at which the task is solved. Default: the environment's
+            `reward_threshold`.
+        step_limit: Maximum number of steps of an episode. Default: the environment's
+            `max_episode_steps`.
+        worst_score: Score of a diverged agent, below the solved reward. Default: 0 if the solved
+            reward is positive, else -1 per step, or twice the solved reward if that is lower.
+
+    Raises:
+        InvalidInput: The id is unknown, the spaces are not supported, a value is out of range, or
+            neither the arguments nor the environment specify the solved reward and the step limit.
+    """
+    built_in = BUILT_IN_TASKS.get(task_id)
+    if built_in is not None and (solved_reward, step_limit, worst_score) == (None, None, None):
+        return built_in
+    spec, observations, actions = _inspect(task_id)
+    state_size, n_actions = _sizes(task_id, observations, actions)
+    solved = spec.reward_threshold if solved_reward is None else solved_reward
+    limit = spec.max_episode_steps if step_limit is None else step_limit
+    if solved is None or limit is None:
+        missing = "solved-reward" if solved is None else "step-limit"
+        raise InvalidInput(
+            f"{task_id} does not specify its {missing.replace('-', ' ')}: give --{missing}, or "
+            f"{missing.replace('-', '_')}=... to bilevel.get_task"
+        )
+    if not is_number(solved) or not math.isfinite(solved):
+        raise InvalidInput(f"{task_id}: solved reward must be a finite number; got {solved!r}")
+    if not isinstance(limit, int | np.integer) or not 1 <= limit <= MAX_STEP_LIMIT:
+        raise InvalidInput(
+            f"{task_id}: step limit (--step-limit) must be 1 to {MAX_STEP_LIMIT}; got {limit}"
+        )
+    worst = _default_worst_score(solved, limit) if worst_score is None else worst_score
+    if not is_number(worst) or not -math.inf < worst < solved:
+        raise InvalidInput(
+            f"{task_id}: worst score (--worst-score) must be finite and below the solved reward, "
+            f"{solved:g}; got {worst!r}"
+        )
+    code = built_in.dynamics if built_in else dynamics.OBSERVED
+    return Task(task_id, state_size, n_actions, int(limit), float(solved), float(worst), code)
+
+
+def _default_worst_score(solved_reward: float, step_limit: int) -> float:
+    if solved_reward > 0:
+        return 0.0
+    return -float(step_limit) if -step_limit < solved_reward else 2 * float(solved_reward)
+
+
+def _inspect(task_id: str) -> tuple[EnvSpec, Space[Any], Space[Any]]:
+    """Return spec, observation space and action space of a task. Raises InvalidInput."""
+    env = CheckedEnv(_make(task_id), task_id)
+    code = type(env.unwrapped)
+    with closing(env), as_mistake(f"task {task_id!r}", code, "is asked for its spaces"):
+        observations, actions = env.observation_space, env.action_space
+    spec = env.spec
+    assert spec is not None
+    if spec.id != task_id.rpartition(":")[2]:  # gymnasium adds the latest version
+        versions = {name for name in BUILT_IN_TASKS if name.startswith(f"{task_id}-v")} | {spec.id}
+        allowed = ", ".join(sorted(versions))
+        raise InvalidInput(f"task {task_id!r} has no version: allowed are {allowed}")
+    return spec, observations, actions
+
+
+def _make(task_id: str) -> RealEnv:
+    try:
+        return make_env(task_id)
+    except gymnasium.error.Error as error:
+        raise InvalidInput(
+            f"unknown task {task_id!r}: allowed are {', '.join(BUILT_IN_TASKS)} "
+            f"and gymnasium ids with a flat Box and Discrete actions ({first_line(error)})"
+        ) from None
+    except (Exception, SystemExit):  # raised by the environment, or by the import of its module
+        with as_mistake(f"task {task_id!r}", None, "is made"):
+            raise
+
+
+def _sizes(task_id: str, observations: Space[Any], actions: Space[Any]) -> tuple[int, int]:
+    """Return the number of observations and of actions. Raises InvalidInput for other spaces."""
+    if not isinstance(observations, Box) or len(observations.shape) != 1:
+        raise InvalidInput(
+            f"{task_id} has observations {observations}: allowed is a Box of one dimension; "
+            "gymnasium.wrappers.FlattenObservation converts other spaces"
+        )
+    if not isinstance(actions, Discrete):
+        raise InvalidInput(
+            f"{task_id} has actions {actions}: allowed is Discrete; a gymnasium.ActionWrapper can "
+            "select actions of another space"
+        )
+    return observations.shape[0], int(actions.n)

@@ -1,0 +1,122 @@
+"""Options that several commands share."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from cluster.cli.parameters import POSITIVE, Setting
+from cluster.storage.home import DEFAULT_HOME
+
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
+
+
+def combined(*decorators: Decorator) -> Decorator:
+    """Return a decorator that adds several options; help lists them in this order."""
+
+    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
+        for decorator in reversed(decorators):
+            function = decorator(function)
+        return function
+
+    return decorate
+
+
+home_option = click.option(
+    "--home",
+    type=click.Path(path_type=Path),
+    default=DEFAULT_HOME,
+    show_default=True,
+    is_eager=True,  # like --tracking-uri: the address of an SE depends on both
+    help="Folder of checkpoints, journals and MLflow's database.",
+)
+tracking_option = click.option(
+    "--tracking-uri",
+    is_eager=True,
+    envvar="MLFLOW_TRACKING_URI",
+    help="MLflow server or database (default: $MLFLOW_TRACKING_URI, else SQLite in --home).",
+)
+address_option = click.option(
+    "--address",
+    envvar="RAY_ADDRESS",
+    help="Ray cluster with a node on this machine: host:port, auto, or local for a new one "
+    "(default: $RAY_ADDRESS, else local).",
+)
+agent_file_option = click.option(
+    "--agent-file",
+    "agent_files",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    multiple=True,
+    help="Python file that registers an agent (docs/agents.md); may be repeated.",
+)
+set_option = click.option(
+    "--set",
+    "settings",
+    type=Setting(),
+    multiple=True,
+    help="Replace a hyperparameter of the recipe, for instance nes.std_dev=0.1 or "
+    "ddqn.learning_rate=0.002; may be repeated. `evaluate` accepts only those of agents.",
+)
+vary_option = click.option(
+    "--vary-hp",
+    "vary",
+    metavar="no|small|narrowed|all",
+    help="Draw the agents' learning rate, batch size and network from the paper's ranges: no, "
+    "small (only cheap networks and batches), all, or narrowed (like all, with narrow networks at "
+    "the same learning pace instead of large ones) (default: the recipe's; in evaluate: no).",
+)
+workers_option = click.option(
+    "--workers", type=POSITIVE, help="Actors (default: one per core of the run's share)."
+)
+
+#: Options of all commands that train agents.
+common_options = combined(
+    click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed."),
+    click.option(
+        "--agent",
+        "agents",
+        help="Agents, comma-separated: ddqn, dueling-ddqn, td3 or custom ones. `nes` and `bohb` "
+        "draw one of them per evaluation, `evaluate` and `experiment` train each (default: the "
+        "recipe's, ddqn; in `experiment`, the experiment's).",
+    ),
+    agent_file_option,
+    address_option,
+    tracking_option,
+    home_option,
+    click.option(
+        "--solved-reward",
+        type=float,
+        help="Mean return at which the task counts as solved (default: the task's).",
+    ),
+    click.option(
+        "--step-limit",
+        type=POSITIVE,
+        help="Maximum number of steps per episode of the real task (default: the task's).",
+    ),
+)
+
+#: Options of the commands that learn SEs.
+run_options = combined(
+    click.argument("task"),
+    click.option(
+        "--recipe",
+        help="All hyperparameters of a run: default, paper, authors, a recipe file (*.toml), or "
+        "the name of a study, for its incumbent's (default: default; for the profile paper: "
+        "authors).",
+    ),
+    set_option,
+    vary_option,
+    click.option(
+        "--population",
+        type=POSITIVE,
+        help="NES members per generation, n_p (default: the recipe's).",
+    ),
+    click.option(
+        "--worst-score",
+        type=float,
+        help="Approximate lower bound of the mean return, which a diverged agent scores (default: "
+        "the task's).",
+    ),
+    common_options,
+)

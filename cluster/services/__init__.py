@@ -1,1 +1,0 @@
-"""Background services: a Ray head and an MLflow server."""

@@ -1,0 +1,80 @@
+"""The scale of observations under random actions."""
+
+from dataclasses import replace
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+
+import bilevel.tasks.task
+from bilevel.kernels import dynamics
+from bilevel.tasks import Task, get_task
+from bilevel.tasks.task import SCALE_STEPS
+
+
+def test_the_seed_determines_the_scale() -> None:
+    task = get_task("CartPole-v0")
+    one, two, other = (task.observation_scale(seed) for seed in (3, 3, 4))
+    np.testing.assert_array_equal(one.deviation, two.deviation)
+    assert not np.array_equal(one.deviation, other.deviation)
+    assert one.real_env_steps == SCALE_STEPS
+    assert 0.3 < one.deviation[1] < 0.9  # velocity of the cart in units per second
+
+
+def test_uncompiled_tasks_take_fewer_steps() -> None:
+    assert get_task("MountainCar-v0").observation_scale(0).real_env_steps == 10_000
+
+
+def test_every_state_with_an_action_counts_once(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Including the first state of an episode, without the last one."""
+
+    class Counting(gymnasium.Env[Any, Any]):
+        observation_space = gymnasium.spaces.Box(0, 9, (1,), np.float32)
+        action_space = gymnasium.spaces.Discrete(2)
+
+        def __init__(self, **_: Any) -> None:
+            self.age = 0
+
+        def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
+            super().reset(seed=seed)
+            self.age = 0
+            return np.array([0], np.float32), {}
+
+        def step(self, action: Any) -> Any:
+            self.age += 1
+            return np.array([self.age], np.float32), 0.0, self.age == 4, False, {}
+
+    spec = gymnasium.envs.registration.EnvSpec(
+        "test/Counting-v0", entry_point=Counting, reward_threshold=1.0, max_episode_steps=10
+    )
+    monkeypatch.setitem(gymnasium.registry, spec.id, spec)
+    scale = get_task(spec.id).observation_scale(0)
+    assert scale.mean == pytest.approx(np.mean([0, 1, 2, 3]))
+    assert scale.deviation == pytest.approx(np.std([0, 1, 2, 3]))
+
+
+def test_a_compiled_task_is_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Episodes start in an initial state, with a nearly upright pole."""
+    task = get_task("CartPole-v0")
+    monkeypatch.setattr(Task, "make", None)
+    monkeypatch.setattr(bilevel.tasks.task, "SCALE_STEPS", 2)
+    means = [task.observation_scale(seed).mean[2] for seed in range(20)]
+    assert np.abs(means).max() < 0.07
+    assert np.abs(means).min() < 0.01
+
+
+@pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
+def test_simulated_and_real_episodes_have_the_same_scale(
+    task_id: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    simulated = get_task(task_id).observation_scale(0)
+    observed = replace(get_task(task_id), dynamics=dynamics.OBSERVED)  # gymnasium runs it
+    monkeypatch.setattr(bilevel.tasks.task, "GYMNASIUM_SCALE_STEPS", 30_000)
+    real = observed.observation_scale(0)
+    assert real.real_env_steps == 30_000
+    np.testing.assert_allclose(simulated.deviation, real.deviation, rtol=0.3)
+    error = (simulated.mean - real.mean) / real.deviation
+    np.testing.assert_allclose(error, 0.0, atol=0.15)

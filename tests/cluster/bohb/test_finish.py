@@ -1,0 +1,57 @@
+"""The choice of the SEs that a study retests at its end."""
+
+from dataclasses import replace
+from pathlib import Path
+
+from bilevel.nes.state import Finished
+from cluster.bohb.finish import all_runs, contenders_of
+from cluster.bohb.search.runs import ConfigurationRuns
+from cluster.bohb.search.validation import Plan, validate
+from cluster.bohb.study.journal import Journal
+from cluster.nes.selection import RACERS
+from tests.studies import MadeUpPool, make_study
+
+
+def test_confirmed_ses_come_before_those_with_the_highest_scores(tmp_path: Path) -> None:
+    study = make_study(tmp_path, brackets=8)
+    every = [
+        ConfigurationRuns.read(study, line.id, line.configuration)
+        for line in Journal(tmp_path).configs
+    ]
+    evolved = [runs for runs in every if runs.states and runs.states[0].finalists]
+    worst = min(evolved, key=lambda runs: runs.states[0].finalists[0].rank)
+    scored = [
+        (finalist.rank, se)
+        for runs in every
+        for state in runs.states
+        for finalist, se in zip(state.finalists, runs.run(0).nes.candidates(state), strict=False)
+        if state is not worst.states[0]
+    ]
+    scored.sort(key=lambda pair: pair[0], reverse=True)
+    worst.states[0] = replace(worst.states[0], phase=Finished(confirmed=True))
+    first, *others = contenders_of(every)
+    assert (first.se, first.hp) == (worst.run(0).nes.best(worst.states[0]), worst.run(0).hp)
+    assert len(scored) > RACERS == 1 + len(others)
+    assert [contender.se for contender in others] == [se for _, se in scored[: RACERS - 1]]
+
+
+def test_the_runs_of_a_validation_are_included(tmp_path: Path) -> None:
+    study = make_study(tmp_path)
+    journal, pool = Journal(study.folder), MadeUpPool()
+    plan = Plan.of(journal, None, study.schedule.budgets[-1])
+    assert plan is not None
+    validate(study, journal, plan, pool, print, lambda spent, total: None, lambda: False)
+    runs = list(all_runs(study, journal, pool, print))
+    assert {found.id for found in runs if found.validation and found.states} == set(plan.finalists)
+    assert {found.id for found in runs if not found.validation} == {
+        line.id for line in journal.configs
+    }
+
+
+def test_lost_runs_are_recomputed(tmp_path: Path) -> None:
+    study = make_study(tmp_path)
+    journal, pool = Journal(study.folder), MadeUpPool()
+    before = [runs.tally for runs in all_runs(study, journal, pool, print)]
+    for path in study.folder.glob("configurations/*-0-001/run-*/*"):
+        path.unlink()
+    assert [runs.tally for runs in all_runs(study, journal, pool, print)] == before
