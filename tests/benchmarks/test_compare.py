@@ -14,7 +14,6 @@ from benchmarks.search.compare import (
     FRESH_SEED,
     SPACE,
     Comparison,
-    InProcess,
     brackets_of,
     fresh_run,
     outcomes,
@@ -22,8 +21,6 @@ from benchmarks.search.compare import (
 )
 from bilevel.errors import StorageFailure
 from bilevel.hyperparameters import Hyperparameters
-from bilevel.nes import NES
-from bilevel.tasks import Task
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.search.validation import VALIDATION_FILE
 from cluster.bohb.study.brackets import core_seconds_to_run
@@ -114,16 +111,6 @@ def test_outcomes_by_origin(tmp_path: Path) -> None:
         Origin.AROUND_RECIPE: [],
         Origin.MODEL: [(7.0, 0)],
     }
-
-
-def test_in_process_evaluations_equal_those_of_nes(
-    cartpole: Task, small_hp: Hyperparameters
-) -> None:
-    nes = NES(cartpole, small_hp, 0)
-    state = nes.init()
-    requests = nes.ask(state)
-    results = InProcess().run(cartpole, nes.distribution(state), requests)
-    assert [result.index for result in results] == [request.index for request in requests]
 
 
 def test_a_fresh_run_depends_on_configuration_and_seed(

@@ -1,6 +1,5 @@
 """JSON lines files, and the journal of a study, under every kind of damage."""
 
-import contextlib
 import json
 import sys
 from pathlib import Path
@@ -73,38 +72,16 @@ def test_a_damaged_journal_is_read_or_refused_in_one_line(
     assert "\n" not in message
 
 
-@given(row=json_values, name=JOURNAL_FILES)
-@settings(max_examples=150)
-def test_any_json_line_is_read_or_refused(
-    row: Any, name: str, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    folder = tmp_path_factory.mktemp("journal")
-    (folder / name).write_text(json.dumps(row) + "\n")
-    with contextlib.suppress(InvalidInput):
-        Journal(folder)
-
-
 @pytest.mark.parametrize(
     ("name", "line", "message"),
     [
-        ("results.json", "[[0, 0, 2], 1, {}, null, null]", "line 3: '[2].submitted' is missing"),
-        ("results.json", json.dumps([[0, 0, 9], 1, STAMPS, None, ""]), "was never proposed"),
-        (
-            "results.json",
-            json.dumps([[0, 0, 0], 1, STAMPS, None, ""]),
-            "duplicate entry ((0, 0, 0), 1)",
-        ),
+        ("results.json", "[[0, 0, 2]]", "line 3: '[1]' is missing"),
         (
             "results.json",
             json.dumps([[0, 0, 2], 1, STAMPS, {"loss": float("nan"), "info": {}}, None]),
             "line 3: [3].loss: must be a finite number; got nan",
         ),
-        ("configs.json", "[[0, 0, 1], {}, {}]", "line 4: duplicate entry (0, 0, 1)"),
-        (
-            "configs.json",
-            '["../..", {}, {}]',
-            "line 4: [0]: must be a valid array; got '../..'",
-        ),
+        ("configs.json", '["../..", {}, {}]', "line 4: [0]: must be a valid array; got '../..'"),
         ("configs.json", "[" * 100_000, "line 4: "),
     ],
 )
@@ -114,8 +91,7 @@ def test_messages_name_the_damaged_line(name: str, line: str, message: str, tmp_
         file.write(line + "\n")
     with pytest.raises(InvalidInput) as caught:
         Journal(tmp_path)
-    assert message in str(caught.value)
-    assert name in str(caught.value)
+    assert f"{name}', {message}" in str(caught.value)
     assert "\n" not in str(caught.value)
 
 
