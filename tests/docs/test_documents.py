@@ -81,7 +81,8 @@ def test_tutorial(tmp_path: Path) -> None:
     assert run_bilevel(*show, cwd=tmp_path).returncode == 2
     assert run_bilevel(*show, "--task", "CartPole-v0", cwd=tmp_path).returncode == 2
     command = [BILEVEL, *show, "--task", "balance:Balance-v0"]
-    subprocess.run(command, cwd=tmp_path, check=True, env={**os.environ, "PYTHONPATH": "."})
+    env = {**os.environ, "PYTHONPATH": os.pathsep.join([".", str(ROOT)])}
+    subprocess.run(command, cwd=tmp_path, check=True, env=env)
     assert (tmp_path / "balance_se.png").exists()
 
 
