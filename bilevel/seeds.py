@@ -28,7 +28,6 @@ class Purpose(IntEnum):
     EXPERIMENT = 14  # fresh agents of `bilevel experiment`
     VALIDATION = 15  # the NES run of a study's finalist
     IMPUTATION = 16  # values of inactive hyperparameters in a study's model
-    CONTINUATION = 17  # a study whose model starts with the results of another study
 
 
 def checked_seed(seed: Any) -> int:

@@ -13,7 +13,6 @@ from cluster.bohb.search.validation import SHARE
 from cluster.bohb.study.brackets import Schedule, initial_configurations
 from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import Journal
-from cluster.bohb.study.prior import check_prior, copy_prior
 from cluster.bohb.tune.report import StudyReport
 from cluster.bohb.tune.searcher import BohbSearcher
 from cluster.bohb.tune.stopping import StudyStopper
@@ -103,7 +102,7 @@ def run_study(command: StudyCommand) -> int:
     Raises InvalidInput before it runs anything, and StorageFailure if the disk is full.
     """
     study, workers = command.study, max(command.workers_per_trial, 1)
-    check_prior(study)
+    study.prior_configuration()  # raises InvalidInput
     with (
         command.context.connected(workers, command.concurrent_trials or 1) as driver,
         scaled_to(command.cores_wanted, command.context.address),
@@ -119,7 +118,6 @@ class _Runner:
         self.terminal = session.terminal
         study = command.study
         study.write_space()
-        copy_prior(study)
         self.journal = Journal(study.folder)
         run_status = RunStatus.load(study.folder)
         self.brackets = brackets_to_reach(

@@ -97,9 +97,9 @@ def nes(
 )
 @click.option(
     "--prior",
-    help="none; recipe, to evaluate the recipe's configuration first and draw about half of the "
-    "random configurations around it; or the name of a study on the task, to start the model with "
-    "its results (default: recipe in the profile local, else none).",
+    type=click.Choice(["none", "recipe"]),
+    help="recipe evaluates the recipe's configuration first and draws about half of the random "
+    "configurations around it (default: recipe in the profile local, else none).",
 )
 @click.option("--dry-run", is_flag=True, help="Only print brackets, cost and estimated time.")
 def bohb(
@@ -135,7 +135,6 @@ def bohb(
 
     schedule = Schedule.of(method, size.smallest_budget, size.largest_budget, size.cycle)
     defined = Study(folder, task, common.seed, searched, schedule, hp, method, size.prior)
-    context.home.run_folder(task.id, size.prior)  # raises for a name that is not allowed
     command = StudyCommand(
         defined,
         context,

@@ -30,7 +30,6 @@ from cluster.bohb.study.journal import (
     Origin,
     ResultLine,
 )
-from cluster.bohb.study.prior import earlier_results, prior_configuration, search_seed
 
 
 @dataclass(frozen=True)
@@ -47,9 +46,8 @@ class Job:
 class BracketSearch:
     """Search over `space` with the first `brackets` of a schedule.
 
-    See `ConfigGenerator` for `model` and `prior`. The model starts with the results of an `earlier`
-    search over the same space. Raises InvalidInput for a journal that does not belong to this
-    search.
+    See `ConfigGenerator` for `model` and `prior`. Raises InvalidInput for a journal that does not
+    belong to this search.
     """
 
     def __init__(
@@ -61,19 +59,11 @@ class BracketSearch:
         journal: Journal,
         model: bool = True,
         prior: Configuration | None = None,
-        earlier: Journal | None = None,
     ) -> None:
         self._space = space
         self._schedule = schedule
         self._journal = journal
         self._generator = ConfigGenerator(space, seed, model, prior)
-        if earlier is not None:
-            proposals = earlier.proposals
-            for line in earlier.results:
-                # hpbandster uses the model of the largest budget. At a budget that this search does
-                # not have, that model would never get a result of this search.
-                if line.budget in schedule.budgets:
-                    self._generator.learn(line, proposals[line.id].configuration)
         self._recorded: defaultdict[int, deque[ConfigLine]] = defaultdict(deque)  # by bracket
         for config in journal.configs:
             self._recorded[config.id[0]].append(config)
@@ -93,11 +83,10 @@ class BracketSearch:
             study.space.build(study.agents),
             study.schedule,
             brackets,
-            search_seed(study),
+            study.seed,
             journal,
             study.method == "bohb",
-            prior_configuration(study),
-            earlier_results(study),
+            study.prior_configuration(),
         )
 
     @property

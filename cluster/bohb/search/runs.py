@@ -10,7 +10,6 @@ from bilevel.synthetic_env import StoredSE
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.study.definition import Study, configuration_name
 from cluster.bohb.study.journal import ConfigId, Configuration
-from cluster.bohb.study.prior import search_seed
 from cluster.nes.run import NESRun, Pool
 from search_spaces.translation import to_hyperparameters
 
@@ -85,7 +84,7 @@ class ConfigurationRuns:
         """
         hp = to_hyperparameters(self.study.base, self.configuration)
         purpose = Purpose.VALIDATION if self.validation else Purpose.CONFIGURATION
-        seed = derive(search_seed(self.study), purpose, *self.id, number)
+        seed = derive(self.study.seed, purpose, *self.id, number)
         configuration = self.study.folder / "configurations" / configuration_name(self.id)
         folder = configuration / f"{'validation' if self.validation else 'run'}-{number}"
         return NESRun(self.study.task, hp, seed, folder)

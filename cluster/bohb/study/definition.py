@@ -61,7 +61,7 @@ class Study:
     schedule: Schedule
     base: Hyperparameters  # hyperparameters that a configuration does not set
     method: str = "bohb"  # of METHODS
-    prior: str = "none"  # of PRIORS, or the name of a study
+    prior: str = "none"  # of PRIORS
 
     @property
     def name(self) -> str:
@@ -91,6 +91,15 @@ class Study:
         if values.get("se.step_limit") == 0:  # the task's
             values["se.step_limit"] = self.task.step_limit
         return values
+
+    def prior_configuration(self) -> Configuration | None:
+        """Return the configuration nearest to the recipe, if the recipe is the prior. Raises
+        InvalidInput if the space forbids it."""
+        if self.prior != "recipe":
+            return None
+        from search_spaces.prior import nearest  # imports ConfigSpace, which trials do not need
+
+        return nearest(self.space.build(self.agents), self.of_recipe)
 
     def recipe_text(self, config_id: ConfigId, configuration: Configuration) -> str:
         """Return the recipe file of a configuration."""

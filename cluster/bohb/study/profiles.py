@@ -10,6 +10,10 @@ from search_spaces import SPACES
 #: runs every configuration at the largest budget.
 METHODS = {"bohb": "BOHB", "hyperband": "Hyperband", "random": "random search"}
 
+#: Priors of a search. With the recipe, the first configuration has the recipe's values, and about
+#: half of the random ones are drawn around it.
+PRIORS = ("none", "recipe")
+
 #: Number of brackets of a search that only its time budget ends.
 ENDLESS = 1000
 
@@ -26,7 +30,7 @@ class Profile:
 
     recipe: str = "default"
     space: str = "core"
-    prior: str = "none"  # see `Study`
+    prior: str = "none"  # of PRIORS
     smallest_budget: int
     largest_budget: int
     cycle: int | None = None  # see `Schedule`; None is Hyperband's

@@ -1,7 +1,6 @@
 """The console script, and commands that need no cluster."""
 
 import os
-import re
 import subprocess
 import sys
 from pathlib import Path
@@ -118,9 +117,6 @@ def test_dry_run_prints_the_plan_and_writes_nothing(
     assert f"'{method}-smoke-core-default-seed{seed}'" in result.stdout
     assert f"      0   {rungs}\n" in result.stdout
     assert cost in result.stdout
-    measured = re.search(r"(\d+\.\d\d) s$", result.stdout, re.MULTILINE)
-    assert measured is not None
-    assert 0.1 < float(measured[1]) < 100
     assert [*tmp_path.iterdir()] == []
 
 

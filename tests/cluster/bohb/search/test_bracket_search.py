@@ -144,28 +144,3 @@ def test_half_of_the_random_configurations_are_near_the_prior(tmp_path: Path) ->
     assert np.mean(near) < 0.15 < 0.2 < np.mean(far)
     again = BracketSearch(space, schedule, 200, 0, Journal(tmp_path), model=False, prior=prior)
     assert again.next_job() is None
-
-
-def test_the_model_uses_the_results_of_an_earlier_search(long: Journal, tmp_path: Path) -> None:
-    journal = Journal(tmp_path / "later")
-    jobs = run_to_end(BracketSearch(search_space("core"), LADDER, 1, 7, journal, earlier=long))
-    assert any(job.origin is Origin.MODEL for job in jobs[:5])
-    alone = run_to_end(new_search(tmp_path / "alone", brackets=1, seed=7))
-    losses = [np.mean([loss_of(job) for job in found]) for found in (jobs, alone)]
-    assert losses[0] < losses[1]
-
-
-def test_earlier_results_at_other_budgets_are_ignored(long: Journal, tmp_path: Path) -> None:
-    """hpbandster would use only the model of the largest budget, which gets no more results."""
-    assert {line.budget for line in long.results} == {1, 3, 9}
-    found = []
-    for name in ("all", "smallest"):
-        earlier = Journal(tmp_path / f"earlier-{name}")
-        earlier.configs = long.configs
-        earlier.results = [line for line in long.results if name == "all" or line.budget == 1]
-        journal = Journal(tmp_path / name)
-        search = BracketSearch(
-            search_space("core"), Schedule((1,), 1), 10, 7, journal, earlier=earlier
-        )
-        found.append([job.configuration for job in run_to_end(search)])
-    assert found[0] == found[1]
