@@ -48,10 +48,10 @@ class Probe:
     @property
     def environment(self) -> Environment:
         """The SE in the form of the kernels."""
-        layer = np.concatenate([np.ravel(HIDDEN), np.zeros(6)])
-        outputs = (self.next_state, self.reward, self.done)
-        psi = np.concatenate([np.concatenate([layer, *map(np.atleast_1d, o)]) for o in outputs])
-        se = SE(Architecture(1, 2, 1, 6, "relu", step_limit=2), psi.astype(np.float32))
+        psi: list[float] = []
+        for weights, bias in (self.next_state, self.reward, self.done):
+            psi += [*np.ravel(HIDDEN), *ZERO, *weights, bias]  # ZERO: the hidden biases
+        se = SE(Architecture(1, 2, 1, 6, "relu", step_limit=2), np.array(psi, np.float32))
         states = np.array(self.initial_states).reshape(-1, 1)
         return environment(se.kernel, True, dynamics.OBSERVED, 1, 2, 0.0, states)
 

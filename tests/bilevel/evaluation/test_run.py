@@ -15,6 +15,7 @@ from bilevel.evaluation import (
     Initialized,
     Perturbed,
     RealTask,
+    TrainedOn,
     evaluate,
     train_and_test,
 )
@@ -36,7 +37,13 @@ def untimed(result: EvaluationResult) -> EvaluationResult:
 
 def test_a_result_depends_on_the_request_only(cartpole: Task, small_hp: Hyperparameters) -> None:
     ses = around(cartpole, small_hp)
-    on = [Centre(), Perturbed(7, 1), Perturbed(7, -1), Initialized(3), RealTask()]
+    on: list[TrainedOn] = [
+        Centre(),
+        Perturbed(7, 1),
+        Perturbed(7, -1),
+        Initialized(3),
+        RealTask(),
+    ]
     requests = [
         EvaluationRequest(i, 100 + i, small_hp.agents[0], source) for i, source in enumerate(on)
     ]

@@ -29,7 +29,8 @@ def test_forward_and_backward_equal_torch(
     n_in, hidden, depth, n_out = shape
     x = rng.normal(0, 1, (n_in, batch)).astype(np.float32)
     delta = rng.normal(0, 1, (n_out, batch)).astype(np.float32)
-    work = mlp.Work(*(mlp.zeros(depth, hidden, batch) for _ in range(3)), mlp.zeros(2, hidden))
+    h, z, delta_h = (mlp.zeros(depth, hidden, batch) for _ in range(3))
+    work = mlp.Work(h, z, delta_h, single=mlp.zeros(2, hidden))
     y, gradient = mlp.zeros(n_out, batch), np.zeros_like(params)
     mlp.forward(net, params, x, work, y)
     mlp.backward(net, params, x, work, delta, gradient)
