@@ -209,7 +209,7 @@ def test_a_failing_trial_ranks_last_and_the_study_continues(tmp_home: Path, addr
 @pytest.mark.parametrize("failing", [True, False])
 def test_a_study_without_an_se_ends_with_1(failing: bool, tmp_home: Path, address: str) -> None:
     """All trials fail, or the budget ends before the first generation."""
-    options: tuple[object, ...] = (*ONE_BY_ONE, "--home", tmp_home, "--address", address)
+    options: tuple[str | Path, ...] = (*ONE_BY_ONE, "--home", tmp_home, "--address", address)
     if failing:
         blocking = tmp_home / "CartPole-v0" / "smoke" / "configurations"
         blocking.parent.mkdir(parents=True)

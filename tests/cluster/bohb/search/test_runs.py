@@ -71,9 +71,8 @@ def test_a_damaged_or_lost_run_is_repeated_and_the_others_stay(damage: bool, stu
 
 
 def test_the_best_se_is_a_confirmed_one(study: Study) -> None:
-    runs = opened(study)
-    assert runs.best is None
-    runs.spend(3, MadeUpPool())
+    assert opened(study).best is None
+    runs = opened(study, 3)
     ranks = [state.finalists[0].rank for state in runs.states[:3]]
     highest, other = (
         int(np.argmax([rank[0] for rank in ranks])),
