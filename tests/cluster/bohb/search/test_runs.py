@@ -73,11 +73,8 @@ def test_a_damaged_or_lost_run_is_repeated_and_the_others_stay(damage: bool, stu
 def test_the_best_se_is_a_confirmed_one(study: Study) -> None:
     assert opened(study).best is None
     runs = opened(study, 3)
-    ranks = [state.finalists[0].rank for state in runs.states[:3]]
-    highest, other = (
-        int(np.argmax([rank[0] for rank in ranks])),
-        int(np.argmin([r[0] for r in ranks])),
-    )
+    scores = [state.finalists[0].score_mean for state in runs.states if state.finalists]
+    highest, other = int(np.argmax(scores)), int(np.argmin(scores))
     assert runs.best == runs.states[highest].best
     runs.states[other] = replace(runs.states[other], confirmed=True)
     assert runs.best == runs.states[other].best
