@@ -43,12 +43,12 @@ def ui(home: Path, host: str, port: int) -> None:
         InterruptGuard(Terminal()),
         subprocess.Popen(
             command, env={**os.environ, **environment}, start_new_session=True
-        ) as server,
+        ) as process,
     ):
         try:
-            sys.exit(server.wait())
+            sys.exit(process.wait())
         except KeyboardInterrupt:
-            os.killpg(server.pid, signal.SIGTERM)
+            os.killpg(process.pid, signal.SIGTERM)
 
 
 def mlflow_server(home: Home, host: str, port: int) -> tuple[list[str], dict[str, str]]:
