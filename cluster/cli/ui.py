@@ -1,7 +1,9 @@
 """The command `ui`."""
 
 import os
+import signal
 import socket
+import subprocess
 import sys
 from pathlib import Path
 
@@ -20,6 +22,8 @@ from cluster.storage.home import Home
 )
 def ui(home: Path, host: str, port: int) -> None:
     """Serve the MLflow UI on the runs of the home folder until Ctrl-C."""
+    from cluster.session.interrupts import InterruptGuard
+    from cluster.session.terminal import Terminal
     from cluster.tracking.database import experiments
     from cluster.tracking.experiment import HOME_PAGE, runs_page
 
@@ -33,9 +37,18 @@ def ui(home: Path, host: str, port: int) -> None:
     click.echo(f"MLflow UI: {server}{HOME_PAGE} (Ctrl-C stops it)")
     for number, task_id in tasks.items():
         click.echo(f"{task_id}: {server}{runs_page(number)}")
-    sys.stdout.flush()
     command, environment = mlflow_server(place, host, port)
-    os.execvpe(command[0], command, {**os.environ, **environment})
+    # In its own session, because MLflow prints tracebacks after Ctrl-C, but not after SIGTERM.
+    with (
+        InterruptGuard(Terminal()),
+        subprocess.Popen(
+            command, env={**os.environ, **environment}, start_new_session=True
+        ) as process,
+    ):
+        try:
+            sys.exit(process.wait())
+        except KeyboardInterrupt:
+            os.killpg(process.pid, signal.SIGTERM)
 
 
 def mlflow_server(home: Home, host: str, port: int) -> tuple[list[str], dict[str, str]]:
