@@ -83,8 +83,9 @@ def requested_se(source: SESource, on: TrainedOn) -> SE | None:
         case Initialized(), SEDistribution():
             return source.random(on.seed)
     raise InvalidInput(
-        f"cannot train on {on} of {source!r:.40}: Centre needs an SE or a distribution of SEs, "
-        "Perturbed and Initialized need a distribution, Given needs a tuple of SEs, RealTask None"
+        f"training on {on} is not possible with {source!r:.40}: Centre needs an SE or a "
+        "distribution of SEs, Perturbed and Initialized need a distribution, Given needs a tuple "
+        "of SEs; on=RealTask() needs None"
     )
 
 

@@ -21,7 +21,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     """N copies of an SE whose steps run in one compiled loop.
 
     `gymnasium.make_vec("bilevel/SyntheticEnv-v0", num_envs=N, path=...)` creates it. Observations,
-    rewards and ends are the same as in a SyncVectorEnv of N `SyntheticEnv`s; the step after the end
+    rewards and ends are the same as in a SyncVectorEnv of N `SyntheticEnv` copies; the step after the end
     of an episode resets the copy. Raises InvalidInput as SyntheticEnv does.
     """
 

@@ -33,11 +33,9 @@ from cluster.storage.jsonl_log import JsonlLog
 
 SETTINGS_FILE, STATUS_FILE, FINALS_FILE = "settings.json", "status.json", "finals.jsonl"
 
-#: The result of a run, the last SE of an NES run, and the best SE so far of the incumbent of an
-#: interrupted study. Artifacts in MLflow have the same names.
+#: The result of a run, and the last SE of an NES run. Artifacts in MLflow have the same names.
 BEST_FILE, LAST_FILE = "best_se.safetensors", "last_se.safetensors"
-INCUMBENT_FILE = "incumbent_se.safetensors"
-USUAL_FILES = {BEST_FILE, LAST_FILE, INCUMBENT_FILE}
+USUAL_FILES = {BEST_FILE, LAST_FILE}
 
 #: Status of a run, with MLflow's names.
 Status = Literal["RUNNING", "FINISHED", "KILLED", "FAILED"]

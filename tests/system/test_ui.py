@@ -5,11 +5,20 @@ import signal
 import socket
 import subprocess
 import time
+import urllib.request
 from pathlib import Path
 
 from cluster.storage.home import Home
 from cluster.tracking import Tracker
 from tests.commands import BILEVEL, free_port, listening, run_bilevel
+
+
+def answers(url: str) -> bool:
+    try:
+        with urllib.request.urlopen(url, timeout=5) as answer:
+            return bool(answer.status == 200)
+    except OSError:
+        return False
 
 
 def test_ui_prints_its_pages_and_serves_until_ctrl_c(tmp_home: Path) -> None:
@@ -27,7 +36,7 @@ def test_ui_prints_its_pages_and_serves_until_ctrl_c(tmp_home: Path) -> None:
     assert process.stdout.readline().startswith(f"MLflow UI: {server}")
     assert process.stdout.readline().startswith(f"CartPole-v0: {server}/1/runs")
     deadline = time.monotonic() + 90
-    while not listening("127.0.0.1", port):
+    while not answers(f"http://127.0.0.1:{port}/health"):
         assert time.monotonic() < deadline
         time.sleep(0.1)
     os.killpg(process.pid, signal.SIGINT)  # as a terminal does

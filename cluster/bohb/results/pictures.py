@@ -37,7 +37,8 @@ def objective_against_cost(
         return figure
     _plot_results(axes, points)
     _plot_finalists(axes, validated)
-    axes.set_xlim(0, 1.03 * max([p.spent for p in points] + [p.spent for p in validated]))
+    ends = [point.spent for point in points] + [point.spent for point in validated]
+    axes.set_xlim(0, 1.03 * max(ends))
     figure.legend(frameon=False, fontsize="small", loc="outside lower center", ncols=2)
     return figure
 
@@ -66,9 +67,9 @@ def _plot_results(axes: Axes, points: Sequence[ResultPoint]) -> None:
 def _plot_finalists(axes: Axes, validated: Sequence[ValidatedPoint]) -> None:
     """Connect each finalist's result in the search with that over new seeds."""
     for point in validated:
-        searched = point.searched
-        spent, objectives = (searched.spent, point.spent), (searched.objective, point.objective)
-        axes.plot(spent, objectives, color="black", ls=":", lw=0.9, zorder=2)
+        before = point.searched
+        xs, ys = [before.spent, point.spent], [before.objective, point.objective]
+        axes.plot(xs, ys, color="black", ls=":", lw=0.9, zorder=2)
     for chosen, marker, size, colour, name in (
         (validated[1:], "X", 50, "black", "other finalists, new seeds"),
         (validated[:1], "*", 160, ORANGE, "incumbent, new seeds"),
