@@ -58,7 +58,7 @@ def comparable_state(path: Path) -> Any:
         header = json.loads(file.metadata()["nes"])
         tensors = {name: file.get_tensor(name).tobytes() for name in file.keys()}  # noqa: SIM118
     del header["sha256"]  # covers the times
-    for record in header["records"]:
+    for record in header["state"]["records"]:
         for name in TIMES:
             del record[name]
     return {name: hashlib.sha256(content).hexdigest() for name, content in tensors.items()}, header
