@@ -54,8 +54,12 @@ def experiment(
     the_task, agents = common.the_task(), common.the_agents()
     context = common.the_context()
 
-    from cluster.experiments.command import ExperimentCommand, run_experiments
-    from cluster.experiments.registry import ALL, get_experiments
+    from cluster.experiments.command import (
+        ALL,
+        ExperimentCommand,
+        get_experiments,
+        run_experiments,
+    )
     from cluster.experiments.report import write_report
     from cluster.experiments.run import REPORT
 

@@ -15,18 +15,15 @@ from numpy.typing import NDArray
 
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.tasks import Task
-from cluster.experiments.agents import Evaluation, Found, Plan, evaluations_on
+from cluster.evaluate.table import Row
 from cluster.experiments.conditions import REAL, title_of
-from cluster.experiments.experiment import Experiment, Findings, Material
-from cluster.experiments.style import LOOKS, column, legend_below, solved_line
-from cluster.experiments.table import Row, standard_error
+from cluster.experiments.experiment import Evaluation, Experiment, Findings, Found, Material, Plan
+from cluster.experiments.style import COLOURS, column, solved_line
 
 Floats = NDArray[np.float64]
 
 #: Train steps (k,) and scores (k,) of an agent.
 Curve = tuple[Floats, Floats]
-
-SOURCES = ("default", REAL)
 
 #: Factor between the episode limits of an agent, and points of a drawn curve.
 _FACTOR, _POINTS = 1.4, 80
@@ -57,8 +54,8 @@ def shorter_trainings(evaluation: Evaluation, found: Found) -> list[Evaluation]:
 def _evaluations(plan: Plan, material: Material) -> list[Evaluation]:
     per_se = plan.size.curve_agents
     on_real = per_se * plan.size.curve_ses
-    agents = evaluations_on(
-        plan, material.on(*SOURCES), plan.kinds[:1], per_se, on_real=on_real, per_se=per_se
+    agents = plan.evaluations(
+        material.on("default", REAL), plan.kinds[:1], per_se, on_real=on_real, per_se=per_se
     )
     return [one for agent in agents for one in shorter_trainings(agent, material.found)]
 
@@ -80,8 +77,8 @@ def _findings(plan: Plan, material: Material) -> Findings:
         {
             "source": evaluation.source.condition,
             "position": evaluation.position,
-            "train_steps": material.result(evaluation).train_steps,
-            "score": material.result(evaluation).score,
+            "train_steps": material.found[evaluation.key].train_steps,
+            "score": material.found[evaluation.key].score,
         }
         for evaluation in evaluations
     )
@@ -92,18 +89,15 @@ def _findings(plan: Plan, material: Material) -> Findings:
         ]
         for source, rows in data.groupby("source", sort=False)
     }
-    # Agents on the same SE are not independent samples.
-    samples = {"default": plan.size.curve_ses, REAL: len(curves[REAL])}
     summary = [_summary(name, each, plan.task.solved_reward) for name, each in curves.items()]
     return Findings(
         data,
         summary,
-        {"curves": mean_curves(curves, samples, plan.task, plan.kinds[0].agent)},
+        {"curves": mean_curves(curves, plan.task, plan.kinds[0].agent)},
         {f"final_return/{row['source']}": float(row["return_at_stop"] or 0) for row in summary},
         (
             "Agents train until their stopping rule holds, and keep their last return in the "
-            "means. Their hyperparameters are drawn from the paper's ranges. Standard errors use "
-            "SEs, and on the real task agents, as samples.",
+            "means. Their hyperparameters are drawn from the paper's ranges.",
         ),
     )
 
@@ -130,29 +124,17 @@ def _summary(name: str, curves: Sequence[Curve], solved_reward: float) -> Row:
     }
 
 
-def mean_curves(
-    curves: Mapping[str, Sequence[Curve]], samples: Mapping[str, int], task: Task, kind: str
-) -> Figure:
-    """Draw the mean return over train steps by source, with its standard error over `samples`
-    independent samples of consecutive curves."""
+def mean_curves(curves: Mapping[str, Sequence[Curve]], task: Task, kind: str) -> Figure:
+    """Draw the mean return over train steps by source."""
     figure = column(2.5)
     axes = figure.subplots()
     for name, each in curves.items():
-        look, grid = LOOKS[name], _grid(each)
-        scores = scores_at(grid, each)
-        mean = scores.mean(axis=0)
-        means = scores.reshape(samples[name], -1, len(grid)).mean(axis=1)
-        error = standard_error(means) if len(means) > 1 else np.zeros_like(mean)
-        axes.fill_between(grid, mean - error, mean + error, color=look.colour, alpha=0.2, lw=0)
-        axes.plot(
-            grid, mean, **look.curve, markevery=10, label=f"{title_of(name)} (n = {len(each)})"
-        )
+        grid, label = _grid(each), f"{title_of(name)} (n = {len(each)})"
+        axes.plot(grid, scores_at(grid, each).mean(axis=0), color=COLOURS[name], label=label)
     solved_line(axes, task.solved_reward)
-    axes.set_xscale("log")
-    axes.set_xlabel("train steps of an agent")
+    axes.set(xscale="log", xlabel=f"train steps of a {kind} agent")
     axes.set_ylabel(f"mean test return on {task.id}")
-    axes.set_title(f"{kind}: mean and standard error")
-    legend_below(axes)
+    axes.legend()
     return figure
 
 
