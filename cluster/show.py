@@ -18,7 +18,7 @@ from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks.names import action_names, observation_names, picture_axes
 from bilevel.tasks.transitions import Transitions
-from cluster.pictures import BLUE, GREY, ORANGE
+from cluster.pictures import GREY
 
 Floats = NDArray[np.float32]
 
@@ -27,9 +27,6 @@ GRID, WIDTH, EVERY = 61, 2.5, 5
 
 #: Number of episodes on the real task.
 EPISODES = 10
-
-#: Colours of actions, which also differ in grey.
-_COLOURS = (BLUE, ORANGE, "#1d3b2a", "#b04a8b", "#f0d060")
 
 
 @dataclass(frozen=True)
@@ -115,7 +112,8 @@ def picture(portrait: Portrait, title: str) -> Figure:
     """Draw the SE, and the episodes on the real task, over two observations."""
     figure = Figure(figsize=(10, 5), layout="constrained")
     figure.suptitle(f"{title}; other observations have their means")
-    colours = colours_of(len(portrait.actions))
+    shades = np.linspace(0, 0.9, len(portrait.actions))
+    colours = [to_hex(colour) for colour in colormaps["viridis"](shades)]
     on_se, on_task = figure.subplots(1, 2, sharex=True, sharey=True)
     _draw_se(on_se, portrait, colours)
     for episode in portrait.episodes:
@@ -130,13 +128,6 @@ def picture(portrait: Portrait, title: str) -> Figure:
     handles = [Patch(color=c, label=n) for c, n in zip(colours, portrait.actions, strict=True)]
     figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
     return figure
-
-
-def colours_of(actions: int) -> list[str]:
-    """Return a colour for each action."""
-    if actions <= len(_COLOURS):
-        return list(_COLOURS[:actions])
-    return [to_hex(colour) for colour in colormaps["turbo"](np.linspace(0, 1, actions))]
 
 
 def _draw_se(axes: Axes, portrait: Portrait, colours: list[str]) -> None:

@@ -14,6 +14,12 @@ from bilevel.tasks import Task
 from cluster.evaluate.table import Row, table
 from cluster.pictures import BLUE, ORANGE
 
+#: Columns of the printed table.
+_SHOWN = (
+    *("source", "agent", "agents", "test_returns_mean", "test_returns_std", "solved_fraction"),
+    *("train_steps_mean", "train_steps_std", "non_finite"),
+)
+
 
 @dataclass(frozen=True)
 class Group:
@@ -73,21 +79,8 @@ def as_json(groups: Sequence[Group]) -> list[dict[str, Any]]:
 
 
 def as_table(groups: Sequence[Group]) -> str:
-    """Return the summaries as text."""
-    rows: list[Row] = [
-        {
-            "trained_on": row["source"],
-            "agent": row["agent"],
-            "n": row["agents"],
-            "test_return": row["test_returns_mean"],
-            "test_return_std": row["test_returns_std"],
-            "solved": f"{row['solved_fraction']:.0%}",
-            "train_steps": row["train_steps_mean"],
-            "train_steps_std": row["train_steps_std"],
-            "diverged": row["non_finite"],
-        }
-        for row in as_json(groups)
-    ]
+    """Return the main columns of the summaries as text."""
+    rows: list[Row] = [{name: row[name] for name in _SHOWN} for row in as_json(groups)]
     return str(table(rows).to_string(index=False))
 
 

@@ -7,8 +7,6 @@ import pandas as pd
 Value = str | float | int | None
 Row = Mapping[str, Value]
 
-_SPREAD = "_std"
-
 
 def shown(value: Value) -> str:
     """Format a value with a sensible number of digits."""
@@ -20,14 +18,20 @@ def shown(value: Value) -> str:
 
 
 def with_spread(row: Row, name: str) -> str:
-    """Format a value, with its standard deviation if the row has a column `NAME_std`."""
-    spread = row.get(name + _SPREAD)
+    """Format a value, with its standard deviation if the row has it.
+
+    The standard deviation of NAME or NAME_mean is NAME_std.
+    """
+    spread = row.get(name.removesuffix("_mean") + "_std")
     return shown(row.get(name)) + ("" if spread is None else f" ± {shown(spread)}")
+
+
+def heading(name: str) -> str:
+    """Return the name of a column in words."""
+    return name.removesuffix("_mean").replace("_", " ")
 
 
 def table(rows: Sequence[Row]) -> pd.DataFrame:
     """Return the formatted rows; standard deviations join their means."""
-    names = dict.fromkeys(name for row in rows for name in row if not name.endswith(_SPREAD))
-    return pd.DataFrame(
-        {name.replace("_", " "): [with_spread(row, name) for row in rows] for name in names}
-    )
+    names = dict.fromkeys(name for row in rows for name in row if not name.endswith("_std"))
+    return pd.DataFrame({heading(n): [with_spread(row, n) for row in rows] for n in names})

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 from bilevel.decode import decode_json
-from cluster.evaluate.table import Row, Value, with_spread
+from cluster.evaluate.table import Row, Value, heading, with_spread
 from cluster.experiments.conditions import REAL, title_of
 
 #: Columns of a summary that name the condition of its SEs.
@@ -46,7 +46,7 @@ def comparison(task_id: str, summaries: Mapping[str, Sequence[Row]]) -> list[Row
             {
                 "experiment": figure.experiment,
                 "condition": "; ".join(map(str, titled(row).values())),
-                "figure": figure.what.replace("_", " "),
+                "figure": heading(figure.what),
                 "authors": with_spread({"x": figure.value, "x_std": figure.spread}, "x"),
                 "evaluations (authors)": figure.behind,
                 "ours, same condition": _value(ours, row, figure.what),

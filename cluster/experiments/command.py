@@ -19,7 +19,6 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from bilevel.durable import write_aside
-from bilevel.errors import one_of
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import default_agents
 from bilevel.tasks import Task
@@ -27,12 +26,10 @@ from cluster.evaluate.command import train_agents
 from cluster.evaluate.table import table
 from cluster.experiments.conditions import title_of
 from cluster.experiments.experiment import Evaluation, Experiment, Findings, Material, Plan, Source
-from cluster.experiments.figures import EXPERIMENTS
 from cluster.experiments.run import (
     DATA_FILE,
     FINDINGS_FILE,
     KIND,
-    REPORT,
     RUNS_FILE,
     AgentResults,
     ExperimentViews,
@@ -50,19 +47,6 @@ from cluster.session.terminal import count
 from cluster.storage.author import Author
 from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import Final, add_final, check_settings, settings_of
-
-#: Name of all experiments and the report.
-ALL = "all"
-
-
-def get_experiments(name: str) -> list[Experiment]:
-    """Return the experiment of that name, or all of them; none for the report. Raises
-    InvalidInput for an unknown name."""
-    experiments = {ALL: [*EXPERIMENTS.values()], REPORT: []}
-    experiments |= {known: [experiment] for known, experiment in EXPERIMENTS.items()}
-    if name not in experiments:
-        raise one_of("experiment", name, (*EXPERIMENTS, ALL, REPORT))
-    return experiments[name]
 
 
 @dataclass(frozen=True)

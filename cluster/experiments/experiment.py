@@ -134,8 +134,7 @@ class Material:
 
     sources: Sequence[Source]  # without the real task
     found: Found
-    #: Called with the number of finished steps and of all steps while findings are computed.
-    progress: Callable[[int, int], None] = lambda done, total: None
+    progress: Callable[[int, int], None] = lambda done, total: None  # with steps and all steps
 
     def on(self, *conditions: str) -> list[Source]:
         """Return the sources of conditions; REAL is the real task."""
@@ -183,8 +182,7 @@ class Experiment:
     #: Number of NES runs by condition.
     runs: Callable[[Size], dict[str, int]]
     findings: Callable[[Plan, Material], Findings]
-    #: The agents to train. It is called again with their results until no agent is missing, so
-    #: that later agents may depend on earlier results.
+    #: The agents to train. It is called again with their results until none is missing.
     evaluations: Callable[[Plan, Material], list[Evaluation]] = lambda plan, material: []
     #: Kinds of agents by task, unless the user names others.
     agents: Callable[[str], tuple[str, ...]] = lambda task_id: ("ddqn",)

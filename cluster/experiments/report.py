@@ -23,13 +23,6 @@ from cluster.experiments.figures import EXPERIMENTS
 from cluster.experiments.run import REPORT, REPORT_FILE, ExperimentViews, StoredFindings
 from cluster.storage.run_folder import Final, add_final, check_settings
 
-_INTRODUCTION = """
-The experiments of Ferreira, Nierhoff and Hutter, Learning Synthetic Environments for Reinforcement
-Learning with Evolution Strategies (2021). Values are mean ± standard deviation. The authors'
-figures are from the paper, or from constants, plots and curves in its repository,
-automl/learning_environments.
-"""
-
 _PAGE = """<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -43,6 +36,8 @@ th, td {{ padding: .25em .6em; text-align: left; }}
 </head>
 <body>
 <h1>{title}</h1>
+<p>The experiments of Ferreira, Nierhoff and Hutter, Learning Synthetic Environments for
+Reinforcement Learning with Evolution Strategies (2021). Values are mean ± standard deviation.</p>
 {body}
 </body>
 </html>
@@ -83,14 +78,13 @@ def report_of(command: ExperimentCommand) -> str:
             sections += _section(experiment, findings, folder)
     if not found:
         raise InvalidInput(
-            f"no experiment of the size {command.size.name} on {task.id} has finished yet in "
-            f"{str(home.folder)!r}: start with `bilevel experiment all {task.id}`"
+            f"no experiment on {task.id} has finished yet in {str(home.folder)!r}: start with "
+            f"`bilevel experiment all {task.id} --size {command.size.name}`"
         )
-    parts = [_paragraph(_INTRODUCTION)]
     if compared := comparison(task.id, found):
-        parts += ["<h2>The paper's figures and ours</h2>", _html(compared)]
+        sections = ["<h2>The paper's figures and ours</h2>", _html(compared), *sections]
     title = escape(f"Synthetic environments for {task.id}")
-    return _PAGE.format(title=title, body="\n".join([*parts, *sections]))
+    return _PAGE.format(title=title, body="\n".join(sections))
 
 
 def _section(experiment: Experiment, findings: StoredFindings, folder: Path) -> Iterator[str]:

@@ -34,6 +34,9 @@ REPORT = "report"
 RUNS_FILE, FINDINGS_FILE, DATA_FILE = "runs.jsonl", "findings.json", "data.csv"
 RESULTS_FILE, REPORT_FILE = "results.jsonl", "report.html"
 
+#: Files that MLflow stores, in addition to the pictures.
+_STORED = {SETTINGS_FILE, FINDINGS_FILE, DATA_FILE, REPORT_FILE, RUNS_FILE, RESULTS_FILE}
+
 #: Packages that results may depend on.
 _PACKAGES = ("numpy", "numba", "scipy", "torch", "gymnasium", "ray", "mlflow", "matplotlib")
 
@@ -117,6 +120,7 @@ class ExperimentViews:
         settings, found = self.settings, StoredFindings.read(self.folder)
         lifetime = Lifetime.of(self.folder, settings.began, self.live)
         experiment = EXPERIMENTS.get(settings.experiment)  # None for the report
+        files = [p for p in self.folder.glob("*") if p.name in _STORED or p.suffix == ".svg"]
         return RunView(
             key,
             self.folder.name,
@@ -130,7 +134,7 @@ class ExperimentViews:
             # The size is a tag because it may change, and MLflow's parameters cannot.
             {"bilevel.kind": KIND, **({"bilevel.size": found.size.name} if found else {})},
             tuple(Point.of_final(end) for end in finals(self.folder)),
-            tuple(Document.of_file(path) for path in documents(self.folder) if lifetime.over),
+            tuple(Document.of_file(path) for path in sorted(files) if lifetime.over),
             identity=settings,
             description=experiment.explanation if experiment else "",
         )
@@ -144,12 +148,6 @@ def experiment_progress(folder: Path, runs: int) -> Progress:
     finished = len(JsonlLog(folder / RUNS_FILE).values)
     agents = len(JsonlLog(folder / RESULTS_FILE).values)
     return Progress(f"{min(finished, runs)}/{runs} SEs, {agents} agents")
-
-
-def documents(folder: Path) -> list[Path]:
-    """Return the files of an experiment's folder that MLflow stores."""
-    names = {SETTINGS_FILE, FINDINGS_FILE, DATA_FILE, REPORT_FILE, RUNS_FILE, RESULTS_FILE}
-    return sorted(path for path in folder.glob("*") if path.name in names or path.suffix == ".svg")
 
 
 def versions() -> dict[str, str]:

@@ -2,12 +2,14 @@
 
 import contextlib
 import io
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import matplotlib as mpl
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+
+from cluster.experiments.conditions import title_of
 
 #: Width in inches of a column of the paper.
 COLUMN = 3.4
@@ -58,6 +60,17 @@ def panels(number: int, height: float, **options: Any) -> tuple[Figure, list[Axe
     for unused in axes[number:]:
         unused.set_visible(False)
     return figure, axes[:number]
+
+
+def line_chart(curves: Mapping[str, tuple[Any, Any]], **labels: Any) -> Figure:
+    """Draw a line of x and y per source; `labels` are arguments of `Axes.set`."""
+    figure = column(2.5)
+    axes = figure.subplots()
+    for name, (x, y) in curves.items():
+        axes.plot(x, y, color=COLOURS[name], label=title_of(name))
+    axes.set(**labels)
+    axes.legend()
+    return figure
 
 
 def solved_line(axes: Axes, solved_reward: float) -> None:

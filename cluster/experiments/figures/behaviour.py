@@ -39,10 +39,7 @@ def _findings(plan: Plan, material: Material) -> Findings:
         recordings.append(record(plan.task, se.se, agent.hp, agent.seed))
     tested = [recording.tests for recording in recordings if recording.tests]
     if not tested:
-        raise InvalidInput(
-            f"all {len(agents)} agents diverged on the SE with seed {plan.seed}: there are no "
-            "tests to show; use another --seed"
-        )
+        raise InvalidInput(f"all agents diverged on the SE; use another --seed than {plan.seed}")
     seen = values_by_origin([*chain(*(r.training for r in recordings))], [*chain(*tested)], se)
     names = [*observation_names(plan.task.id, plan.task.state_size), "reward"]
     data = densities(seen, names)
@@ -58,9 +55,8 @@ def _findings(plan: Plan, material: Material) -> Findings:
         summary.append(row)
     note = (
         f"{len(agents)} {hp.agent} agents with the paper's default hyperparameters on the SE with "
-        f"seed {plan.seed}, which was not selected. {len(agents) - len(tested)} agents diverged "
-        f"and have no tests. The lowest and highest {_OUTSIDE:.1%} of the values may lie outside "
-        "the histograms."
+        f"seed {plan.seed}. {len(agents) - len(tested)} agents diverged and have no tests. The "
+        f"lowest and highest {_OUTSIDE:.1%} of the values may lie outside the histograms."
     )
     return Findings(
         data, summary, {"histograms": histograms(data)}, {"test_return": returns}, [note]

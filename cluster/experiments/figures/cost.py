@@ -71,11 +71,10 @@ def payback(data: pd.DataFrame, steps_of_an_agent: float, name: str) -> Figure:
     axes = figure.subplots()
     costs = data["real_steps_to_make_it"].astype(float)
     agents = np.geomspace(1, 3 * max(10.0, costs.max() / steps_of_an_agent), 60)
-    for cost in costs:
-        axes.axhline(cost, color=COLOURS["default"], lw=0.7, label="SE")
+    axes.hlines(costs, 1, agents[-1], color=COLOURS["default"], lw=0.7, label="SEs")
     axes.plot(agents, steps_of_an_agent * agents, color=COLOURS[REAL], label="real task")
     axes.set(xscale="log", yscale="log", xlabel="agents trained", ylabel="real steps in all")
-    axes.legend(*[one[-2:] for one in axes.get_legend_handles_labels()])
+    axes.legend()
     axes.set_title(name)
     return figure
 

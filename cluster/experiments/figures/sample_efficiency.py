@@ -6,19 +6,16 @@ passes through the same agent. k grows by factors of 1.4 until training stops by
 costs about three and a half times the training.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bilevel.hyperparameters import AgentHyperparameters
-from bilevel.tasks import Task
 from cluster.evaluate.table import Row
-from cluster.experiments.conditions import REAL, title_of
+from cluster.experiments.conditions import REAL
 from cluster.experiments.experiment import Evaluation, Experiment, Findings, Found, Material, Plan
-from cluster.experiments.style import COLOURS, column, solved_line
+from cluster.experiments.style import line_chart, solved_line
 
 Floats = NDArray[np.float64]
 
@@ -72,28 +69,30 @@ def scores_at(steps: Floats, curves: Sequence[Curve]) -> Floats:
 
 
 def _findings(plan: Plan, material: Material) -> Findings:
-    evaluations = _evaluations(plan, material)
-    data = pd.DataFrame(
-        {
-            "source": evaluation.source.condition,
-            "position": evaluation.position,
-            "train_steps": material.found[evaluation.key].train_steps,
-            "score": material.found[evaluation.key].score,
-        }
-        for evaluation in evaluations
-    )
+    data = material.agents(_evaluations(plan, material))
+    data = data[["source", "position", "train_steps", "score"]]
     curves = {
         source: [
-            (agent["train_steps"].to_numpy(float), agent["score"].to_numpy())
+            (agent["train_steps"].to_numpy(float), agent["score"].to_numpy(float))
             for _, agent in rows.groupby("position", sort=False)
         ]
         for source, rows in data.groupby("source", sort=False)
     }
-    summary = [_summary(name, each, plan.task.solved_reward) for name, each in curves.items()]
+    means, task = {name: mean_curve(each) for name, each in curves.items()}, plan.task
+    summary = [
+        _summary(name, each, means[name], task.solved_reward) for name, each in curves.items()
+    ]
+    figure = line_chart(
+        means,
+        xscale="log",
+        xlabel=f"train steps of a {plan.kinds[0].agent} agent",
+        ylabel=f"mean test return on {task.id}",
+    )
+    solved_line(figure.axes[0], task.solved_reward)
     return Findings(
         data,
         summary,
-        {"curves": mean_curves(curves, plan.task, plan.kinds[0].agent)},
+        {"curves": figure},
         {f"final_return/{row['source']}": float(row["return_at_stop"] or 0) for row in summary},
         (
             "Agents train until their stopping rule holds, and keep their last return in the "
@@ -102,17 +101,18 @@ def _findings(plan: Plan, material: Material) -> Findings:
     )
 
 
-def _grid(curves: Sequence[Curve]) -> Floats:
+def mean_curve(curves: Sequence[Curve]) -> Curve:
+    """Return the mean score of the agents after increasing train steps."""
     first = min(float(at[0]) for at, _ in curves)
     last = max(float(at[-1]) for at, _ in curves)
-    return np.geomspace(max(first, 1.0), max(last, 2.0), _POINTS)
+    steps = np.geomspace(max(first, 1.0), max(last, 2.0), _POINTS)
+    return steps, scores_at(steps, curves).mean(axis=0)
 
 
-def _summary(name: str, curves: Sequence[Curve], solved_reward: float) -> Row:
+def _summary(name: str, curves: Sequence[Curve], mean: Curve, solved_reward: float) -> Row:
     steps = np.array([at[-1] for at, _ in curves])
     ends = np.array([scores[-1] for _, scores in curves])
-    grid = _grid(curves)
-    solved = np.flatnonzero(scores_at(grid, curves).mean(axis=0) >= solved_reward)
+    solved = mean[0][mean[1] >= solved_reward]
     return {
         "source": name,
         "agents": len(curves),
@@ -120,22 +120,8 @@ def _summary(name: str, curves: Sequence[Curve], solved_reward: float) -> Row:
         "train_steps_at_stop_std": float(steps.std()),
         "return_at_stop": float(ends.mean()),
         "return_at_stop_std": float(ends.std()),
-        "train_steps_until_mean_return_solves": float(grid[solved[0]]) if solved.size else None,
+        "train_steps_until_mean_return_solves": float(solved[0]) if solved.size else None,
     }
-
-
-def mean_curves(curves: Mapping[str, Sequence[Curve]], task: Task, kind: str) -> Figure:
-    """Draw the mean return over train steps by source."""
-    figure = column(2.5)
-    axes = figure.subplots()
-    for name, each in curves.items():
-        grid, label = _grid(each), f"{title_of(name)} (n = {len(each)})"
-        axes.plot(grid, scores_at(grid, each).mean(axis=0), color=COLOURS[name], label=label)
-    solved_line(axes, task.solved_reward)
-    axes.set(xscale="log", xlabel=f"train steps of a {kind} agent")
-    axes.set_ylabel(f"mean test return on {task.id}")
-    axes.legend()
-    return figure
 
 
 SAMPLE_EFFICIENCY = Experiment(

@@ -11,7 +11,7 @@ from bilevel.tasks import Task
 from cluster.evaluate.table import Row
 from cluster.experiments.conditions import title_of
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan
-from cluster.experiments.style import COLOURS, column, solved_line
+from cluster.experiments.style import COLOURS, column, line_chart, solved_line
 from cluster.storage.run_folder import finals
 
 Floats = NDArray[np.float64]
@@ -44,11 +44,6 @@ def scores_by_run(curves: pd.DataFrame) -> Floats:
     return np.ascontiguousarray(scores.ffill(axis="columns").to_numpy())
 
 
-def first_solved(curves: pd.DataFrame, solved_reward: float) -> pd.DataFrame:
-    """Return the first generation of each run whose score solves the task."""
-    return curves[curves["score"] >= solved_reward].groupby("seed").first()
-
-
 def findings_of(data: pd.DataFrame, ends: pd.DataFrame, task: Task) -> Findings:
     """Return table and pictures of runs.
 
@@ -61,10 +56,11 @@ def findings_of(data: pd.DataFrame, ends: pd.DataFrame, task: Task) -> Findings:
         _summary(name, group, ends[ends["condition"] == name], task.solved_reward)
         for name, group in curves.items()
     ]
+    scores = {name: scores_by_run(group) for name, group in curves.items()}
     return Findings(
         data,
         summary,
-        {"curves": _curves(curves, task), "share": _shares(curves, task)},
+        {"curves": _curves(scores, task), "share": _shares(scores, task)},
         {f"share_solved/{row['condition']}": float(row["ever_solved"] or 0) for row in summary},
         (
             "A run that stops early keeps its last score in means and shares. Handed over solved: "
@@ -79,7 +75,7 @@ def findings_of(data: pd.DataFrame, ends: pd.DataFrame, task: Task) -> Findings:
 
 def _summary(name: str, curves: pd.DataFrame, ends: pd.DataFrame, solved_reward: float) -> Row:
     last = scores_by_run(curves)[:, -1]
-    first = first_solved(curves, solved_reward)
+    first = curves[curves["score"] >= solved_reward].groupby("seed").first()
     return {
         "condition": name,
         "runs": len(ends),
@@ -96,33 +92,31 @@ def _summary(name: str, curves: pd.DataFrame, ends: pd.DataFrame, solved_reward:
     }
 
 
-def _curves(curves: Mapping[str, pd.DataFrame], task: Task) -> Figure:
+def _curves(scores: Mapping[str, Floats], task: Task) -> Figure:
     """Draw all runs and their mean in a panel per condition."""
-    figure = column(0.5 + 1.35 * len(curves))
-    panels = figure.subplots(len(curves), 1, sharey=True, squeeze=False)
-    for axes, (name, group) in zip(panels.flat, curves.items(), strict=True):
-        scores = scores_by_run(group)
-        axes.plot(scores.T, color=COLOURS[name], lw=0.5, alpha=0.45)
-        axes.plot(scores.mean(axis=0), color="black")
+    figure = column(0.5 + 1.35 * len(scores))
+    panels = figure.subplots(len(scores), 1, sharey=True, squeeze=False)
+    for axes, (name, runs) in zip(panels.flat, scores.items(), strict=True):
+        axes.plot(runs.T, color=COLOURS[name], lw=0.5, alpha=0.45)
+        axes.plot(runs.mean(axis=0), color="black")
         solved_line(axes, task.solved_reward)
-        axes.set_title(f"{title_of(name)} (n = {len(scores)})")
+        axes.set_title(f"{title_of(name)} (n = {len(runs)})")
     axes.set_xlabel("generation")
     figure.supylabel("score (mean test return)")
     return figure
 
 
-def _shares(curves: Mapping[str, pd.DataFrame], task: Task) -> Figure:
+def _shares(scores: Mapping[str, Floats], task: Task) -> Figure:
     """Draw the share of runs that have solved the task so far by generation."""
-    figure = column(2.3)
-    axes = figure.subplots()
-    for name, group in curves.items():
-        solved = np.maximum.accumulate(scores_by_run(group) >= task.solved_reward, axis=1)
-        label = f"{title_of(name)} (n = {len(solved)})"
-        axes.step(np.arange(solved.shape[1]), solved.mean(axis=0), color=COLOURS[name], label=label)
-    axes.set(xlabel="generation", ylabel="share of runs that have solved the task")
-    axes.set_ylim(-0.03, 1.05)
-    axes.legend()
-    return figure
+    shares = {
+        name: np.maximum.accumulate(runs >= task.solved_reward, axis=1).mean(axis=0)
+        for name, runs in scores.items()
+    }
+    return line_chart(
+        {name: (np.arange(len(share)), share) for name, share in shares.items()},
+        xlabel="generation",
+        ylabel="share of runs that have solved the task",
+    )
 
 
 SUCCESS = Experiment(

@@ -1,7 +1,4 @@
-"""`transfer`: test returns of fresh agents by training environment.
-
-See the paper's figures on evaluation performance and on transfer.
-"""
+"""`transfer`: test returns of fresh agents by training environment (paper, Figure "transfer")."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -21,16 +18,13 @@ from cluster.experiments.style import COLOURS, column, solved_line
 #: SEs that the authors chose for their best result of TD3.
 PICKED = 5
 
-#: Training environments in the order of the paper's violins, followed by ours.
-SOURCES = (REAL, "varied", "fixed", "default")
-
 
 def _agents(task_id: str) -> tuple[str, ...]:
     return ("ddqn", "dueling-ddqn", *(["td3"] if task_id == "CartPole-v0" else []))
 
 
 def _evaluations(plan: Plan, material: Material) -> list[Evaluation]:
-    sources, size = material.on(*SOURCES), plan.size
+    sources, size = material.on(REAL, "varied", "fixed", "default"), plan.size
     return plan.evaluations(sources, plan.kinds, size.agents, size.real_agents)
 
 
