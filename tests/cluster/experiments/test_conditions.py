@@ -28,7 +28,7 @@ def test_run_names_differ_with_the_hyperparameters(task_id: str, tmp_path: Path)
 def test_names_of_nes_runs_and_experiments_differ() -> None:
     labels = {condition.label(size) for condition in CONDITIONS.values() for size in SIZES.values()}
     assert not labels & {*NAMES}
-    assert NAMES == (*EXPERIMENTS, "all", "report")
+    assert (*EXPERIMENTS, "all", "report") == NAMES
 
 
 def test_only_the_paper_size_draws_agents_from_the_full_ranges() -> None:
