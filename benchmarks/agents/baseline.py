@@ -13,7 +13,6 @@ from typing import Any
 
 from benchmarks.machine import read_result, write_result
 from benchmarks.markdown import source, table
-from bilevel.evaluation import RealTask
 from bilevel.hyperparameters import AgentHyperparameters, default_agents
 from bilevel.tasks import BUILT_IN_TASKS, get_task
 from cluster.evaluate.command import EvaluateCommand, run_evaluate
@@ -48,7 +47,7 @@ def worst_by_layers(
     """Count the agents with the worst return in every test, and all agents, by hidden layers."""
     counts: dict[int, list[int]] = {}
     for i, result in enumerate(group.results):
-        agent = command.request(0, hp, i, RealTask()).agent
+        agent, _ = command.agent(hp, i)
         count = counts.setdefault(getattr(agent, "hidden_layers", 0), [0, 0])
         count[0] += max(result.test_returns) <= command.task.worst_score
         count[1] += 1

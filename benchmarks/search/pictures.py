@@ -21,7 +21,7 @@ from benchmarks.search.studies import committed
 from bilevel.tasks import get_task
 from cluster.bohb.results.pictures import objective_against_cost
 from cluster.bohb.study.profiles import METHODS
-from cluster.experiments.style import GUIDE, SERIES, column, styled
+from cluster.experiments.style import SERIES, column, styled
 
 PICTURES = Path(__file__).parents[2] / "docs" / "pictures"
 
@@ -37,13 +37,13 @@ def compared(title: str, measured: dict[str, Any]) -> Figure:
     found = {method: by_method(measured, method) for method in METHODS}
     for seed in sorted(set.intersection(*map(set, found.values()))):
         costs = [core_seconds_per_solved(of[seed]) for of in found.values()]
-        axes.plot(costs, color=GUIDE, lw=0.4, alpha=0.5, zorder=0)
-    for x, (of, look) in enumerate(zip(found.values(), SERIES, strict=False)):
+        axes.plot(costs, color="#404040", lw=0.4, alpha=0.5, zorder=0)
+    for x, (of, colour) in enumerate(zip(found.values(), SERIES, strict=False)):
         costs = [core_seconds_per_solved(fresh) for fresh in of.values()]
-        axes.scatter([x] * len(costs), costs, s=14, color=look.colour, marker=look.marker)
-        axes.hlines(float(np.median(costs)), x - 0.2, x + 0.2, color=look.colour, lw=2)
+        axes.scatter([x] * len(costs), costs, s=14, color=colour)
+        axes.hlines(float(np.median(costs)), x - 0.2, x + 0.2, color=colour, lw=2)
     default = core_seconds_per_solved(measured["default"]["fresh"])
-    axes.axhline(default, color=GUIDE, lw=0.7, ls="--", label="the recipe default")
+    axes.axhline(default, color="#404040", lw=0.7, ls="--", label="the recipe default")
     axes.legend(loc="lower right")
     axes.set_ylim(bottom=0)
     axes.set_xticks(range(len(METHODS)), [*METHODS.values()])

@@ -8,9 +8,9 @@ from bilevel.errors import one_of
 from cluster.bohb.study.definition import KIND as STUDY
 from cluster.bohb.view import StudyViews, study_progress
 from cluster.evaluate.run import KIND as EVALUATION
-from cluster.evaluate.view import EvaluationViews, evaluation_progress
+from cluster.evaluate.run import EvaluationViews, evaluation_progress
 from cluster.experiments.run import KIND as EXPERIMENT
-from cluster.experiments.view import ExperimentViews, experiment_progress
+from cluster.experiments.run import ExperimentViews, experiment_progress
 from cluster.nes.run import KIND as NES
 from cluster.nes.view import NESViews, nes_progress
 from cluster.storage.run_folder import read_settings
@@ -32,8 +32,8 @@ class Kind:
 KINDS = {
     STUDY: Kind(StudyViews.of, study_progress),
     NES: Kind(NESViews.of, nes_progress),
-    EVALUATION: Kind(EvaluationViews.of, evaluation_progress),
-    EXPERIMENT: Kind(ExperimentViews.of, experiment_progress),
+    EVALUATION: Kind(EvaluationViews, evaluation_progress),
+    EXPERIMENT: Kind(ExperimentViews, experiment_progress),
 }
 
 

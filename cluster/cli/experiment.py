@@ -7,15 +7,22 @@ import click
 from cluster.cli.decorators import common_options, workers_option
 from cluster.cli.options import RunOptions
 
+#: Experiments, all of them with the report, and the report.
+NAMES = (
+    *("success", "transfer", "behaviour", "sample-efficiency", "sensitivity", "cost"),
+    *("all", "report"),
+)
+
 _AGENTS = click.IntRange(1, 100_000)
 
 
 @click.command()
-@click.argument("name")
+@click.argument("name", type=click.Choice(NAMES))
 @click.argument("task")
 @click.option(
     "--size",
     "size_name",
+    type=click.Choice(["smoke", "local", "paper"]),
     default="local",
     show_default=True,
     help="Numbers of NES runs and agents: smoke (a quick check), local, or paper (the paper's).",
@@ -47,21 +54,20 @@ def experiment(
     runs in the same home learn the SEs, and all experiments of a task share them. The same command
     resumes, and a larger size extends earlier results (docs/experiments.md).
     """
-    from cluster.experiments.sizes import get_size
+    from cluster.experiments.sizes import SIZES
 
-    size = get_size(size_name).changed(ses, per_se, real_agents)
+    size = SIZES[size_name].changed(ses, per_se, real_agents)
     common = RunOptions(task=task, **options)
     the_task, agents = common.the_task(), common.the_agents()
     context = common.the_context()
 
     from cluster.experiments.command import ExperimentCommand, run_experiments
-    from cluster.experiments.registry import ALL, get_experiments
+    from cluster.experiments.figures import EXPERIMENTS
     from cluster.experiments.report import write_report
-    from cluster.experiments.run import REPORT
 
-    experiments = get_experiments(name)
+    experiments = [one for one in EXPERIMENTS.values() if name in (one.name, "all")]
     command = ExperimentCommand(the_task, size, common.seed, context, agents, workers)
     if experiments:
         run_experiments(command, experiments)
-    if name in (ALL, REPORT):
+    if name in ("all", "report"):
         write_report(command)

@@ -23,8 +23,8 @@ FORMATS = (".png", ".svg", ".pdf")
 @task_option
 @mlflow_options
 def show(given: GivenSE, out: Path | None, se_task: str | None) -> None:
-    """Draw an SE above the real task: the rewarded action, the next state of each action, the ends
-    of episodes, and episodes that follow the SE's rewards.
+    """Draw an SE: the action that it rewards most, the next state after it, the ends of episodes,
+    and episodes on the real task that follow its rewards.
 
     SE is a file, a name in the zoo, or an address in MLflow (runs:/..., models:/...).
     """
@@ -33,16 +33,14 @@ def show(given: GivenSE, out: Path | None, se_task: str | None) -> None:
         raise InvalidInput(f"cannot draw {str(out)!r}: allowed are files {', '.join(FORMATS)}")
     stored = load_se_of(given.path, se_task)
 
-    from cluster.show.picture import picture
-    from cluster.show.portrait import Portrait
+    from cluster.show import Portrait, picture
 
     portrait = Portrait.of(stored)
     drawn = picture(portrait, f"{given.label}: a synthetic environment for {stored.task_id}")
     content = io.BytesIO()
     drawn.savefig(content, format=out.suffix[1:], dpi=150)
     write_file(out, content.getvalue())
-    for line in portrait.sentences:
-        click.echo(line)
+    click.echo(portrait.sentence)
     click.echo(f"picture: {out}")
 
 

@@ -11,6 +11,7 @@ equal agents (paper, section "Evaluation Performance of SE-trained Agents").
 
 import json
 import time
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from typing import Any
 
@@ -22,8 +23,7 @@ from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
 from cluster.evaluate.report import Group, as_json, as_table, groups_of, picture
-from cluster.evaluate.run import KIND, PICTURE_FILE, REPORT_FILE, RESULTS_FILE
-from cluster.evaluate.view import EvaluationViews
+from cluster.evaluate.run import KIND, PICTURE_FILE, REPORT_FILE, RESULTS_FILE, EvaluationViews
 from cluster.pictures import png
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext
@@ -58,12 +58,10 @@ class EvaluateCommand:
             "kinds": {hp.agent: asdict(hp) for hp in self.kinds},
         }
 
-    def request(
-        self, index: int, hp: AgentHyperparameters, i: int, on: TrainedOn
-    ) -> EvaluationRequest:
-        """Return the request of agent `i` of a kind, at that index among those of one call."""
+    def agent(self, hp: AgentHyperparameters, i: int) -> tuple[AgentHyperparameters, int]:
+        """Return hyperparameters and seed of agent `i` of a kind."""
         seed = derive(self.seed, Purpose.EVALUATION, i)
-        return EvaluationRequest(index, seed, draw_agent((hp,), self.vary, seed), on)
+        return draw_agent((hp,), self.vary, seed), seed
 
 
 def run_evaluate(command: EvaluateCommand) -> list[Group]:
@@ -83,7 +81,7 @@ def run_evaluate(command: EvaluateCommand) -> list[Group]:
             f"{', '.join(command.sources)}, tested on {command.task.id}; "
             f"{count(pool.size, 'worker')}, seed {command.seed}"
         )
-        views = EvaluationViews(folder, session.identity, live=True)
+        views = EvaluationViews(folder, live=True)
         resume_hint = "run the same command again to add the missing agents"
         with session.live(views, command.agents, resume_hint):
             groups = _evaluate(command, session, pool)
@@ -104,13 +102,6 @@ def _evaluate(command: EvaluateCommand, session: Session, pool: EvaluationPool) 
     ]
     missing = [(label, hp, i) for label, hp, i in needed if (label, hp.agent, i) not in results]
     session.terminal.bar("evaluating", len(needed) - len(missing), len(needed), "agents")
-    # All sources in one call, so that a slow agent leaves no core idle.
-    ses = {label: se.se for label, se in command.sources.items() if se is not None}
-    on: dict[str, TrainedOn] = {label: Given(number) for number, label in enumerate(ses)}
-    requests = [
-        command.request(index, hp, i, on.get(label, RealTask()))
-        for index, (label, hp, i) in enumerate(missing)
-    ]
 
     def keep(result: EvaluationResult) -> None:
         label, hp, i = missing[result.index]
@@ -119,17 +110,38 @@ def _evaluate(command: EvaluateCommand, session: Session, pool: EvaluationPool) 
         log.append([label, hp.agent, i, asdict(results[label, hp.agent, i])])
         session.terminal.step()
 
-    pool.run(command.task, tuple(ses.values()), requests, keep)
+    agents = [(label, *command.agent(hp, i)) for label, hp, i in missing]
+    train_agents(pool, command.task, command.sources, agents, keep)
     grouped: dict[tuple[str, str], list[EvaluationResult]] = {}
     for label, hp, i in needed:
         grouped.setdefault((label, hp.agent), []).append(results[label, hp.agent, i])
     return groups_of(grouped, command.task.solved_reward)
 
 
+def train_agents(
+    pool: EvaluationPool,
+    task: Task,
+    sources: Mapping[str, StoredSE | None],
+    agents: Sequence[tuple[str, AgentHyperparameters, int]],
+    keep: Callable[[EvaluationResult], None],
+) -> None:
+    """Train agents, given by source, hyperparameters and seed, and test them on the task.
+
+    All sources are in one call, so that a slow agent leaves no core idle.
+    """
+    ses = {label: se.se for label, se in sources.items() if se is not None}
+    on: dict[str, TrainedOn] = {label: Given(number) for number, label in enumerate(ses)}
+    requests = [
+        EvaluationRequest(index, seed, hp, on.get(label, RealTask()))
+        for index, (label, hp, seed) in enumerate(agents)
+    ]
+    pool.run(task, tuple(ses.values()), requests, keep)
+
+
 def _report(command: EvaluateCommand, session: Session, groups: list[Group]) -> None:
     """Print the table, write report and picture, and log the metrics to MLflow."""
     folder, log = session.folder, session.terminal.log
-    for line in as_table(groups):
+    for line in as_table(groups).splitlines():
         log(line)
     report = json.dumps(as_json(groups), indent=2)
     write_aside(folder / REPORT_FILE, report.encode())

@@ -22,22 +22,22 @@ from bilevel.durable import write_aside
 from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import default_agents
 from bilevel.tasks import Task
-from cluster.experiments.agents import AgentResults, Evaluation, Plan, Source
+from cluster.evaluate.command import train_agents
+from cluster.evaluate.table import table
 from cluster.experiments.conditions import title_of
-from cluster.experiments.experiment import Experiment, Findings, Material, se_runs
+from cluster.experiments.experiment import Evaluation, Experiment, Findings, Material, Plan, Source
 from cluster.experiments.run import (
     DATA_FILE,
     FINDINGS_FILE,
     KIND,
     RUNS_FILE,
+    AgentResults,
+    ExperimentViews,
     StoredFindings,
-    folder_name,
     versions,
 )
 from cluster.experiments.sizes import Size
 from cluster.experiments.style import svg
-from cluster.experiments.table import table
-from cluster.experiments.view import ExperimentViews
 from cluster.nes.command import run_on
 from cluster.nes.run import NESRun
 from cluster.ray.pool import EvaluationPool
@@ -67,7 +67,8 @@ class ExperimentCommand:
 
     def name(self, experiment: str) -> str:
         """Return the name of an experiment's folder."""
-        return folder_name(self.size.prefix, experiment, self.agents, self.seed)
+        named = "".join(f"-{agent}" for agent in self.agents or ())
+        return f"{self.size.prefix}{experiment}{named}-seed{self.seed}"
 
     def settings(self, experiment: str, kinds: Mapping[str, Any]) -> dict[str, Any]:
         """Return what must stay the same on a resume; the size may change."""
@@ -81,16 +82,17 @@ def run_experiments(command: ExperimentCommand, experiments: Sequence[Experiment
     Raises InvalidInput before anything is written, StorageFailure if the disk is full. Ctrl-C
     loses at most a generation, or the agents that are being trained.
     """
-    plans = [command.plan(experiment) for experiment in experiments]
+    plans = [(experiment, command.plan(experiment)) for experiment in experiments]
     home, task = command.context.home, command.task
-    folders = [home.run_folder(task.id, command.name(one.name)) for one in experiments]
     with (
         command.context.connected(command.workers or 1) as driver,
         EvaluationPool.on_cluster(command.workers) as pool,
     ):
-        for experiment, plan, folder in zip(experiments, plans, folders, strict=True):
-            kinds = {hp.agent: asdict(hp) for hp in plan.kinds}
-            settings = command.settings(experiment.name, kinds)
+        for experiment, plan in plans:
+            settings = command.settings(
+                experiment.name, {hp.agent: asdict(hp) for hp in plan.kinds}
+            )
+            folder = home.run_folder(task.id, command.name(experiment.name))
             with driver.session(folder, task.id, settings) as session:
                 _Runner(experiment, plan, driver, session, pool).run()
 
@@ -108,14 +110,13 @@ class _Runner:
     def run(self) -> None:
         """Make the missing SEs and agents, then report."""
         plan, experiment, session = self.plan, self.experiment, self.session
-        home, size = self.driver.context.home, plan.size
-        runs = se_runs(experiment.runs(size), plan.task, size, plan.seed, home)
+        runs = plan.runs(experiment, self.driver.context.home)
         session.introduce(
             f"experiment {experiment.name} on {plan.task.id}: {count(len(runs), 'NES run')}, "
-            f"agents {', '.join(hp.agent for hp in plan.kinds)}, size {size.name}, "
+            f"agents {', '.join(hp.agent for hp in plan.kinds)}, size {plan.size.name}, "
             f"{count(self.pool.size, 'worker')}, seed {plan.seed}"
         )
-        views = ExperimentViews(session.folder, session.identity, live=True)
+        views = ExperimentViews(session.folder, live=True)
         resume_hint = "run the same command again to resume after the last NES run or agent"
         with session.live(views, len(runs), resume_hint):
             self._finish(runs)
@@ -161,20 +162,14 @@ class _Runner:
             self._evaluate(missing, results)
 
     def _evaluate(self, missing: Sequence[Evaluation], results: AgentResults) -> None:
-        """Run the evaluations on all SEs in one call, so that a slow one leaves no core idle."""
-        ses = {one.source.digest: one.source.se for one in missing if one.source.se is not None}
-        numbers = {digest: number for number, digest in enumerate(ses)}
-        requests = [
-            evaluation.request(index, numbers.get(evaluation.source.digest, 0))
-            for index, evaluation in enumerate(missing)
-        ]
-
         def keep(result: EvaluationResult) -> None:
             self.session.guard.check()
             results.add(missing[result.index].key, result)
             self.session.terminal.step()
 
-        self.pool.run(self.plan.task, tuple(se.se for se in ses.values()), requests, keep)
+        sources = {one.source.digest: one.source.se for one in missing}
+        agents = [(one.source.digest, one.hp, one.seed) for one in missing]
+        train_agents(self.pool, self.plan.task, sources, agents, keep)
 
     def _recorded(self, done: int, total: int) -> None:
         self.session.guard.check()

@@ -1,20 +1,4 @@
-"""Conditions: the ways in which the experiments' SEs are learned.
-
-name        recipe    agents of NES               in pictures and tables
----------   -------   -------------------------   ----------------------------------------------
-default     default   the recipe's                ours
-varied      default   drawn from all ranges (*)   the paper's "HP: varied"
-fixed       default   always the same             the paper's "HP: fixed"
-authors     authors   the recipe's                the update rule of the authors' code
-paper       paper     the recipe's                Algorithm 1 with the paper's step
-
-(*) `narrowed`, which replaces large agents by narrow ones that learn at the same pace, in all sizes
-except `paper`, which draws `all`.
-
-The recipe `paper` divides the step by n_p sigma. Only the paper's text has this division. The
-authors tuned the step size for the undivided rule of their code. The recipe also compares the
-members' scores with the score of agents that train on the unperturbed SE.
-"""
+"""Conditions: the ways in which the experiments' SEs are learned (docs/experiments.md)."""
 
 from dataclasses import dataclass, replace
 
@@ -37,7 +21,8 @@ class Condition:
     vary: Variation | None = None  # None: the recipe's
 
     def vary_at(self, size: Size) -> Variation | None:
-        """Return the variation of agents during NES."""
+        """Return the variation of agents during NES. `narrowed`, which replaces large agents by
+        narrow ones that learn at the same pace, becomes `all` in the size `paper`."""
         return "all" if self.vary == "narrowed" and size.name == "paper" else self.vary
 
     def hyperparameters(self, task: Task, size: Size) -> Hyperparameters:

@@ -1,4 +1,4 @@
-"""The folder of an experiment.
+"""The folder of an experiment, and its MLflow run.
 
 settings.json     experiment, task, seed and kinds of agents
 runs.jsonl        names of its NES runs, appended when they finish
@@ -8,16 +8,22 @@ data.csv          all values; NAME.svg: the pictures
 """
 
 import platform
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
 from bilevel.decode import decode, decode_file
+from bilevel.evaluation import EvaluationResult
 from bilevel.version import __version__
+from cluster.evaluate.table import Value
+from cluster.experiments.experiment import Found
+from cluster.experiments.figures import EXPERIMENTS
 from cluster.experiments.sizes import Size
-from cluster.experiments.table import Value
-from cluster.storage.run_folder import SETTINGS_FILE, Settings, read_settings
+from cluster.storage.jsonl_log import JsonlLog
+from cluster.storage.run_folder import SETTINGS_FILE, Lifetime, Settings, finals, read_settings
+from cluster.tracking import Document, Point, Progress, RunView
 
 #: The kind of run in the settings.
 KIND = "experiment"
@@ -27,6 +33,9 @@ REPORT = "report"
 
 RUNS_FILE, FINDINGS_FILE, DATA_FILE = "runs.jsonl", "findings.json", "data.csv"
 RESULTS_FILE, REPORT_FILE = "results.jsonl", "report.html"
+
+#: Files that MLflow stores, in addition to the pictures.
+_STORED = {SETTINGS_FILE, FINDINGS_FILE, DATA_FILE, REPORT_FILE, RUNS_FILE, RESULTS_FILE}
 
 #: Packages that results may depend on.
 _PACKAGES = ("numpy", "numba", "scipy", "torch", "gymnasium", "ray", "mlflow", "matplotlib")
@@ -66,16 +75,79 @@ class StoredFindings:
         return decode_file(cls, path) if path.exists() else None
 
 
-def folder_name(prefix: str, experiment: str, agents: tuple[str, ...] | None, seed: int) -> str:
-    """Return the name of an experiment's folder; `agents` are those that the user named."""
-    named = "" if agents is None else "-" + "-".join(agents)
-    return f"{prefix}{experiment}{named}-seed{seed}"
+class AgentResults:
+    """Durable results of an experiment's agents. Raises InvalidInput for a damaged file."""
+
+    def __init__(self, folder: Path) -> None:
+        self._log = JsonlLog(folder / RESULTS_FILE)
+        self._folder = folder
+        self.found: Found = dict(self._log.decoded(tuple[str, EvaluationResult]))
+
+    def add(self, key: str, result: EvaluationResult) -> None:
+        """Append a result. Raises StorageFailure."""
+        self._log.append([key, asdict(result)])
+        self.found[key] = result
+
+    def adopt(self, keys: Iterable[str]) -> None:
+        """Copy the results with these keys from other experiments of the task."""
+        missing = {*keys} - self.found.keys()
+        if not missing:
+            return
+        for path in sorted(self._folder.parent.glob(f"experiment-*/{RESULTS_FILE}")):
+            for key, result in JsonlLog(path).decoded(tuple[str, EvaluationResult]):
+                if key in missing:
+                    missing.remove(key)
+                    self.add(key, result)
 
 
-def documents(folder: Path) -> list[Path]:
-    """Return the files of an experiment's folder that MLflow stores."""
-    names = {SETTINGS_FILE, FINDINGS_FILE, DATA_FILE, REPORT_FILE, RUNS_FILE, RESULTS_FILE}
-    return sorted(path for path in folder.glob("*") if path.name in names or path.suffix == ".svg")
+class ExperimentViews:
+    """The MLflow run of an experiment; `live` while this process works on it.
+
+    Raises InvalidInput if its settings are damaged.
+    """
+
+    def __init__(self, folder: Path, live: bool = False) -> None:
+        self.folder, self.live = folder, live
+        self.settings = ExperimentSettings.read(folder)
+        self.task_id = self.settings.task.id
+
+    def keys(self) -> list[str]:
+        """Return the experiment's identity."""
+        return [self.settings.uuid]
+
+    def view(self, key: str) -> RunView:
+        """Read the run from disk. Raises InvalidInput."""
+        settings, found = self.settings, StoredFindings.read(self.folder)
+        lifetime = Lifetime.of(self.folder, settings.began, self.live)
+        experiment = EXPERIMENTS.get(settings.experiment)  # None for the report
+        files = [p for p in self.folder.glob("*") if p.name in _STORED or p.suffix == ".svg"]
+        return RunView(
+            key,
+            self.folder.name,
+            lifetime,
+            {
+                "experiment": settings.experiment,
+                "task": self.task_id,
+                "seed": settings.seed,
+                "agents": settings.kinds,
+            },
+            # The size is a tag because it may change, and MLflow's parameters cannot.
+            {"bilevel.kind": KIND, **({"bilevel.size": found.size.name} if found else {})},
+            tuple(Point.of_final(end) for end in finals(self.folder)),
+            tuple(Document.of_file(path) for path in sorted(files) if lifetime.over),
+            identity=settings,
+            description=experiment.explanation if experiment else "",
+        )
+
+
+def experiment_progress(folder: Path, runs: int) -> Progress:
+    """Return the number of finished NES runs, of `runs`, and of trained agents. Raises
+    InvalidInput."""
+    if ExperimentSettings.read(folder).experiment == REPORT:
+        return Progress("1 page")
+    finished = len(JsonlLog(folder / RUNS_FILE).values)
+    agents = len(JsonlLog(folder / RESULTS_FILE).values)
+    return Progress(f"{min(finished, runs)}/{runs} SEs, {agents} agents")
 
 
 def versions() -> dict[str, str]:

@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass, replace
 
-from bilevel.errors import one_of
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 
 #: Agents of one kind that the paper trains on one SE.
@@ -36,13 +35,14 @@ class Size:
     def changed(self, ses: int | None, agents: int | None, real_agents: int | None) -> "Size":
         """Return the size with other numbers of SEs per condition, of agents on each SE, and of
         agents on the real task."""
-        size = self
-        if ses is not None:
-            size = replace(size, ses=ses, runs=ses, authors_runs=ses, curve_ses=ses)
-        if agents is not None:
-            size = replace(size, agents=agents, curve_agents=agents)
-            size = replace(size, varied_agents=agents, behaviour_agents=agents)
-        return size if real_agents is None else replace(size, real_agents=real_agents)
+        given = {
+            **dict.fromkeys(("ses", "runs", "authors_runs", "curve_ses"), ses),
+            **dict.fromkeys(
+                ("agents", "curve_agents", "varied_agents", "behaviour_agents"), agents
+            ),
+            "real_agents": real_agents,
+        }
+        return replace(self, **{name: n for name, n in given.items() if n is not None})
 
     def shortened(self, hp: Hyperparameters) -> Hyperparameters:
         """Return the hyperparameters of an NES run of this size."""
@@ -79,10 +79,3 @@ SIZES = {
     "local": Size("local", 10, AGENTS, 30, 10, 8, 10, AGENTS, 60, 10),
     "paper": Size("paper", 40, AGENTS, 400, 40, 40, 10, AGENTS, 400, 10),
 }
-
-
-def get_size(name: str) -> Size:
-    """Return the size of that name. Raises InvalidInput if it is unknown."""
-    if name not in SIZES:
-        raise one_of("size", name, SIZES)
-    return SIZES[name]

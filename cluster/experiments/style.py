@@ -1,76 +1,41 @@
-"""Style of the experiments' pictures: vector graphics as wide as one column of the paper.
-
-Series differ in colour, lightness, and line, marker or hatch, so that grey prints are readable.
-"""
+"""Style of the experiments' pictures: vector graphics as wide as one column of the paper."""
 
 import contextlib
 import io
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
+
+from cluster.experiments.conditions import title_of
 
 #: Width in inches of a column of the paper.
 COLUMN = 3.4
 
-#: Colour of lines that mark a value.
-GUIDE = "#404040"
-
-
-@dataclass(frozen=True)
-class Look:
-    """Appearance of a series."""
-
-    colour: str
-    line: str
-    marker: str
-    hatch: str
-
-    @property
-    def curve(self) -> dict[str, Any]:
-        """Arguments of `Axes.plot` and `Axes.errorbar`."""
-        return {"color": self.colour, "ls": self.line, "marker": self.marker}
-
-
-#: Looks by source or condition; series of one picture differ in lightness.
-LOOKS = {
-    "real": Look("#2b2b2b", "--", "s", ""),
-    "default": Look("#e0622a", "-", "o", "//"),
-    "varied": Look("#1f4e9c", "-.", "^", ".."),
-    "fixed": Look("#8db9e0", ":", "v", "xx"),
-    "authors": Look("#1f4e9c", "--", "^", ".."),
-    "paper": Look("#7cc4c6", ":", "v", "xx"),
+#: Colours of sources and conditions, which also differ in grey.
+COLOURS = {
+    "real": "#2b2b2b",
+    "default": "#e0622a",
+    "varied": "#1f4e9c",
+    "fixed": "#8db9e0",
+    "authors": "#1f4e9c",
+    "paper": "#7cc4c6",
 }
 
-#: Looks of other series, in order.
-SERIES = (
-    Look("#1f4e9c", "-", "o", "//"),
-    Look("#e0872e", "--", "s", ".."),
-    Look("#a5d3b6", "-.", "^", "xx"),
-    Look("#6e6e6e", ":", "v", ""),
-)
+#: Colours of other series, in order.
+SERIES = ("#1f4e9c", "#e0872e", "#a5d3b6", "#6e6e6e")
 
 _STYLE: dict[Any, Any] = {
-    "font.size": 7.5,
-    "axes.labelsize": 7.5,
+    "font.size": 7,
     "axes.titlesize": 8,
-    "axes.linewidth": 0.6,
+    "figure.titlesize": 8,
+    "figure.labelsize": 7,
     "axes.spines.top": False,
     "axes.spines.right": False,
-    "xtick.labelsize": 7,
-    "ytick.labelsize": 7,
-    "xtick.major.width": 0.6,
-    "ytick.major.width": 0.6,
-    "legend.fontsize": 6.8,
     "legend.frameon": False,
     "lines.linewidth": 1.3,
-    "lines.markersize": 3.5,
-    "hatch.linewidth": 0.4,
     "svg.hashsalt": "bilevel",  # equal pictures have equal files
 }
 
@@ -87,55 +52,35 @@ def column(height: float) -> Figure:
     return Figure(figsize=(COLUMN, height), layout="constrained")
 
 
+def panels(number: int, height: float, **options: Any) -> tuple[Figure, list[Axes]]:
+    """Return a figure with `number` axes in two columns, each of that height in inches."""
+    rows = -(-number // 2)
+    figure = column(0.5 + height * rows)
+    axes = [*figure.subplots(rows, 2, squeeze=False, **options).flat]
+    for unused in axes[number:]:
+        unused.set_visible(False)
+    return figure, axes[:number]
+
+
+def line_chart(curves: Mapping[str, tuple[Any, Any]], **labels: Any) -> Figure:
+    """Draw a line of x and y per source; `labels` are arguments of `Axes.set`."""
+    figure = column(2.5)
+    axes = figure.subplots()
+    for name, (x, y) in curves.items():
+        axes.plot(x, y, color=COLOURS[name], label=title_of(name))
+    axes.set(**labels)
+    axes.legend()
+    return figure
+
+
+def solved_line(axes: Axes, solved_reward: float) -> None:
+    """Mark the return at which the task is solved by a dotted line."""
+    axes.axhline(solved_reward, color="#404040", lw=0.7, ls=":", zorder=0)
+
+
 def svg(figure: Figure) -> bytes:
     """Return the content of the figure's SVG file, which depends only on the figure."""
     buffer = io.BytesIO()
     with styled():
         figure.savefig(buffer, format="svg", metadata={"Date": None})
     return buffer.getvalue()
-
-
-def legend_below(axes: Axes) -> None:
-    """Add a legend of the axes' series below its figure."""
-    figure = axes.get_figure()
-    assert isinstance(figure, Figure)
-    figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=2)
-
-
-def panels(figure: Figure, number: int, **options: Any) -> list[Axes]:
-    """Return `number` axes in two columns."""
-    axes = [*figure.subplots(-(-number // 2), 2, squeeze=False, **options).flat]
-    for unused in axes[number:]:
-        unused.set_visible(False)
-    return axes[:number]
-
-
-def number(value: float, digits: str = "g") -> str:
-    """Format a number with a minus sign instead of a hyphen."""
-    return f"{value:{digits}}".replace("-", "\N{MINUS SIGN}")
-
-
-def solved_line(axes: Axes, solved_reward: float) -> None:
-    """Mark the return at which the task is solved by a labelled dotted line."""
-    axes.axhline(solved_reward, color=GUIDE, lw=0.7, ls=(0, (1, 1.5)), zorder=0)
-    axes.annotate(
-        number(solved_reward),
-        (1, solved_reward),
-        xycoords=("axes fraction", "data"),
-        xytext=(2, 0),
-        textcoords="offset points",
-        va="center",
-        fontsize=6,
-        color=GUIDE,
-    )
-
-
-def violin(axes: Axes, x: float, values: NDArray[np.float64], look: Look) -> None:
-    """Draw a violin of the values (n,) at `x` with quartiles, median and mean."""
-    parts: Any = axes.violinplot(values, [x], widths=0.8, showextrema=False)
-    for body in parts["bodies"]:
-        body.set(facecolor=look.colour, edgecolor="black", alpha=0.55, lw=0.6, hatch=look.hatch)
-    low, middle, high = np.quantile(values, (0.25, 0.5, 0.75))
-    axes.vlines(x, low, high, color="black", lw=2.5, zorder=3)
-    axes.scatter([x], [middle], s=9, color="white", edgecolor="black", lw=0.5, zorder=4)
-    axes.scatter([x], [values.mean()], s=14, marker="D", color="black", zorder=4)

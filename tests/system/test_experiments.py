@@ -53,7 +53,7 @@ def test_a_killed_experiment_resumes_in_a_copied_home(tmp_home: Path, address: s
     assert written.returncode == 0, written.stderr
     folder = copy / "CartPole-v0" / "experiment-smoke-report-ddqn-seed0"
     page = (folder / REPORT_FILE).read_text()
-    assert "16\u202f888 ± 24\u202f925" in page  # the authors' train steps on the real task
+    assert "16,888 ± 24,925" in page  # the authors' train steps on the real task
     assert page.count("data:image/svg+xml") == 1
     other_task = run_bilevel(*report, "--solved-reward", "100")
     assert other_task.returncode == 2

@@ -15,12 +15,11 @@ from bilevel.evaluation import record
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks.names import observation_names
-from cluster.experiments.agents import Evaluation, Plan, evaluations_on
-from cluster.experiments.experiment import Experiment, Findings, Material
-from cluster.experiments.style import SERIES, column, panels
-from cluster.experiments.table import Row, Value
+from cluster.evaluate.table import Row, Value
+from cluster.experiments.experiment import Experiment, Findings, Material, Plan
+from cluster.experiments.style import SERIES, panels
 
-#: Origins of the transitions, in the order of the looks.
+#: Origins of the transitions.
 TESTS = "real task, tests"
 ORIGINS = ("SE, training", TESTS, "SE's answer to the real task")
 
@@ -28,14 +27,10 @@ ORIGINS = ("SE, training", TESTS, "SE's answer to the real task")
 _BINS, _OUTSIDE = 50, 0.002
 
 
-def _agents(plan: Plan, material: Material) -> list[Evaluation]:
-    """Return agents of the first kind with default hyperparameters, as in the paper."""
-    sources, agents = material.on("default"), plan.size.behaviour_agents
-    return evaluations_on(plan, sources, plan.kinds[:1], agents, vary="no")
-
-
 def _findings(plan: Plan, material: Material) -> Findings:
-    agents = _agents(plan, material)
+    """Record agents of the first kind with default hyperparameters, as in the paper."""
+    sources, number = material.on("default"), plan.size.behaviour_agents
+    agents = plan.evaluations(sources, plan.kinds[:1], number, vary="no")
     hp, se = agents[0].hp, agents[0].source.se
     assert se is not None
     recordings = []
@@ -44,10 +39,7 @@ def _findings(plan: Plan, material: Material) -> Findings:
         recordings.append(record(plan.task, se.se, agent.hp, agent.seed))
     tested = [recording.tests for recording in recordings if recording.tests]
     if not tested:
-        raise InvalidInput(
-            f"all {len(agents)} agents diverged on the SE with seed {plan.seed}: there are no "
-            "tests to show; use another --seed"
-        )
+        raise InvalidInput(f"all agents diverged on the SE; use another --seed than {plan.seed}")
     seen = values_by_origin([*chain(*(r.training for r in recordings))], [*chain(*tested)], se)
     names = [*observation_names(plan.task.id, plan.task.state_size), "reward"]
     data = densities(seen, names)
@@ -61,18 +53,13 @@ def _findings(plan: Plan, material: Material) -> Findings:
         if origin == TESTS:
             row |= {"test_return": returns, "evaluations": episodes}
         summary.append(row)
+    note = (
+        f"{len(agents)} {hp.agent} agents with the paper's default hyperparameters on the SE with "
+        f"seed {plan.seed}. {len(agents) - len(tested)} agents diverged and have no tests. The "
+        f"lowest and highest {_OUTSIDE:.1%} of the values may lie outside the histograms."
+    )
     return Findings(
-        data,
-        summary,
-        {"histograms": histograms(data, plan.task.id)},
-        {"test_return": returns},
-        (
-            f"{len(agents)} {hp.agent} agents with the paper's default hyperparameters on the SE "
-            f"with seed {plan.seed}, which was not selected. Their mean test return is "
-            f"{returns:.1f}. {len(agents) - len(tested)} agents diverged and have no tests. Values "
-            "are next states and rewards.",
-            f"The lowest and highest {_OUTSIDE:.1%} of the values may lie outside the histograms.",
-        ),
+        data, summary, {"histograms": histograms(data)}, {"test_return": returns}, [note]
     )
 
 
@@ -109,23 +96,17 @@ def densities(seen: dict[str, NDArray[np.float32]], names: Sequence[str]) -> pd.
     return pd.concat(parts, ignore_index=True)
 
 
-def histograms(data: pd.DataFrame, task_id: str) -> Figure:
+def histograms(data: pd.DataFrame) -> Figure:
     """Draw a panel per observation and one for the reward."""
-    values = [*data.groupby("value", sort=False)]
-    figure = column(0.5 + 1.1 * -(-len(values) // 2))
-    drawn = panels(figure, len(values))
-    for axes, (name, bins) in zip(drawn, values, strict=True):
+    figure, drawn = panels(data["value"].nunique(), 1.1)
+    for axes, (name, bins) in zip(drawn, data.groupby("value", sort=False), strict=True):
         edges = [*bins["from"], bins["to"].iloc[-1]]
-        for origin, look in zip(ORIGINS, SERIES, strict=False):
-            axes.stairs(bins[origin], edges, color=look.colour, ls=look.line, lw=1.1)
-            axes.stairs(bins[origin], edges, color=look.colour, fill=True, alpha=0.18)
+        for origin, colour in zip(ORIGINS, SERIES, strict=False):
+            axes.stairs(bins[origin], edges, color=colour, label=origin)
         axes.set_yscale("symlog", linthresh=0.01)
         axes.set_ylim(0, 1)
         axes.set_xlabel(name)
-    for origin, look in zip(ORIGINS, SERIES, strict=False):
-        drawn[0].plot([], [], color=look.colour, ls=look.line, label=origin)
-    figure.suptitle(task_id, fontsize=8)
-    figure.supylabel("share of steps per bin (log, linear below 0.01)", fontsize=7.5)
+    figure.supylabel("share of steps per bin (log, linear below 0.01)")
     figure.legend(*drawn[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     return figure
 

@@ -6,27 +6,21 @@ passes through the same agent. k grows by factors of 1.4 until training stops by
 costs about three and a half times the training.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 import numpy as np
-import pandas as pd
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bilevel.hyperparameters import AgentHyperparameters
-from bilevel.tasks import Task
-from cluster.experiments.agents import Evaluation, Found, Plan, evaluations_on
-from cluster.experiments.conditions import REAL, title_of
-from cluster.experiments.experiment import Experiment, Findings, Material
-from cluster.experiments.style import LOOKS, column, legend_below, solved_line
-from cluster.experiments.table import Row, standard_error
+from cluster.evaluate.table import Row
+from cluster.experiments.conditions import REAL
+from cluster.experiments.experiment import Evaluation, Experiment, Findings, Found, Material, Plan
+from cluster.experiments.style import line_chart, solved_line
 
 Floats = NDArray[np.float64]
 
 #: Train steps (k,) and scores (k,) of an agent.
 Curve = tuple[Floats, Floats]
-
-SOURCES = ("default", REAL)
 
 #: Factor between the episode limits of an agent, and points of a drawn curve.
 _FACTOR, _POINTS = 1.4, 80
@@ -57,8 +51,8 @@ def shorter_trainings(evaluation: Evaluation, found: Found) -> list[Evaluation]:
 def _evaluations(plan: Plan, material: Material) -> list[Evaluation]:
     per_se = plan.size.curve_agents
     on_real = per_se * plan.size.curve_ses
-    agents = evaluations_on(
-        plan, material.on(*SOURCES), plan.kinds[:1], per_se, on_real=on_real, per_se=per_se
+    agents = plan.evaluations(
+        material.on("default", REAL), plan.kinds[:1], per_se, on_real=on_real, per_se=per_se
     )
     return [one for agent in agents for one in shorter_trainings(agent, material.found)]
 
@@ -75,50 +69,50 @@ def scores_at(steps: Floats, curves: Sequence[Curve]) -> Floats:
 
 
 def _findings(plan: Plan, material: Material) -> Findings:
-    evaluations = _evaluations(plan, material)
-    data = pd.DataFrame(
-        {
-            "source": evaluation.source.condition,
-            "position": evaluation.position,
-            "train_steps": material.result(evaluation).train_steps,
-            "score": material.result(evaluation).score,
-        }
-        for evaluation in evaluations
-    )
+    data = material.agents(_evaluations(plan, material))
+    data = data[["source", "position", "train_steps", "score"]]
     curves = {
         source: [
-            (agent["train_steps"].to_numpy(float), agent["score"].to_numpy())
+            (agent["train_steps"].to_numpy(float), agent["score"].to_numpy(float))
             for _, agent in rows.groupby("position", sort=False)
         ]
         for source, rows in data.groupby("source", sort=False)
     }
-    # Agents on the same SE are not independent samples.
-    samples = {"default": plan.size.curve_ses, REAL: len(curves[REAL])}
-    summary = [_summary(name, each, plan.task.solved_reward) for name, each in curves.items()]
+    means, task = {name: mean_curve(each) for name, each in curves.items()}, plan.task
+    summary = [
+        _summary(name, each, means[name], task.solved_reward) for name, each in curves.items()
+    ]
+    figure = line_chart(
+        means,
+        xscale="log",
+        xlabel=f"train steps of a {plan.kinds[0].agent} agent",
+        ylabel=f"mean test return on {task.id}",
+    )
+    solved_line(figure.axes[0], task.solved_reward)
     return Findings(
         data,
         summary,
-        {"curves": mean_curves(curves, samples, plan.task, plan.kinds[0].agent)},
+        {"curves": figure},
         {f"final_return/{row['source']}": float(row["return_at_stop"] or 0) for row in summary},
         (
             "Agents train until their stopping rule holds, and keep their last return in the "
-            "means. Their hyperparameters are drawn from the paper's ranges. Standard errors use "
-            "SEs, and on the real task agents, as samples.",
+            "means. Their hyperparameters are drawn from the paper's ranges.",
         ),
     )
 
 
-def _grid(curves: Sequence[Curve]) -> Floats:
+def mean_curve(curves: Sequence[Curve]) -> Curve:
+    """Return the mean score of the agents after increasing train steps."""
     first = min(float(at[0]) for at, _ in curves)
     last = max(float(at[-1]) for at, _ in curves)
-    return np.geomspace(max(first, 1.0), max(last, 2.0), _POINTS)
+    steps = np.geomspace(max(first, 1.0), max(last, 2.0), _POINTS)
+    return steps, scores_at(steps, curves).mean(axis=0)
 
 
-def _summary(name: str, curves: Sequence[Curve], solved_reward: float) -> Row:
+def _summary(name: str, curves: Sequence[Curve], mean: Curve, solved_reward: float) -> Row:
     steps = np.array([at[-1] for at, _ in curves])
     ends = np.array([scores[-1] for _, scores in curves])
-    grid = _grid(curves)
-    solved = np.flatnonzero(scores_at(grid, curves).mean(axis=0) >= solved_reward)
+    solved = mean[0][mean[1] >= solved_reward]
     return {
         "source": name,
         "agents": len(curves),
@@ -126,34 +120,8 @@ def _summary(name: str, curves: Sequence[Curve], solved_reward: float) -> Row:
         "train_steps_at_stop_std": float(steps.std()),
         "return_at_stop": float(ends.mean()),
         "return_at_stop_std": float(ends.std()),
-        "train_steps_until_mean_return_solves": float(grid[solved[0]]) if solved.size else None,
+        "train_steps_until_mean_return_solves": float(solved[0]) if solved.size else None,
     }
-
-
-def mean_curves(
-    curves: Mapping[str, Sequence[Curve]], samples: Mapping[str, int], task: Task, kind: str
-) -> Figure:
-    """Draw the mean return over train steps by source, with its standard error over `samples`
-    independent samples of consecutive curves."""
-    figure = column(2.5)
-    axes = figure.subplots()
-    for name, each in curves.items():
-        look, grid = LOOKS[name], _grid(each)
-        scores = scores_at(grid, each)
-        mean = scores.mean(axis=0)
-        means = scores.reshape(samples[name], -1, len(grid)).mean(axis=1)
-        error = standard_error(means) if len(means) > 1 else np.zeros_like(mean)
-        axes.fill_between(grid, mean - error, mean + error, color=look.colour, alpha=0.2, lw=0)
-        axes.plot(
-            grid, mean, **look.curve, markevery=10, label=f"{title_of(name)} (n = {len(each)})"
-        )
-    solved_line(axes, task.solved_reward)
-    axes.set_xscale("log")
-    axes.set_xlabel("train steps of an agent")
-    axes.set_ylabel(f"mean test return on {task.id}")
-    axes.set_title(f"{kind}: mean and standard error")
-    legend_below(axes)
-    return figure
 
 
 SAMPLE_EFFICIENCY = Experiment(

@@ -79,8 +79,8 @@ ROWS = [
         "ddqn.learning_rate is searched",
     ),
     # experiments
-    ("experiment x CartPole-v0", "unknown experiment 'x': allowed are success, transfer"),
-    ("experiment cost CartPole-v0 --size x", "unknown size 'x': allowed are smoke"),
+    ("experiment x CartPole-v0", "'x' is not one of 'success', 'transfer'"),
+    ("experiment cost CartPole-v0 --size x", "'x' is not one of 'smoke'"),
     ("experiment report CartPole-v0 --size smoke", "experiment all CartPole-v0 --size smoke"),
     # SEs
     ("evaluate", "nothing to train on"),

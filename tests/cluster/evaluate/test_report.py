@@ -27,7 +27,7 @@ def test_the_picture_has_a_point_per_agent(found: Group, cartpole: Task) -> None
 
 
 def test_the_table_fits_80_columns() -> None:
-    lines = as_table([group(5), group(40, "real")])
+    lines = as_table([group(5), group(40, "real")]).splitlines()
     assert lines[1].split()[:6] == ["my_se", "ddqn", "5", "178.4", "±", "8.7"]
     assert max(map(len, lines)) <= 80
 
@@ -45,4 +45,4 @@ def test_a_diverged_agent_scores_no_better_than_the_others_of_all_groups() -> No
     assert (one.source, other.source) == ("one", "other")
     assert one.test_returns.tolist() == [-200.0, -400.0, -300.0, -300.0]
     assert other.scores.tolist() == [-300.0, -150.0, -300.0]
-    assert [line.split()[-1] for line in as_table([one, other])] == ["diverged", "1", "2"]
+    assert [line.split()[-1] for line in as_table([one, other]).splitlines()[1:]] == ["1", "2"]

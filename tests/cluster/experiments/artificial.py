@@ -6,12 +6,18 @@ from pathlib import Path
 
 import numpy as np
 
-from bilevel.evaluation import EvaluationResult
+from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import default_agents
 from bilevel.tasks import get_task
-from cluster.experiments.agents import Evaluation, Plan, Source
-from cluster.experiments.experiment import Experiment, Findings, Material, se_runs
-from cluster.experiments.sizes import get_size
+from cluster.experiments.experiment import (
+    Evaluation,
+    Experiment,
+    Findings,
+    Material,
+    Plan,
+    Source,
+)
+from cluster.experiments.sizes import SIZES
 from cluster.nes.run import NESRun
 from cluster.nes.selection import FinalScore, export_best
 from cluster.storage.home import Home
@@ -34,20 +40,21 @@ def finish(run: NESRun) -> None:
 
 def smoke_plan(experiment: Experiment, task_id: str = "CartPole-v0") -> Plan:
     """Return the experiment's plan of the size smoke."""
-    task, size = get_task(task_id), get_size("smoke")
+    task, size = get_task(task_id), SIZES["smoke"]
     kinds = default_agents(experiment.agents(task_id))
     return Plan(task, size, size.trained(kinds), 0)
 
 
 def result_of(evaluation: Evaluation) -> EvaluationResult:
     """Return a result that depends on seed and length of training."""
-    result, episodes = made_up(evaluation.request(0)), evaluation.hp.max_episodes
+    request = EvaluationRequest(0, evaluation.seed, evaluation.hp)
+    result, episodes = made_up(request), evaluation.hp.max_episodes
     return replace(result, train_episodes=episodes, train_steps=40 * episodes, real_env_steps=9)
 
 
 def material_of(experiment: Experiment, plan: Plan, home: Path) -> Material:
     """Return the experiment's SEs, whose NES runs are in the home, and artificial results."""
-    runs = se_runs(experiment.runs(plan.size), plan.task, plan.size, plan.seed, Home(home))
+    runs = plan.runs(experiment, Home(home))
     for run in runs.values():
         if not run.ended:
             finish(run)

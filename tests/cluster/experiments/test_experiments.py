@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import pytest
 
 from cluster.experiments.experiment import Experiment
-from cluster.experiments.registry import EXPERIMENTS
+from cluster.experiments.figures import EXPERIMENTS
 from cluster.experiments.style import COLUMN, svg
 from tests.cluster.experiments.artificial import findings_of, material_of, smoke_plan
 
@@ -36,7 +36,6 @@ def test_findings_are_complete(experiment: Experiment, task_id: str, home: Path)
         picture = svg(figure)
         root = ElementTree.fromstring(picture)
         assert root.attrib["width"] == f"{72 * COLUMN:g}pt"
-        assert b"<image" not in picture  # no pixels
         assert picture.count(b"<path") > 10
 
 

@@ -5,19 +5,23 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from bilevel.evaluation import EvaluationResult, evaluate
+from bilevel.evaluation import (
+    Centre,
+    EvaluationRequest,
+    EvaluationResult,
+    RealTask,
+    evaluate,
+)
 from bilevel.hyperparameters import AgentHyperparameters, DDQNHyperparameters
 from bilevel.recipes import load_recipe
 from bilevel.tasks import Task, get_task
-from cluster.experiments.agents import Evaluation, Found, Source
 from cluster.experiments.conditions import REAL
+from cluster.experiments.experiment import Evaluation, Found, Source
 from cluster.experiments.figures.sample_efficiency import (
     episode_limits,
-    mean_curves,
     scores_at,
     shorter_trainings,
 )
-from cluster.experiments.style import styled
 from tests.cluster.experiments.artificial import result_of
 from tests.ses import make_se
 
@@ -58,8 +62,9 @@ def test_a_longer_training_passes_through_the_agent_of_a_shorter_one(
 
 
 def result(evaluation: Evaluation) -> EvaluationResult:
-    se = evaluation.source.se
-    return evaluate(evaluation.task, (se.se,) if se else None, evaluation.request(0))
+    se, on = evaluation.source.se, Centre() if evaluation.source.se else RealTask()
+    request = EvaluationRequest(0, evaluation.seed, evaluation.hp, on)
+    return evaluate(evaluation.task, se, request)
 
 
 @pytest.mark.parametrize(
@@ -84,14 +89,3 @@ def test_curves_keep_their_first_and_last_scores() -> None:
     ]
     found = scores_at(np.array([5.0, 10.0, 19.9, 20.0, 100.0]), curves)
     np.testing.assert_array_equal(found, [[1, 1, 1, 2, 2], [5, 5, 5, 5, 9]])
-
-
-def test_agents_on_the_same_se_are_one_sample(cartpole: Task) -> None:
-    """Two SEs with the scores 10 and 30, and 50 and 70."""
-    steps = np.array([10.0, 1000.0])
-    each = [(steps, np.full(2, score)) for score in (10.0, 30.0, 50.0, 70.0)]
-    for samples, error in ((2, 20.0), (4, np.sqrt(2000 / 3) / 2)):
-        with styled():
-            axes = mean_curves({"default": each}, {"default": samples}, cartpole, "ddqn").axes[0]
-        heights = np.concatenate([path.vertices for path in axes.collections[0].get_paths()])[:, 1]
-        assert (heights.min(), heights.max()) == pytest.approx((40 - error, 40 + error))

@@ -5,12 +5,12 @@ from pathlib import Path
 import pytest
 
 from cluster.experiments.figures.transfer import TRANSFER
-from cluster.experiments.sizes import get_size
+from cluster.experiments.sizes import SIZES
 from tests.cluster.experiments.artificial import findings_of
 
 
 def test_summary_covers_the_agents_of_each_source(tmp_path: Path) -> None:
-    findings, size = findings_of(TRANSFER, tmp_path), get_size("smoke")
+    findings, size = findings_of(TRANSFER, tmp_path), SIZES["smoke"]
     groups = findings.data.groupby(["agent", "source"])
     for row in findings.summary:
         on_real = row["source"] == "real"

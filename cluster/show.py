@@ -1,0 +1,151 @@
+"""`bilevel show`: an SE next to episodes on the real task that follow its rewards."""
+
+from contextlib import closing
+from dataclasses import dataclass
+
+import numpy as np
+import torch
+from matplotlib import colormaps
+from matplotlib.axes import Axes
+from matplotlib.colors import to_hex, to_rgb
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from bilevel.kernels.synthetic_env import DONE
+from bilevel.seeds import Purpose, derive
+from bilevel.synthetic_env import StoredSE
+from bilevel.synthetic_env.torch_module import SEModule
+from bilevel.tasks.names import action_names, observation_names, picture_axes
+from bilevel.tasks.transitions import Transitions
+from cluster.pictures import GREY
+
+Floats = NDArray[np.float32]
+
+#: Points of the grid in each direction, its half-width in standard deviations, points per arrow.
+GRID, WIDTH, EVERY = 61, 2.5, 5
+
+#: Number of episodes on the real task.
+EPISODES = 10
+
+
+@dataclass(frozen=True)
+class Episode:
+    """An episode on the real task."""
+
+    states: Floats  # (T + 1, S)
+    actions: NDArray[np.int64]  # (T,)
+    total: float  # return
+
+
+@dataclass(frozen=True)
+class Portrait:
+    """An SE over two observations of its task, and episodes on the task."""
+
+    actions: tuple[str, ...]  # names
+    names: tuple[str, str]  # of the two observations
+    indices: tuple[int, int]  # of the two observations
+    axes: tuple[Floats, Floats]  # (GRID,) their values
+    answers: Transitions  # of the SE, on the grid, action by action; others have their means
+    episodes: list[Episode]  # with the actions that the SE rewards most
+
+    @classmethod
+    def of(cls, se: StoredSE) -> "Portrait":
+        """Scale the grid by observations under random actions. Raises InvalidInput if gymnasium
+        does not know the task."""
+        task = se.task()
+        scale = task.observation_scale(derive(0, Purpose.OBSERVATIONS))
+        i, j = picture_axes(task.id, task.state_size)
+        steps = np.linspace(-WIDTH, WIDTH, GRID)
+        across, up = (
+            (scale.mean[k] + scale.deviation[k] * steps).astype(np.float32) for k in (i, j)
+        )
+        states = np.tile(scale.mean, (GRID * GRID, 1))
+        states[:, i], states[:, j] = (axis.ravel() for axis in np.meshgrid(across, up))
+        names = observation_names(task.id, task.state_size)
+        return cls(
+            action_names(task.id, task.n_actions),
+            (names[i], names[j]),
+            (i, j),
+            (across, up),
+            answers(se, states),
+            real_episodes(se),
+        )
+
+    @property
+    def sentence(self) -> str:
+        """Returns of the episodes in words."""
+        returns = [episode.total for episode in self.episodes]
+        return (
+            f"taking the action that the SE rewards most earns {np.mean(returns):.1f} on the real "
+            f"task ({min(returns):.1f} to {max(returns):.1f} in {EPISODES} episodes)"
+        )
+
+
+def answers(se: StoredSE, states: Floats) -> Transitions:
+    """Return the SE's transitions from states (n, S), action by action."""
+    number = se.architecture.n_actions
+    actions, repeated = np.repeat(np.arange(number), len(states)), np.tile(states, (number, 1))
+    outputs = SEModule(se)(torch.from_numpy(repeated), torch.from_numpy(actions))
+    following, rewards, dones = (output.numpy() for output in outputs)
+    return Transitions(repeated, actions, following, rewards, (dones > DONE).astype(np.float32))
+
+
+def real_episodes(se: StoredSE) -> list[Episode]:
+    """Run episodes on the real task with the actions that the SE rewards most."""
+    task, episodes = se.task(), []
+    with closing(task.make()) as env:
+        first = env.action_space.start  # type: ignore[attr-defined]
+        for seed in range(EPISODES):
+            states, total, over = [np.asarray(env.reset(seed=seed)[0], np.float32)], 0.0, False
+            actions: list[int] = []
+            while not over and len(actions) < task.step_limit:
+                actions.append(int(answers(se, states[-1][None]).rewards.argmax()))
+                state, reward, terminated, truncated, _ = env.step(np.int64(first + actions[-1]))
+                states.append(np.asarray(state, np.float32))
+                total, over = total + float(reward), terminated or truncated
+            episodes.append(Episode(np.stack(states), np.array(actions), total))
+    return episodes
+
+
+def picture(portrait: Portrait, title: str) -> Figure:
+    """Draw the SE, and the episodes on the real task, over two observations."""
+    figure = Figure(figsize=(10, 5), layout="constrained")
+    figure.suptitle(f"{title}; other observations have their means")
+    shades = np.linspace(0, 0.9, len(portrait.actions))
+    colours = [to_hex(colour) for colour in colormaps["viridis"](shades)]
+    on_se, on_task = figure.subplots(1, 2, sharex=True, sharey=True)
+    _draw_se(on_se, portrait, colours)
+    for episode in portrait.episodes:
+        path = episode.states[:, portrait.indices]
+        on_task.plot(*path.T, color=GREY, lw=0.6, alpha=0.6)
+        on_task.scatter(*path[:-1].T, c=np.array(colours)[episode.actions], s=6, zorder=3)
+    on_task.set_title("real task: episodes by the SE's rewards")
+    on_se.set(xlim=portrait.axes[0][[0, -1]], ylim=portrait.axes[1][[0, -1]])
+    on_se.set_ylabel(portrait.names[1])
+    for axes in (on_se, on_task):
+        axes.set_xlabel(portrait.names[0])
+    handles = [Patch(color=c, label=n) for c, n in zip(colours, portrait.actions, strict=True)]
+    figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
+    return figure
+
+
+def _draw_se(axes: Axes, portrait: Portrait, colours: list[str]) -> None:
+    """Colour the action of the highest reward, draw arrows to the next states after this action,
+    and hatch where it ends episodes."""
+    found = portrait.answers
+    best = found.rewards.reshape(-1, GRID * GRID).argmax(axis=0)
+    rows = best * GRID * GRID + np.arange(GRID * GRID)
+    pale = 1 - 0.4 * (1 - np.array([to_rgb(colour) for colour in colours]))
+    axes.pcolormesh(*portrait.axes, pale[best].reshape(GRID, GRID, 3), rasterized=True)
+    coarse = rows.reshape(GRID, GRID)[EVERY // 2 :: EVERY, EVERY // 2 :: EVERY].ravel()
+    start = found.states[coarse][:, portrait.indices]
+    moves = found.next_states[coarse][:, portrait.indices] - start
+    # The longest arrow is as long as the distance between two arrows.
+    distance = [axis[EVERY] - axis[0] for axis in portrait.axes]
+    moves /= max(float(np.linalg.norm(moves / distance, axis=1).max()), 1e-9)
+    axes.quiver(*start.T, *moves.T, angles="xy", scale_units="xy", scale=1, width=0.003)
+    ends = found.ends[rows].reshape(GRID, GRID)
+    if ends.any():
+        axes.contourf(*portrait.axes, ends, levels=[0.5, np.inf], colors="none", hatches=["///"])
+    axes.set_title("SE: rewarded action and next state; hatched: end")

@@ -1,1 +1,0 @@
-"""`bilevel show`: a picture of an SE next to the real task."""
