@@ -51,7 +51,7 @@ def decode_file(kind: type[_T], path: Path, what: str = "damaged") -> _T:
     return decode_json(kind, text, f"{what} {str(path)!r}")
 
 
-def first_fault(error: ValidationError) -> ErrorDetails:
+def first_error(error: ValidationError) -> ErrorDetails:
     """Return the first error, unknown names first: they are often misspelled missing names."""
     faults = error.errors(include_url=False)
     return min(faults, key=lambda fault: fault["type"] != "unexpected_keyword_argument")
@@ -59,7 +59,7 @@ def first_fault(error: ValidationError) -> ErrorDetails:
 
 def reason(error: ValidationError) -> str:
     """Describe the first error in one line."""
-    fault = first_fault(error)
+    fault = first_error(error)
     parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in fault["loc"])
     place = "".join(parts).removeprefix(".")
     match fault["type"]:

@@ -21,30 +21,30 @@ _LIBRARIES = (
 )
 
 
-class Mistake(InvalidInput):
+class UserCodeError(InvalidInput):
     """A user's agent or task returned a wrong value, raised, or exited; the message names file and
     line. A mistake never becomes a score."""
 
 
-def mistake_at(name: str, code: Any, message: str) -> Mistake:
+def mistake_at(name: str, code: Any, message: str) -> UserCodeError:
     """The mistake of `name` (as in "agent 'mine'") in a function or class."""
-    return Mistake(f"{name}{_source_of(code)}: {message}")
+    return UserCodeError(f"{name}{_source_of(code)}: {message}")
 
 
 @contextmanager
-def as_mistake(name: str, code: Any, doing: str) -> Iterator[None]:
+def user_code_errors(name: str, code: Any, doing: str) -> Iterator[None]:
     """Context in which `name` runs the function or class `code`; errors and exits become a
-    Mistake."""
+    UserCodeError."""
     try:
         yield
-    except Mistake:
+    except UserCodeError:
         raise
     except (Exception, SystemExit) as error:
         frames = traceback.extract_tb(error.__traceback__)
         own = [frame for frame in frames if not frame.filename.startswith(_LIBRARIES)]
         place = f" at {own[-1].filename}:{own[-1].lineno}" if own else _source_of(code)
         message = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
-        raise Mistake(f"{name}{place}, when it {doing}: {message}") from None
+        raise UserCodeError(f"{name}{place}, when it {doing}: {message}") from None
 
 
 def digest_of(package: str, *code: Any) -> str | None:

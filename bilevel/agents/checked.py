@@ -9,16 +9,16 @@ from numpy.typing import NDArray
 from bilevel.agents.agent import Agent, Transition
 from bilevel.errors import InvalidInput
 from bilevel.tasks import checked_action
-from bilevel.user_code import as_mistake, mistake_at
+from bilevel.user_code import mistake_at, user_code_errors
 
 
 class CheckedAgent:
-    """The agent `name` that `build` returns. Its methods raise Mistake for errors in the user's
-    code and for wrong return values."""
+    """The agent `name` that `build` returns. Its methods raise UserCodeError for errors in the
+    user's code and for wrong return values."""
 
     def __init__(self, name: str, n_actions: int, build: Callable[[], Agent]) -> None:
         self._name, self._n_actions = f"agent {name!r}", n_actions
-        with as_mistake(self._name, getattr(build, "func", build), "is built"):
+        with user_code_errors(self._name, getattr(build, "func", build), "is built"):
             self._agent: Any = build()
         for method in ("act", "greedy", "observe", "learn", "end_episode"):
             if not callable(getattr(self._agent, method, None)):
@@ -51,7 +51,7 @@ class CheckedAgent:
 
     def _call(self, method: str, *arguments: Any) -> Any:
         code = getattr(self._agent, method)
-        with as_mistake(self._name, code, f"runs {method}"):
+        with user_code_errors(self._name, code, f"runs {method}"):
             return code(*arguments)
 
     def _action(self, method: str, *arguments: Any) -> int:

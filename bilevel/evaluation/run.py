@@ -61,7 +61,7 @@ def train_and_test(
 
     Unless `compiled` is False, the agent's compiled twin runs, if the agent has one and the
     environment it trains on is compiled. Raises InvalidInput for an SE of a task with other sizes,
-    and Mistake for a user's agent or task that raises, exits or returns a wrong value.
+    and UserCodeError for a user's agent or task that raises, exits or returns a wrong value.
     """
     has_kernel = get_agent(hp.agent).build_kernel is not None
     with one_blas_thread():

@@ -10,7 +10,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.errors import InvalidInput, first_line, one_of
+from bilevel.errors import InvalidInput, first_line, unknown_value
 from bilevel.tasks import Task
 
 #: Gymnasium's render modes that are available.
@@ -36,7 +36,7 @@ class Renderer:
 
     def __init__(self, task: Task, mode: str) -> None:
         if mode not in MODES:
-            raise one_of("render mode", mode, MODES)
+            raise unknown_value("render mode", mode, MODES)
         unavailable = f"render mode {mode!r} is not available: {task.id} cannot draw a given state"
         self._task = task
         try:

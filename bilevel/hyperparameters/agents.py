@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field
 
-from bilevel.errors import InvalidInput, one_of
+from bilevel.errors import InvalidInput, unknown_value
 from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.networks import Network, network
 
@@ -107,7 +107,7 @@ def agent_names() -> tuple[str, ...]:
 def agent_hyperparameters(agent: str) -> type[AgentHyperparameters]:
     """Return the class of an agent's hyperparameters. Raises InvalidInput for an unknown name."""
     if agent not in _REGISTRY:
-        raise one_of("agent", agent, agent_names())
+        raise unknown_value("agent", agent, agent_names())
     return _REGISTRY[agent]
 
 

@@ -9,8 +9,8 @@ from pydantic import ConfigDict, Field, ValidationError
 from pydantic.dataclasses import dataclass
 from pydantic.fields import FieldInfo
 
-from bilevel.decode import first_fault, reason
-from bilevel.errors import InvalidInput, one_of
+from bilevel.decode import first_error, reason
+from bilevel.errors import InvalidInput, unknown_value
 
 _T = TypeVar("_T")
 _Number = TypeVar("_Number", int, float)
@@ -77,12 +77,14 @@ def _end(field: FieldInfo, name: str) -> Any:
 
 def _invalid(cls: Any, error: ValidationError) -> InvalidInput:
     """Return the error for the first invalid value, with the field's name in recipes."""
-    first, fields = first_fault(error), cls.__pydantic_fields__
+    first, fields = first_error(error), cls.__pydantic_fields__
     name = str(next(iter(first["loc"]), ""))
     section = getattr(cls, "agent", "") or cls.__name__.removesuffix("Hyperparameters").lower()
     full = ".".join(filter(None, (section, name)))
     if first["type"] == "unexpected_keyword_argument":
-        return one_of("hyperparameter", full, [full.removesuffix(name) + field for field in fields])
+        return unknown_value(
+            "hyperparameter", full, [full.removesuffix(name) + field for field in fields]
+        )
     if first["type"] == "missing":
         return InvalidInput(f"{section or cls.__name__}: {reason(error)}")
     if first["type"] == "value_error":  # raised by __post_init__
@@ -90,7 +92,7 @@ def _invalid(cls: Any, error: ValidationError) -> InvalidInput:
     field, given = fields[name], first["input"]
     title, kind = field.title or full, field.annotation
     if get_origin(kind) is Literal:
-        return one_of(title, given, get_args(kind))
+        return unknown_value(title, given, get_args(kind))
     ends = [_end(field, name) for name in ("ge", "le")]
     if kind is bool:
         allowed = "bool, true or false"

@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 from bilevel.decode import decode
-from bilevel.errors import InvalidInput, one_of
+from bilevel.errors import InvalidInput, unknown_value
 from bilevel.hyperparameters import (
     AgentHyperparameters,
     Hyperparameters,
@@ -119,7 +119,7 @@ def _read(name: str) -> _Values:
     if name in RECIPES:
         return tomllib.loads((files(__name__) / f"{name}.toml").read_text())
     if not name.endswith(".toml"):
-        raise one_of("recipe", name, (*RECIPES, "and paths of recipe files (*.toml)"))
+        raise unknown_value("recipe", name, (*RECIPES, "and paths of recipe files (*.toml)"))
     try:
         return tomllib.loads(Path(name).read_text())
     except OSError as error:

@@ -45,7 +45,7 @@ def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
         )
     if isinstance(address, str) and address in ENTRIES:
         return zoo_file(address)
-    if is_of_mlflow(address):
+    if is_mlflow_address(address):
         return _downloaded(str(address), tracking_uri)
     if not os.path.exists(address):  # noqa: PTH110 (Path.exists raises if the name is too long)
         raise InvalidInput(
@@ -55,7 +55,7 @@ def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
     return Path(address)
 
 
-def is_of_mlflow(address: str | Path) -> bool:
+def is_mlflow_address(address: str | Path) -> bool:
     """Return whether MLflow resolves an address."""
     return _MLFLOW.match(str(address)) is not None
 

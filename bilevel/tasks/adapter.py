@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.errors import InvalidInput
-from bilevel.user_code import as_mistake, mistake_at
+from bilevel.user_code import mistake_at, user_code_errors
 
 #: A real task in gymnasium.
 RealEnv = gymnasium.Env[NDArray[np.float32], np.int64]
@@ -49,7 +49,7 @@ def checked_action(action: Any, n_actions: int, first: int = 0) -> int:
 
 
 class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.float32], np.int64]):
-    """A user's environment, whose errors and invalid return values raise Mistake."""
+    """A user's environment, whose errors and invalid return values raise UserCodeError."""
 
     def __init__(self, env: RealEnv, task_id: str) -> None:
         super().__init__(env)
@@ -60,7 +60,7 @@ class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.flo
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """See gymnasium."""
         code = type(self.unwrapped).reset
-        with as_mistake(self._name, code, "is reset"):
+        with user_code_errors(self._name, code, "is reset"):
             state, info = self.env.reset(seed=seed, options=options)
             return self._observation(state, code), info
 
@@ -69,7 +69,7 @@ class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.flo
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """See gymnasium."""
         code = type(self.unwrapped).step
-        with as_mistake(self._name, code, "takes a step"):
+        with user_code_errors(self._name, code, "takes a step"):
             state, reward, terminated, truncated, info = self.env.step(action)
             checked, number = self._observation(state, code), float(reward)
             if not np.isfinite(number):

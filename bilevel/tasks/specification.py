@@ -14,7 +14,7 @@ from bilevel.errors import InvalidInput, first_line, is_number
 from bilevel.kernels import dynamics
 from bilevel.tasks.adapter import CheckedEnv, RealEnv, make_env
 from bilevel.tasks.task import COMPILED, MAX_STEP_LIMIT, Task
-from bilevel.user_code import as_mistake
+from bilevel.user_code import user_code_errors
 
 #: Tasks with the paper's values by id.
 BUILT_IN_TASKS = {
@@ -87,7 +87,7 @@ def _inspect(task_id: str) -> tuple[EnvSpec, Space[Any], Space[Any]]:
     """Return spec, observation space and action space of a task. Raises InvalidInput."""
     env = CheckedEnv(_make(task_id), task_id)
     code = type(env.unwrapped)
-    with closing(env), as_mistake(f"task {task_id!r}", code, "is asked for its spaces"):
+    with closing(env), user_code_errors(f"task {task_id!r}", code, "is asked for its spaces"):
         observations, actions = env.observation_space, env.action_space
     spec = env.spec
     assert spec is not None
@@ -107,7 +107,7 @@ def _make(task_id: str) -> RealEnv:
             f"and gymnasium ids with a flat Box and Discrete actions ({first_line(error)})"
         ) from None
     except (Exception, SystemExit):  # raised by the environment, or by the import of its module
-        with as_mistake(f"task {task_id!r}", None, "is made"):
+        with user_code_errors(f"task {task_id!r}", None, "is made"):
             raise
 
 

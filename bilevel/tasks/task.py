@@ -96,7 +96,7 @@ class Task:
         return env if self.compiled else CheckedEnv(env, self.id)
 
     def try_out(self) -> None:
-        """Reset the environment and take each action once. Raises Mistake."""
+        """Reset the environment and take each action once. Raises UserCodeError."""
         with closing(self.make()) as env:
             first = int(env.action_space.start)  # type: ignore[attr-defined]
             for action in range(self.n_actions):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from bilevel.errors import one_of
+from bilevel.errors import unknown_value
 
 _FOLDER = Path(__file__).parent
 
@@ -80,7 +80,7 @@ def env_id(name: str) -> str:
 def get_entry(name: str) -> Entry:
     """Return an entry by name. Raises InvalidInput for an unknown name."""
     if name not in ENTRIES:
-        raise one_of("SE of the zoo", name, ENTRIES)
+        raise unknown_value("SE of the zoo", name, ENTRIES)
     return ENTRIES[name]
 
 

@@ -1,6 +1,6 @@
 """All experiments by name."""
 
-from bilevel.errors import one_of
+from bilevel.errors import unknown_value
 from cluster.experiments.experiment import Experiment
 from cluster.experiments.figures.behaviour import BEHAVIOUR
 from cluster.experiments.figures.cost import COST
@@ -26,7 +26,7 @@ def get_experiments(name: str) -> list[Experiment]:
     experiments = {ALL: [*EXPERIMENTS.values()], REPORT: []}
     experiments |= {known: [experiment] for known, experiment in EXPERIMENTS.items()}
     if name not in experiments:
-        raise one_of("experiment", name, (*EXPERIMENTS, ALL, REPORT))
+        raise unknown_value("experiment", name, (*EXPERIMENTS, ALL, REPORT))
     return experiments[name]
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from bilevel.errors import one_of
+from bilevel.errors import unknown_value
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 
 #: Agents of one kind that the paper trains on one SE.
@@ -84,5 +84,5 @@ SIZES = {
 def get_size(name: str) -> Size:
     """Return the size of that name. Raises InvalidInput if it is unknown."""
     if name not in SIZES:
-        raise one_of("size", name, SIZES)
+        raise unknown_value("size", name, SIZES)
     return SIZES[name]

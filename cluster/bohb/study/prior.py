@@ -6,7 +6,7 @@ copied once, so that later changes of that study have no effect.
 """
 
 from bilevel.durable import checksum, write_aside
-from bilevel.errors import InvalidInput, one_of
+from bilevel.errors import InvalidInput, unknown_value
 from bilevel.seeds import Purpose, derive
 from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import Configuration, Journal
@@ -51,7 +51,7 @@ def check_prior(study: Study) -> None:
         return
     folder, budgets = study.folder.parent / study.prior, study.schedule.budgets
     if not (folder / SETTINGS_FILE).exists():
-        raise one_of("prior", study.prior, (*PRIORS, "and studies on the same task"))
+        raise unknown_value("prior", study.prior, (*PRIORS, "and studies on the same task"))
     if study.method != "bohb":
         reason = "only the method bohb has a model"
     elif Study.read(folder).stored_space() != study.space.build(study.agents):

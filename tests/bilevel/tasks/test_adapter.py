@@ -1,4 +1,4 @@
-"""Errors and invalid values of users' environments raise Mistake in one line."""
+"""Errors and invalid values of users' environments raise UserCodeError in one line."""
 
 from collections.abc import Callable
 from contextlib import closing
@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from bilevel.tasks import get_task
-from bilevel.user_code import Mistake
+from bilevel.user_code import UserCodeError
 from tests.envs import CustomEnv, register_env
 
 
@@ -39,10 +39,10 @@ def test_invalid_values_are_reported_with_their_place(
     functions: Any, message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     task = get_task(register_env(monkeypatch, lambda **_: CustomEnv(**functions)))
-    with pytest.raises(Mistake, match=f"^task 'test/Custom-v0'.*{message}") as caught:
+    with pytest.raises(UserCodeError, match=f"^task 'test/Custom-v0'.*{message}") as caught:
         task.try_out()
     assert "\n" not in str(caught.value)
-    with pytest.raises(Mistake):
+    with pytest.raises(UserCodeError):
         task.observation_scale(0)
 
 
@@ -54,7 +54,7 @@ def test_an_error_is_not_hidden_by_an_error_in_close(
         raise error
 
     env = lambda **_: CustomEnv(step=raise_error, close=close)  # noqa: E731
-    with pytest.raises(Mistake, match="the simulator broke"):
+    with pytest.raises(UserCodeError, match="the simulator broke"):
         get_task(register_env(monkeypatch, env)).try_out()
 
 

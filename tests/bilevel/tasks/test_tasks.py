@@ -12,7 +12,7 @@ from bilevel.evaluation import train_and_test
 from bilevel.evaluation.run import greedy_episodes
 from bilevel.recipes import load_recipe
 from bilevel.tasks import BUILT_IN_TASKS, Task, get_task
-from bilevel.user_code import Mistake
+from bilevel.user_code import UserCodeError
 from tests.envs import CustomEnv, ShiftedCartPole, register_env
 
 
@@ -108,13 +108,13 @@ def test_errors_of_a_constructor_are_reported_with_their_place(
 
     name = register_env(monkeypatch, fail)
     place = rf"{re.escape(__file__)}:\d+"
-    with pytest.raises(Mistake, match=rf"^task '{name}' at {place}, when it is made: .*$"):
+    with pytest.raises(UserCodeError, match=rf"^task '{name}' at {place}, when it is made: .*$"):
         get_task(name)
 
 
 def test_an_environment_without_spaces(monkeypatch: pytest.MonkeyPatch) -> None:
     name = register_env(monkeypatch, type("Empty", (gymnasium.Env,), {}))
-    with pytest.raises(Mistake, match="when it is asked for its spaces: AttributeError"):
+    with pytest.raises(UserCodeError, match="when it is asked for its spaces: AttributeError"):
         get_task(name)
 
 
