@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 from bilevel.errors import InvalidInput
 from bilevel.gym.env import SyntheticEnv
 from bilevel.kernels.synthetic_env import DONE, step_all, work_space
-from bilevel.tasks import checked_action
 
 
 class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
@@ -34,12 +33,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self, path: str | Path | None = None, num_envs: int = 1, render_mode: str | None = None
     ) -> None:
         if render_mode is not None:
-            raise InvalidInput(
-                f"render_mode {render_mode!r} is not available for compiled vector environments: "
-                'use gymnasium.make_vec(..., vectorization_mode="sync")'
-            )
-        if num_envs < 1:
-            raise InvalidInput(f"num_envs must be at least 1; got {num_envs}")
+            raise InvalidInput('rendering needs vectorization_mode="sync"')
         self._single = single = SyntheticEnv(path)
         self.num_envs = num_envs
         self.single_observation_space = single.observation_space
@@ -94,7 +88,10 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             raise ResetNeeded("call reset before step")
         single, resetting = self._single, self._ended
         states, rewards, dones = np.empty_like(self._states), *np.empty((2, self.num_envs))
-        indices = self._indices(actions)
+        given, space = np.asarray(actions), self.action_space
+        if given.dtype.kind not in "iu" or not space.contains(given.astype(space.dtype)):
+            raise InvalidInput(f"actions must be in {space}; got {actions!r}")
+        indices = given.astype(np.int64) - single.first_action
         step_all(single.kernel, self._states, indices, states, rewards, dones, self._work)
         self._states = states
         self._steps += 1
@@ -106,18 +103,6 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._ended = terminated | truncated
         info = {"done": dones, "_done": ~resetting}
         return states.copy(), rewards, terminated, truncated, info
-
-    def _indices(self, actions: Any) -> NDArray[np.int64]:
-        """Return the indices (N,) of the actions. Raises InvalidInput."""
-        if np.shape(actions) != (self.num_envs,):
-            raise InvalidInput(
-                f"actions of the shape {np.shape(actions)} for {self.num_envs} copies of the SE"
-            )
-        n_actions, first = self._single.n_actions, self._single.first_action
-        indices = np.asarray(actions) - first if np.asarray(actions).dtype.kind in "iu" else None
-        if indices is None or (indices < 0).any() or (indices >= n_actions).any():
-            indices = np.array([checked_action(action, n_actions, first) for action in actions])
-        return indices.astype(np.int64)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the real task's environment."""

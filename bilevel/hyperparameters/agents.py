@@ -49,49 +49,36 @@ class AgentHyperparameters:
 
     def __init_subclass__(cls, agent: str = "", **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        if agent:
-            if not _AGENT_NAME.fullmatch(agent) or agent in _RESERVED:
-                raise InvalidInput(
-                    f"the agent name {agent!r} is not allowed: allowed are letters, digits, '_', "
-                    f"'-', but not {', '.join(_RESERVED)}"
-                )
-            taken = _REGISTRY.get(agent)
-            # The same file may be loaded again.
-            if taken is not None and _qualified_name(taken) != _qualified_name(cls):
-                raise InvalidInput(
-                    f"{_qualified_name(cls)}: the agent name {agent!r} is taken by "
-                    f"{_qualified_name(taken)}"
-                )
-            cls.agent = agent
-            _REGISTRY[agent] = cls
+        if not agent:
+            return
+        if not _AGENT_NAME.fullmatch(agent) or agent in _RESERVED:
+            raise InvalidInput(f"the agent name {agent!r} is not allowed")
+        taken = _REGISTRY.get(agent, cls)
+        # The same file may be loaded again.
+        if (taken.__module__, taken.__qualname__) != (cls.__module__, cls.__qualname__):
+            raise InvalidInput(
+                f"the agent name {agent!r} is taken by {taken.__module__}.{taken.__qualname__}"
+            )
+        cls.agent = agent
+        _REGISTRY[agent] = cls
 
     def require_learning(self, patient_episodes: int = 0) -> None:
-        """Raise InvalidInput if training ends before the first gradient step.
-
-        `patient_episodes` is the training length of patient agents (0 if there are none).
-        """
-        longest, name, who = self.max_episodes, f"{self.agent}.max_episodes", "agents"
+        """Raise InvalidInput if training, or that of patient agents unless `patient_episodes` is 0,
+        ends before the first gradient step."""
+        longest, name = self.max_episodes, f"{self.agent}.max_episodes"
         if 0 < patient_episodes < longest:
-            longest, name, who = patient_episodes, "nes.patient_episodes", "patient agents"
+            longest, name = patient_episodes, "nes.patient_episodes"
         if self.init_episodes >= longest:
             raise InvalidInput(
-                f"{self.agent}.init_episodes must be below {name}, {longest}, or {who} never "
+                f"{self.agent}.init_episodes must be below {name}, {longest}, or agents never "
                 f"learn; got {self.init_episodes}"
             )
 
     @property
     def step_cost(self) -> float:
-        """Approximate cost of a gradient step: multiplications of a minibatch's forward pass.
-
-        The scheduler uses it to start long evaluations first, and `narrowed` variation to shrink
-        expensive agents. The default suits agents without a compiled kernel, whose steps take a
-        millisecond whatever their size; they are never narrowed.
-        """
+        """Approximate cost of a gradient step, for schedules and variation: multiplications of a
+        minibatch's forward pass. The default suits agents without a compiled kernel."""
         return 1e7
-
-
-def _qualified_name(cls: type) -> str:
-    return f"{cls.__module__}.{cls.__qualname__}"
 
 
 def keep_hyperparameters(cls: type[AgentHyperparameters]) -> None:
@@ -177,10 +164,8 @@ class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
         return self._pass_cost(self.hidden_layers + 1)
 
     def network(self, state_size: int, n_actions: int) -> Network:
-        """Return the shape of the Q-network.
-
-        Half of the units of an additional hidden layer belong to the value, half to the advantages.
-        """
+        """Return the shape of the Q-network. Half of the units of an additional hidden layer belong
+        to the value, half to the advantages."""
         of_value = (self.hidden_size + 1) // 2
         return network(
             state_size,
@@ -194,11 +179,8 @@ class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
 
 @hyperparameters
 class TD3Hyperparameters(_OffPolicy, agent="td3"):
-    """TD3 (Fujimoto et al., 2018) with Gumbel-Softmax actions (Jang et al., 2017).
-
-    Noise and policy delay, which the table does not give, are those of Fujimoto et al. and of the
-    authors' code.
-    """
+    """TD3 (Fujimoto et al., 2018) with Gumbel-Softmax actions (Jang et al., 2017). Noise and policy
+    delay, which the table does not give, are those of Fujimoto et al. and of the authors' code."""
 
     #: Range of the temperature. Below it gradients vanish; above it all actions are alike.
     temperatures: ClassVar[tuple[float, float]] = (0.1, 10.0)

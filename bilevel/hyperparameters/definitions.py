@@ -104,16 +104,13 @@ class SEHyperparameters:
 
 @hyperparameters
 class Hyperparameters:
-    """All hyperparameters of an NES run.
-
-    If there are several `agents`, every evaluation draws one of them, or, with `nes.shared_agent`,
-    every generation draws one for all of its members.
-    """
+    """All hyperparameters of an NES run. Each evaluation draws one of the `agents`, or each
+    generation with `nes.shared_agent`."""
 
     nes: NESHyperparameters
     se: SEHyperparameters
     agents: tuple[AgentHyperparameters, ...]
-    vary_agent: Variation = Field(title="variation of agents")
+    vary_agent: Variation
     recipe: str  # name of the recipe, even if values were replaced
 
     def __post_init__(self) -> None:
@@ -141,10 +138,7 @@ class Hyperparameters:
 
 @dataclass(frozen=True, kw_only=True)
 class StoredHyperparameters:
-    """The result of `Hyperparameters.to_dict` with unchecked sections.
-
-    Sections may belong to custom agents that this process does not know.
-    """
+    """The result of `Hyperparameters.to_dict`, unchecked: this process may not know an agent."""
 
     nes: dict[str, Any]
     se: dict[str, Any]

@@ -11,9 +11,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
-from bilevel.tasks.transitions import Transitions
 from cluster.pictures import BLUE, GREY, ORANGE
-from cluster.show.portrait import GRID, Episode, Portrait
+from cluster.show.portrait import GRID, Episode, Portrait, Transitions
 
 #: Colours of actions, which also differ in grey.
 _COLOURS = (BLUE, ORANGE, "#1d3b2a", "#b04a8b", "#f0d060")
@@ -111,7 +110,7 @@ def _real_transitions(axes: Axes, portrait: Portrait) -> None:
     """Draw arrows to the next states of random steps, and mark where episodes end."""
     steps = portrait.real_transitions
     _arrows(axes, portrait, steps, colours_of(len(portrait.actions)))
-    axes.plot(*steps.states[steps.ends > 0][:, portrait.indices].T, **_END)
+    axes.plot(*steps.states[steps.ends][:, portrait.indices].T, **_END)
     title = "random steps on the real task; crosses: ends"
     axes.set_title(title, fontsize="medium")
 

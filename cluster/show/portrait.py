@@ -14,8 +14,6 @@ from bilevel.kernels.synthetic_env import DONE
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
-from bilevel.tasks.names import action_names, observation_names, picture_axes
-from bilevel.tasks.transitions import Transitions
 
 Floats = NDArray[np.float32]
 
@@ -23,9 +21,23 @@ Floats = NDArray[np.float32]
 GRID, WIDTH = 61, 2.5
 #: Number of episodes, and of random steps on the real task.
 EPISODES, RANDOM_STEPS = 10, 600
+#: Maximum repetitions of a random action: actions that change in every step hardly move tasks with
+#: momentum (Acrobot).
+REPEATS = 4
 
 #: Returns action, next state (S,), reward and end after a state (S,).
 Step = Callable[[Floats], tuple[int, Floats, float, bool]]
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """N steps of an SE or of its real task."""
+
+    states: Floats  # (N, S)
+    actions: NDArray[np.int64]  # (N,)
+    next_states: Floats  # (N, S)
+    rewards: Floats  # (N,)
+    ends: NDArray[np.bool_]  # (N,)
 
 
 @dataclass(frozen=True)
@@ -64,7 +76,7 @@ class Portrait:
         does not know the task."""
         task = se.task()
         scale = task.observation_scale(derive(0, Purpose.OBSERVATIONS))
-        i, j = picture_axes(task.id, task.state_size)
+        i, j = task.labels.axes
         steps = np.linspace(-WIDTH, WIDTH, GRID)
         across, up = (
             (scale.mean[k] + scale.deviation[k] * steps).astype(np.float32) for k in (i, j)
@@ -73,16 +85,16 @@ class Portrait:
         states[:, i], states[:, j] = (axis.ravel() for axis in np.meshgrid(across, up))
         return cls(se, (i, j), (across, up), states)
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, str]:
         """Names of the two observations."""
-        names = observation_names(self.se.task_id, self.se.architecture.state_size)
+        names = self.se.task().labels.observations
         return names[self.indices[0]], names[self.indices[1]]
 
     @cached_property
     def actions(self) -> tuple[str, ...]:
         """Names of the actions."""
-        return action_names(self.se.task_id, self.se.architecture.n_actions)
+        return self.se.task().labels.actions
 
     @cached_property
     def _module(self) -> SEModule:
@@ -94,7 +106,7 @@ class Portrait:
         repeated = np.tile(states, (len(self.actions), 1))
         outputs = self._module(torch.from_numpy(repeated), torch.from_numpy(actions))
         following, rewards, dones = (output.numpy() for output in outputs)
-        return Transitions(repeated, actions, following, rewards, (dones > DONE).astype(np.float32))
+        return Transitions(repeated, actions, following, rewards, dones > DONE)
 
     @cached_property
     def transitions(self) -> Transitions:
@@ -104,7 +116,21 @@ class Portrait:
     @cached_property
     def real_transitions(self) -> Transitions:
         """Random steps on the real task. They are drawn, and nothing learns from them."""
-        return Transitions.recorded(self.se.task(), RANDOM_STEPS, derive(0, Purpose.EVALUATION))
+        task, rng = self.se.task(), np.random.default_rng(derive(0, Purpose.EVALUATION))
+        rows: list[tuple[Any, ...]] = []
+        action = left = 0
+        with closing(task.make()) as env:
+            first = env.action_space.start  # type: ignore[attr-defined]
+            while len(rows) < RANDOM_STEPS:
+                state, ended = env.reset(seed=int(rng.integers(2**31)))[0], False
+                while not ended and len(rows) < RANDOM_STEPS:
+                    if not left:
+                        action, left = rng.integers(task.n_actions), rng.integers(1, REPEATS + 1)
+                    left -= 1
+                    following, reward, end, truncated, _ = env.step(first + action)
+                    rows.append((state, action, following, reward, end))
+                    state, ended = following, end or truncated
+        return Transitions(*map(np.array, zip(*rows, strict=True)))
 
     def _rewarded(self, state: Floats) -> tuple[int, Floats, float, bool]:
         """Take the action with the highest reward on the SE."""

@@ -49,7 +49,7 @@ from numpy.typing import NDArray
 from bilevel.errors import InvalidInput
 from bilevel.evolution import Genotype
 from bilevel.hyperparameters import SEHyperparameters
-from bilevel.synthetic_env.architecture import Architecture, Psi
+from bilevel.synthetic_env.architecture import NETWORKS, Architecture, Psi
 from bilevel.tasks import ObservationScale
 
 #: Magnitude of x's components at which tanh saturates.
@@ -76,6 +76,10 @@ SATURATED = 20.0
 MIN_ANGLE = math.radians(20)
 
 
+#: Tensors of a network, in the order of `_Layers`.
+_LAYER_TENSORS = ("0.weight", "0.bias", "1.weight", "1.bias")
+
+
 def smallest_hidden_size(state_size: int, n_actions: int) -> int:
     """Return the smallest hidden size: two units for each action and for each observation."""
     return 2 * max(n_actions, state_size)
@@ -97,15 +101,12 @@ class ExogenousFamily:
     ) -> Self:
         """Return the family. Raises InvalidInput for networks that cannot hold it."""
         if (architecture.hidden_layers, architecture.activation) != (1, "tanh"):
-            raise InvalidInput(
-                "se.family 'exogenous' needs se.hidden_layers 1 and se.activation tanh; got "
-                f"{architecture.hidden_layers} and {architecture.activation}"
-            )
+            raise InvalidInput("se.family 'exogenous' needs se.hidden_layers 1, se.activation tanh")
         smallest = smallest_hidden_size(architecture.state_size, architecture.n_actions)
         if architecture.hidden_size < smallest:
             raise InvalidInput(
-                f"se.family 'exogenous' needs se.hidden_size of at least {smallest}, two units for "
-                f"each action and observation; got {architecture.hidden_size}"
+                f"se.family 'exogenous' needs se.hidden_size of at least {smallest}; "
+                f"got {architecture.hidden_size}"
             )
         return cls(architecture, scale, hp.spread)
 
@@ -117,9 +118,8 @@ class ExogenousFamily:
     @cached_property
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the parts of a genotype, in order."""
-        arch = self.architecture
-        states, n_actions, units = arch.state_size, arch.n_actions, arch.hidden_size
-        bends = self._bends
+        states, n_actions = self.architecture.state_size, self.architecture.n_actions
+        units, bends = self.architecture.hidden_size, self._bends
         return {
             "W": (units, states),
             "b": (units,),
@@ -161,11 +161,10 @@ class ExogenousFamily:
         """Write a genotype (D,) into three plain MLPs."""
         psi = np.zeros(self.architecture.parameter_count, np.float32)
         parts = self.parts(genotype)
+        tensors = self.architecture.tensors(psi)
         next_state, reward, done = (
-            _Layers.of(self.architecture, part, outputs)
-            for part, outputs in zip(
-                self.architecture.split(psi), (self.architecture.state_size, 1, 1), strict=True
-            )
+            _Layers(*(tensors[f"{name}.{tensor}"] for tensor in _LAYER_TENSORS))
+            for name in NETWORKS
         )
         self._write_next_state(next_state, parts)
         self._write_reward(reward, parts)
@@ -259,11 +258,3 @@ class _Layers:
     biases: Genotype  # (H,)
     output_weights: Genotype  # (O, H)
     output_biases: Genotype  # (O,)
-
-    @classmethod
-    def of(cls, architecture: Architecture, part: Psi, outputs: int) -> "_Layers":
-        units = architecture.hidden_size
-        inputs = architecture.n_actions + architecture.state_size
-        sizes = (units * inputs, units, outputs * units, outputs)
-        w, b, v, o = np.split(part, np.cumsum(sizes)[:-1])
-        return cls(w.reshape(units, inputs), b, v.reshape(outputs, units), o)
