@@ -36,7 +36,7 @@ def onnx_model(se: StoredSE) -> "onnx.ModelProto":
     import onnx
     from onnx import TensorProto, helper, numpy_helper
 
-    states = ["n", se.architecture.state_size]
+    states: list[str | int | None] = ["n", se.architecture.state_size]
     values = [
         helper.make_tensor_value_info("state", TensorProto.FLOAT, states),
         helper.make_tensor_value_info("action", TensorProto.INT64, ["n"]),
@@ -80,13 +80,14 @@ def _graph(se: StoredSE) -> tuple[list["onnx.NodeProto"], dict[str, NDArray[Any]
     ]
     # A ReLU is a LeakyReLU with slope 0.
     tanh = arch.activation == "tanh"
-    active, slope = ("Tanh", {}) if tanh else ("LeakyRelu", {"alpha": arch.slope})
+    slope: dict[str, Any] = {} if tanh else {"alpha": arch.slope}
     for name in NETWORKS:
         value = "inputs"
         for layer in range(arch.hidden_layers + 1):
             if layer:
-                nodes.append(helper.make_node(active, [value], [f"{value}.active"], **slope))
-                value = f"{value}.active"
+                given, value = value, f"{value}.active"
+                kind = "Tanh" if tanh else "LeakyRelu"
+                nodes.append(helper.make_node(kind, [given], [value], **slope))
             inputs = [value, f"{name}.{layer}.weight", f"{name}.{layer}.bias"]
             value = f"{name}.{layer}.linear"
             nodes.append(helper.make_node("Gemm", inputs, [value], transB=1))

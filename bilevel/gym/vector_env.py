@@ -1,6 +1,5 @@
 """Copies of an SE as a gymnasium vector environment."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,8 @@ from bilevel.errors import InvalidInput
 from bilevel.gym.env import SyntheticEnv
 from bilevel.kernels.synthetic_env import DONE, step_all, work_space
 
+_Floats = NDArray[np.float32]
+
 
 class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     """N copies of an SE whose steps run in one compiled loop.
@@ -24,10 +25,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     of an episode resets the copy. Raises InvalidInput as SyntheticEnv does.
     """
 
-    metadata = {  # noqa: RUF012
-        "render_modes": [],
-        "autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP,
-    }
+    metadata = {"autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self, path: str | Path | None = None, num_envs: int = 1, render_mode: str | None = None
@@ -42,16 +40,13 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(single.action_space, num_envs)
         self._rngs = [np.random.default_rng() for _ in range(num_envs)]
         self._work = work_space(single.kernel)
-        self._states: NDArray[np.float32] | None = None  # (N, S)
+        self._states: _Floats | None = None  # (N, S)
         self._steps = np.zeros(num_envs, np.int64)
         self._ended = np.zeros(num_envs, bool)
 
     def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
+    ) -> tuple[_Floats, dict[str, Any]]:
         """Start an episode in all copies and return initial observations (N, S) and info.
 
         With a single seed, copy i uses seed + i. Raises ValueError if the number of seeds is not N.
@@ -70,15 +65,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._ended[:] = False
         return self._states.copy(), {}
 
-    def step(
-        self, actions: Any
-    ) -> tuple[
-        NDArray[np.float32],
-        NDArray[np.float64],
-        NDArray[np.bool_],
-        NDArray[np.bool_],
-        dict[str, Any],
-    ]:
+    def step(self, actions: Any) -> tuple[_Floats, Any, Any, Any, dict[str, Any]]:
         """Take one step in every copy, with actions (N,).
 
         Returns observations (N, S), rewards (N,), terminated (N,), truncated (N,) and info. Raises

@@ -80,6 +80,12 @@ class AgentHyperparameters:
         minibatch's forward pass. The default suits agents without a compiled kernel."""
         return 1e7
 
+    def core_seconds(self, train_steps: int, real_env_steps: int) -> float:
+        """Estimate the core seconds of training and tests, equal on every machine: all passes of a
+        training step cost a multiple of `step_cost`. The constants are those of a fast core that
+        trains DDQN (docs/speed.md)."""
+        return train_steps * (1.2e-5 + 1e-10 * self.step_cost) + 1e-6 * real_env_steps
+
 
 def keep_hyperparameters(cls: type[AgentHyperparameters]) -> None:
     """Register a class under its agent's name."""
@@ -151,12 +157,7 @@ class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
 
     dueling: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
-        if self.hidden_size < 2:
-            raise InvalidInput(
-                "dueling-ddqn.hidden_size must be at least 2, one unit per stream; "
-                f"got {self.hidden_size}"
-            )
+    hidden_size: Annotated[int, Field(ge=2, le=4096)] = 128  #: One or more units per stream.
 
     @property
     def step_cost(self) -> float:

@@ -2,7 +2,6 @@
 
 import operator
 import warnings
-from contextlib import suppress
 from typing import Any
 
 import gymnasium
@@ -69,11 +68,6 @@ class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.flo
             state, reward, terminated, truncated, info = self.env.step(action)
             number = float(reward)
             return self._checked(state, number), number, bool(terminated), bool(truncated), info
-
-    def close(self) -> None:
-        """See gymnasium. Errors are ignored: most follow from an earlier error, which is raised."""
-        with suppress(Exception, SystemExit):
-            self.env.close()
 
     def _checked(self, state: Any, reward: float) -> NDArray[np.float32]:
         # A copy: a task may write its next observation into the same array.

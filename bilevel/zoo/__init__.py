@@ -44,11 +44,6 @@ class Card:
     sha256: str  # of the SE file
     taught: tuple[Taught, ...]
 
-    @property
-    def env_id(self) -> str:
-        """Id of the environment in gymnasium."""
-        return env_id(self.name)
-
 
 @dataclass(frozen=True)
 class Entry:
@@ -60,11 +55,10 @@ class Entry:
     recipe: str = "default"
 
 
+_ENTRIES = (Entry("CartPole-v0", "CartPole-v0", 441), Entry("Acrobot-v1", "Acrobot-v1", 473))
+
 #: All SEs of the zoo by name.
-ENTRIES = {
-    entry.name: entry
-    for entry in (Entry("CartPole-v0", "CartPole-v0", 441), Entry("Acrobot-v1", "Acrobot-v1", 473))
-}
+ENTRIES = {entry.name: entry for entry in _ENTRIES}
 
 
 def label(name: str) -> str:

@@ -125,7 +125,8 @@ class Portrait:
                 state, ended = env.reset(seed=int(rng.integers(2**31)))[0], False
                 while not ended and len(rows) < RANDOM_STEPS:
                     if not left:
-                        action, left = rng.integers(task.n_actions), rng.integers(1, REPEATS + 1)
+                        action = int(rng.integers(task.n_actions))
+                        left = int(rng.integers(1, REPEATS + 1))
                     left -= 1
                     following, reward, end, truncated, _ = env.step(first + action)
                     rows.append((state, action, following, reward, end))

@@ -11,8 +11,7 @@ import onnx.reference
 import pytest
 import torch
 
-from bilevel.interop.onnx import onnx_model
-from bilevel.interop.torch_program import torch_program
+from bilevel.interop import onnx_model, torch_program
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import get_task

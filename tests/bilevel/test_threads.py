@@ -1,3 +1,5 @@
+"""Limits of BLAS and torch to one thread."""
+
 from threading import Barrier, Thread
 
 import torch
@@ -11,7 +13,7 @@ def of_blas() -> set[int]:
     return {library["num_threads"] for library in libraries}
 
 
-def test_limits_that_overlap_are_lifted_by_the_last() -> None:
+def test_the_last_of_overlapping_limits_is_removed() -> None:
     """Evaluations on threads begin and end in any order."""
     inside, first_left = Barrier(2), Barrier(2)
     seen: list[set[int]] = []
@@ -40,7 +42,7 @@ def test_limits_that_overlap_are_lifted_by_the_last() -> None:
 def test_torch_gets_its_threads_back() -> None:
     torch.set_num_threads(2)
     try:
-        with one_torch_thread(), one_torch_thread():
+        with one_torch_thread():
             assert torch.get_num_threads() == 1
         assert torch.get_num_threads() == 2
     finally:

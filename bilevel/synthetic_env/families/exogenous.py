@@ -1,8 +1,7 @@
 """The exogenous family: next states ignore the action, and rewards compare actions.
 
-The family is designed by hand around two observations about random plain SEs (docs/nes.md). Their
-reward prefers the same action nearly everywhere, and their states stay close to one point, so that
-agents learn nothing and all scores are noise. In this family
+The family is designed by hand (docs/nes.md): random plain SEs prefer the same action nearly
+everywhere, and their states stay close to one point, so that agents learn nothing. In this family
 
     x   = (s - m) / c                                     m, c: mean and scale of observations
     s'  = m + c * (f Q W^+ tanh(W x + b) + v)             the same for all actions
@@ -12,19 +11,15 @@ agents learn nothing and all scores are noise. In this family
     done  exceeds its threshold where a component of x leaves +-E
 
 Rewards whose mean over actions is zero in all states only rank actions, and no action is preferred
-at the mean observation. An untrained agent, and one that repeats a single action, then earn about
-nothing. Relative differences between such returns are large, so the stopping rule ends training
-only once there is something to lose.
-
-Because states do not depend on actions, the action of the highest reward is optimal for every
-discount. Such SEs are contextual bandits. Liesen et al. (2024, "Discovering Minimal Reinforcement
-Learning Environments") found that freely learned SEs often become contextual bandits, too.
+at the mean observation. An untrained agent then earns about nothing, so the stopping rule ends
+training only once there is something to lose. The action of the highest reward is optimal for every
+discount: such SEs are contextual bandits, as many freely learned SEs are (Liesen et al., 2024,
+"Discovering Minimal Reinforcement Learning Environments").
 
 Q rotates x in S // 2 planes, each by a different angle that is not small. If S is odd, the last
-component changes its sign. Half of all orthogonal matrices would reflect, and a component of x that
-keeps its sign during an episode shows the agent only one side of the reward. Episodes that end at
-the border of the usual observations keep returns small, and so the errors of bootstrapped values.
-m and c are measured under random actions (`Task.observation_scale`).
+component changes its sign: a component that keeps its sign shows the agent only one side of the
+reward. Episodes that end at the border of the usual observations keep returns small, and so the
+errors of bootstrapped values. m and c are measured under random actions (`Task.observation_scale`).
 
 symbol     shape            meaning
 --------   --------------   ----------------------------------------------------------
@@ -57,22 +52,20 @@ RANGE = 3.0
 #: Half-width of a random SE's box in units of c, and the steepness of done at its sides.
 EDGE, SIDES = 2.0, 2.0
 #: Scale of the reward's linear and nonlinear part, and the steepness of the nonlinear part's units.
-#: The linear part is larger and has few parameters, so NES finds it quickly, and agents interpolate
-#: nearly linear rewards well.
+#: The linear part is larger: it has few parameters, and agents interpolate it well.
 LINEAR, BEND, STEEPNESS = 1.0, 0.5, 1.5
 #: Factor that scales the input of a tanh unit so that the unit is nearly linear.
 NEARLY = 0.02
 #: Scale of biases.
 BIAS = 0.3
 #: Genes of the next state and the box are this much larger than the others, so that perturbations
-#: change them less. If all genes move alike, runs drift to episodes of a few steps, after which
-#: agents that learn slowly stop too early.
+#: change them less. If all genes move alike, runs drift to episodes of a few steps.
 INERTIA = 4.0
 #: A unit at this distance from zero is saturated: tanh(20) is 1 in float32. One-hot inputs times
 #: this value switch units on, which lets a plain MLP express a reward with one output per action.
 SATURATED = 20.0
 #: Minimum rotation of x per step, and minimum distance from half a turn. Each plane has its own
-#: part of the range in between, so that no two planes rotate alike.
+#: part of the range in between.
 MIN_ANGLE = math.radians(20)
 
 
@@ -91,8 +84,7 @@ class ExogenousFamily:
 
     architecture: Architecture
     scale: ObservationScale
-    #: Above 1, an episode leaves the narrow region in which the task's own episodes start. Far out,
-    #: tanh holds it back: some episodes leave the box, others last until the step limit.
+    #: Above 1, an episode leaves the narrow region in which the task's own episodes start.
     spread: float
 
     @classmethod

@@ -22,7 +22,7 @@ _SOLVED_FOR = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """Size of a search. Budgets are estimated core seconds of a configuration (`bilevel.cost`)."""
+    """Size of a search. Budgets are estimated core seconds of a configuration (`core_seconds`)."""
 
     recipe: str = "default"
     space: str = "core"

@@ -1,9 +1,8 @@
 """The scale of observations under random actions."""
 
 from dataclasses import replace
-from typing import Any
+from itertools import cycle
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -11,6 +10,7 @@ import bilevel.tasks.task
 from bilevel.kernels import dynamics
 from bilevel.tasks import Task, get_task
 from bilevel.tasks.task import SCALE_STEPS
+from tests.envs import CustomEnv, register_env
 
 
 def test_the_seed_determines_the_scale() -> None:
@@ -31,29 +31,13 @@ def test_every_state_with_an_action_counts_once(
 ) -> None:
     """Including the first state of an episode, without the last one."""
 
-    class Counting(gymnasium.Env[Any, Any]):
-        observation_space = gymnasium.spaces.Box(0, 9, (1,), np.float32)
-        action_space = gymnasium.spaces.Discrete(2)
-
-        def __init__(self, **_: Any) -> None:
-            self.age = 0
-
-        def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
-            super().reset(seed=seed)
-            self.age = 0
-            return np.array([0], np.float32), {}
-
-        def step(self, action: Any) -> Any:
-            self.age += 1
-            return np.array([self.age], np.float32), 0.0, self.age == 4, False, {}
-
-    spec = gymnasium.envs.registration.EnvSpec(
-        "test/Counting-v0", entry_point=Counting, reward_threshold=1.0, max_episode_steps=10
-    )
-    monkeypatch.setitem(gymnasium.registry, spec.id, spec)
-    scale = get_task(spec.id).observation_scale(0)
-    assert scale.mean == pytest.approx(np.mean([0, 1, 2, 3]))
-    assert scale.deviation == pytest.approx(np.std([0, 1, 2, 3]))
+    ages = cycle(range(5))
+    step = lambda: (np.full(2, age := next(ages)), 0.0, age == 4, False, {})  # noqa: E731
+    observe = lambda rng: np.full(2, next(ages))  # noqa: E731
+    name = register_env(monkeypatch, lambda **_: CustomEnv(observe, step))
+    scale = get_task(name).observation_scale(0)
+    assert scale.mean[0] == pytest.approx(np.mean([0, 1, 2, 3]))
+    assert scale.deviation[0] == pytest.approx(np.std([0, 1, 2, 3]))
 
 
 def test_a_compiled_task_is_simulated(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,15 +10,7 @@ from bilevel.errors import InvalidInput
 from bilevel.evolution import Genotype
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.recipes import load_recipe
-from bilevel.synthetic_env import (
-    SE,
-    Family,
-    StoredSE,
-    family_of,
-    load_se,
-    save_se,
-    smallest_hidden_size,
-)
+from bilevel.synthetic_env import SE, Family, StoredSE, family_of, smallest_hidden_size
 from bilevel.synthetic_env.families.exogenous import ExogenousFamily
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import get_task
@@ -156,16 +148,6 @@ def test_episodes_end_outside_the_box_of_usual_observations(task_id: str) -> Non
             _, _, dones = answers(task_id, se, states)
             assert (dones[0] < 0.5).all()
             assert (dones[1] > 0.5).all()
-
-
-def test_the_file_is_a_plain_se(tmp_path_factory: pytest.TempPathFactory) -> None:
-    task, path = get_task("CartPole-v0"), tmp_path_factory.mktemp("se") / "se.safetensors"
-    se = moved(task.id)
-    save_se(StoredSE(se, task.id, task.step_limit, task.solved_reward), path)
-    loaded = load_se(path)
-    assert loaded.architecture == se.architecture
-    np.testing.assert_array_equal(loaded.psi, se.psi)
-    assert loaded.architecture.step_limit == load_recipe("default", task.id).se.step_limit
 
 
 def test_plain_genotypes_are_psi() -> None:
