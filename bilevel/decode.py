@@ -14,9 +14,6 @@ _T = TypeVar("_T")
 
 _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
 
-#: Maximum number of characters of an invalid value in a message.
-_SHOWN = 80
-
 
 def decode(kind: type[_T], value: Any, what: str) -> _T:
     """Decode a value, as the json module returns it, as `kind`.
@@ -67,10 +64,8 @@ def reason(error: ValidationError, section: str = "") -> str:
         case "json_invalid":
             message = first["msg"]
         case _:
-            given = repr(first["input"])
-            given = given if len(given) <= _SHOWN else f"{given[:_SHOWN]}..."
             rule = first["msg"].replace("Input should", "must")
-            message = f"{place + ': ' if place else ''}{rule}; got {given}"
+            message = f"{place + ': ' if place else ''}{rule}; got {first['input']!r:.80}"
     return " ".join(message.split())
 
 

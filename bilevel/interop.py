@@ -5,7 +5,6 @@ outputs  next_state (n, S), reward (n,), done (n,); an episode ends at done > 0.
 """
 
 import json
-from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +13,7 @@ from numpy.typing import NDArray
 from torch.export import Dim, ExportedProgram, export
 
 from bilevel.synthetic_env import NETWORKS, StoredSE
+from bilevel.synthetic_env.storage import header_of
 from bilevel.synthetic_env.torch_module import SEModule
 
 if TYPE_CHECKING:
@@ -31,8 +31,7 @@ def torch_program(se: StoredSE) -> ExportedProgram:
 
 
 def onnx_model(se: StoredSE) -> "onnx.ModelProto":
-    """Export an SE as an ONNX model. Its metadata `se` is a JSON mapping with task, architecture
-    and info, as in the header of an SE file."""
+    """Export an SE as an ONNX model, with the header of the SE's file as its metadata `se`."""
     import onnx
     from onnx import TensorProto, helper, numpy_helper
 
@@ -49,14 +48,7 @@ def onnx_model(se: StoredSE) -> "onnx.ModelProto":
     graph = helper.make_graph(nodes, "synthetic_environment", values[:2], values[2:], tensors)
     operators = [helper.make_opsetid("", _OPERATORS)]
     model = helper.make_model(graph, opset_imports=operators, ir_version=_FORMAT)
-    metadata = {
-        "task": se.task_id,
-        "step_limit": se.step_limit,
-        "solved_reward": se.solved_reward,
-        "architecture": asdict(se.architecture),
-        "info": dict(se.info),
-    }
-    helper.set_model_props(model, {"se": json.dumps(metadata)})
+    helper.set_model_props(model, {"se": json.dumps(header_of(se))})
     onnx.checker.check_model(model, full_check=True)
     return model
 

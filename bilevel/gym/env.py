@@ -8,7 +8,7 @@ import numpy as np
 from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
-from bilevel.errors import InvalidInput, unknown_value
+from bilevel.errors import InvalidInput
 from bilevel.kernels.synthetic_env import DONE, step, work_space
 from bilevel.synthetic_env.source import load
 from bilevel.tasks import checked_action
@@ -46,10 +46,8 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
             raise InvalidInput("path is missing: a file, a name of the zoo or an MLflow address")
         self.se = load(path)
         self._task = task = self.se.task()
-        if render_mode not in (None, *_MODES):
-            raise unknown_value("render mode", render_mode, _MODES)
-        if render_mode is not None and not task.compiled:
-            raise InvalidInput(f"SEs for {task.id} cannot be rendered")
+        if render_mode is not None and not (task.compiled and render_mode in _MODES):
+            raise InvalidInput(f"render mode {render_mode!r} is not available for {task.id}")
         self.n_actions = self.se.architecture.n_actions
         self.step_limit = self.se.architecture.step_limit
         self.kernel = self.se.se.kernel

@@ -27,17 +27,10 @@ ScoreTransform = Literal[
 ]
 SCORE_TRANSFORMS: tuple[str, ...] = get_args(ScoreTransform)
 
-#: Rank of equal scores in a transform: their mean rank, or the order of the members as in the
-#: authors' code.
-Ties = Literal["mean", "order"]
-
 #: How learning rate, batch size and network of each agent are drawn: not at all, from small sizes
 #: only, or from the paper's full ranges, with large networks narrowed or not.
 Variation = Literal["no", "small", "narrowed", "all"]
 VARIATIONS: tuple[str, ...] = get_args(Variation)
-
-#: What NES searches, and how a random SE is drawn (`bilevel.synthetic_env.families`).
-Family = Literal["plain", "exogenous"]
 
 #: Confirming agents for recipes that specify none because their runs never stop early.
 CONFIRMING_AGENTS = 128
@@ -55,8 +48,9 @@ class NESHyperparameters:
     mirrored_sampling: bool  #: Whether mean - eps is evaluated, too.
     #: Transform of the members' scores in the rules `paper` and `authors`.
     score_transform: ScoreTransform
-    #: Rank of equal scores in the transform: their mean rank, or the order of the members.
-    ties: Ties
+    #: Rank of equal scores in the transform: their mean rank, or the order of the members as in the
+    #: authors' code.
+    ties: Literal["mean", "order"]
     population_size: _Count  #: n_p, members per generation (without mirror images).
     generations: Annotated[int, Field(ge=1, le=1_000_000)]  #: n_o, the maximum.
     #: Whether all members of a generation share one agent and its random numbers (common random
@@ -91,7 +85,8 @@ class NESHyperparameters:
 class SEHyperparameters:
     """The three networks of a synthetic environment, and its step limit."""
 
-    family: Family  #: What NES searches (`bilevel.synthetic_env.families`).
+    #: What NES searches, and how a random SE is drawn (`bilevel.synthetic_env.families`).
+    family: Literal["plain", "exogenous"]
     hidden_layers: Annotated[int, Field(ge=1, le=2)]  #: Hidden layers of each network.
     hidden_size: Annotated[int, Field(ge=1, le=4096)]  #: Units per hidden layer.
     activation: Activation  #: Activation of the hidden layers.
@@ -127,13 +122,7 @@ class Hyperparameters:
 
     def to_dict(self) -> dict[str, Any]:
         """Return a nested dictionary of plain values, for JSON."""
-        return {
-            "nes": asdict(self.nes),
-            "se": asdict(self.se),
-            "agents": {hp.agent: asdict(hp) for hp in self.agents},
-            "vary_agent": self.vary_agent,
-            "recipe": self.recipe,
-        }
+        return {**asdict(self), "agents": {hp.agent: asdict(hp) for hp in self.agents}}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,12 +1,11 @@
 """Frozen dataclasses whose fields pydantic validates on construction."""
 
 from collections.abc import Callable
-from functools import cache, wraps
+from functools import wraps
 from typing import Any, TypeVar, cast, dataclass_transform
 
 from pydantic import ConfigDict, Field, ValidationError
 from pydantic.dataclasses import dataclass
-from pydantic.fields import FieldInfo
 
 from bilevel.decode import reason
 from bilevel.errors import InvalidInput
@@ -42,13 +41,6 @@ def hyperparameters(cls: type[_T]) -> type[_T]:
 
 def within_range(cls: type, name: str, value: _Number) -> _Number:
     """Clip a value to the range (`ge`, `le`) of that field of a class."""
-    low, high = _range(cls, name)
-    value = value if low is None else max(value, low)
-    return value if high is None else min(value, high)
-
-
-@cache  # NES draws agents by the thousand
-def _range(cls: type, name: str) -> tuple[Any, Any]:
-    field: FieldInfo = cls.__pydantic_fields__[name]  # type: ignore[attr-defined]
-    low = next((rule.ge for rule in field.metadata if hasattr(rule, "ge")), None)
-    return low, next((rule.le for rule in field.metadata if hasattr(rule, "le")), None)
+    for rule in cls.__pydantic_fields__[name].metadata:  # type: ignore[attr-defined]
+        value = min(max(value, getattr(rule, "ge", value)), getattr(rule, "le", value))
+    return value

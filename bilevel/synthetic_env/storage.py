@@ -92,6 +92,22 @@ def _reading(architecture: Architecture) -> dict[str, Any]:
     }
 
 
+def header_of(se: StoredSE) -> dict[str, Any]:
+    """Return the header of an SE's file, without its checksum. Raises InvalidInput."""
+    header = {
+        "format": "bilevel-synthetic-environment",
+        "version": 1,
+        "task": se.task_id,
+        "step_limit": se.step_limit,
+        "solved_reward": se.solved_reward,
+        "architecture": asdict(se.architecture),
+        "reading": _reading(se.architecture),
+        "info": dict(se.info),
+    }
+    _checked(header)
+    return header
+
+
 def save_se(se: StoredSE, path: Path | str) -> None:
     """Write an SE to a `.safetensors` file, atomically; an existing file is replaced.
 
@@ -104,17 +120,7 @@ def save_se(se: StoredSE, path: Path | str) -> None:
 def se_bytes(se: StoredSE) -> bytes:
     """Return the content of an SE file; equal SEs give equal bytes. Raises InvalidInput."""
     require(StoredSE, se, "an SE", "as `learn` and `load` return it")
-    header: dict[str, Any] = {
-        "format": "bilevel-synthetic-environment",
-        "version": 1,
-        "task": se.task_id,
-        "step_limit": se.step_limit,
-        "solved_reward": se.solved_reward,
-        "architecture": asdict(se.architecture),
-        "reading": _reading(se.architecture),
-        "info": dict(se.info),
-    }
-    _checked(header)
+    header = header_of(se)
     if not se.se.finite:
         raise InvalidInput("psi has values that are not finite")
     header["sha256"] = _checksum(header, se.psi)

@@ -23,8 +23,7 @@ def make_env(
     kwargs: dict[str, Any] = {} if render_mode is None else {"render_mode": render_mode}
     with warnings.catch_warnings():
         # The paper's CartPole-v0 is not the latest version.
-        for category in (DeprecationWarning, UserWarning):
-            warnings.filterwarnings("ignore", ".*(out of date|latest versioned)", category)
+        warnings.filterwarnings("ignore", ".*(out of date|latest versioned)")
         # The environment checker repeats its warnings for every environment.
         return gymnasium.make(task_id, step_limit, disable_env_checker=True, **kwargs)
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from bilevel.kernels import dynamics
 from bilevel.tasks.adapter import CheckedEnv, RealEnv, make_env
-from bilevel.tasks.compiled import COMPILED, Labels
+from bilevel.tasks.compiled import SIMULATORS, Labels
 from bilevel.user_code import digest_of
 
 #: Maximum number of initial states drawn from an environment that gymnasium runs; training episodes
@@ -80,7 +80,7 @@ class Task:
     def labels(self) -> Labels:
         """Names of observations and actions; tasks without compiled dynamics have numbers."""
         if self.compiled:
-            return COMPILED[self.dynamics].labels
+            return SIMULATORS[self.dynamics].labels
         observations = tuple(f"observation {i}" for i in range(self.state_size))
         actions = tuple(f"action {i}" for i in range(self.n_actions))
         return Labels(observations, actions, axes=(0, min(1, self.state_size - 1)))
@@ -105,7 +105,7 @@ class Task:
         simulator of a compiled task, else at most `GYMNASIUM_INITIAL_STATES` observations after
         resets of `env` (by default of a new environment)."""
         if self.compiled:
-            return COMPILED[self.dynamics].initial_physics(rng, n)
+            return SIMULATORS[self.dynamics].initial_physics(rng, n)
         seed = int(rng.integers(2**31))
         with closing(self.make()) if env is None else nullcontext(env) as env:
             states = [env.reset(seed=seed)[0]]
@@ -120,7 +120,7 @@ class Task:
 
     def physics(self, state: NDArray[np.float32]) -> NDArray[np.float64]:
         """Return the state (p,) of a compiled task's simulator at an observation (S,)."""
-        return COMPILED[self.dynamics].physics(state)
+        return SIMULATORS[self.dynamics].physics(state)
 
     @property
     def unit_scale(self) -> ObservationScale:
@@ -157,7 +157,5 @@ class Task:
 
 @cache
 def _code_digest(task_id: str) -> str | None:
-    spec = gymnasium.spec(task_id.rpartition(":")[2])  # the module before it is imported
-    entries = [spec.entry_point, *(wrapper.entry_point for wrapper in spec.additional_wrappers)]
-    code = [load_env_creator(entry) if isinstance(entry, str) else entry for entry in entries]
-    return digest_of("gymnasium", *code)
+    entry = gymnasium.spec(task_id.rpartition(":")[2]).entry_point  # its module is imported
+    return digest_of("gymnasium", load_env_creator(entry) if isinstance(entry, str) else entry)

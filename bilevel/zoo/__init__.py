@@ -61,14 +61,9 @@ _ENTRIES = (Entry("CartPole-v0", "CartPole-v0", 441), Entry("Acrobot-v1", "Acrob
 ENTRIES = {entry.name: entry for entry in _ENTRIES}
 
 
-def label(name: str) -> str:
-    """Return the label of an SE of the zoo, which differs from its task's name."""
-    return f"Synthetic-{name}"
-
-
 def env_id(name: str) -> str:
     """Return the gymnasium id of an SE of the zoo."""
-    return f"bilevel/{label(name)}"
+    return f"bilevel/Synthetic-{name}"
 
 
 def get_entry(name: str) -> Entry:

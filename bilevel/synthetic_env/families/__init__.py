@@ -17,13 +17,13 @@ from typing import Protocol
 
 import numpy as np
 
-from bilevel.evolution import Genotype
+from bilevel.evolution import Genotype, SearchDistribution
 from bilevel.hyperparameters import SEHyperparameters
-from bilevel.synthetic_env.architecture import Architecture, Psi
+from bilevel.synthetic_env.architecture import SE, Architecture, Psi
 from bilevel.synthetic_env.families.exogenous import ExogenousFamily, smallest_hidden_size
 from bilevel.tasks import ObservationScale, Task
 
-__all__ = ["Family", "family_of", "smallest_hidden_size"]
+__all__ = ["Family", "SEDistribution", "family_of", "smallest_hidden_size"]
 
 
 class Family(Protocol):
@@ -74,3 +74,28 @@ def family_of(task: Task, hp: SEHyperparameters, scale: ObservationScale) -> Fam
     """Return the family `hp.family` for a task whose observations have this scale. Raises
     InvalidInput for networks that cannot hold the family."""
     return _FAMILIES[hp.family](Architecture.of(task, hp), scale, hp)
+
+
+@dataclass(frozen=True)
+class SEDistribution:
+    """A family of SEs, and a search distribution over its genotypes."""
+
+    family: Family
+    search: SearchDistribution
+
+    @property
+    def centre(self) -> SE:
+        """The unperturbed SE, at the moving average of the means."""
+        return self.at(self.search.average)
+
+    def at(self, genotype: Genotype) -> SE:
+        """Return the SE of a genotype (D,)."""
+        return SE(self.family.architecture, self.family.psi(genotype))
+
+    def perturbed(self, seed: int, sign: int) -> SE:
+        """Return the SE at mean + sign * eps, with eps drawn from `seed`."""
+        return self.at(self.search.sample(seed, sign))
+
+    def random(self, seed: int) -> SE:
+        """Return a random SE of the family."""
+        return self.at(self.family.initialize(np.random.default_rng(seed)))

@@ -44,7 +44,7 @@ from numpy.typing import NDArray
 from bilevel.errors import InvalidInput
 from bilevel.evolution import Genotype
 from bilevel.hyperparameters import SEHyperparameters
-from bilevel.synthetic_env.architecture import NETWORKS, Architecture, Psi
+from bilevel.synthetic_env.architecture import Architecture, Psi
 from bilevel.tasks import ObservationScale
 
 #: Magnitude of x's components at which tanh saturates.
@@ -69,8 +69,7 @@ SATURATED = 20.0
 MIN_ANGLE = math.radians(20)
 
 
-#: Tensors of a network, in the order of `_Layers`.
-_LAYER_TENSORS = ("0.weight", "0.bias", "1.weight", "1.bias")
+_Tensors = dict[str, Genotype]
 
 
 def smallest_hidden_size(state_size: int, n_actions: int) -> int:
@@ -130,7 +129,7 @@ class ExogenousFamily:
         """D."""
         return sum(math.prod(shape) for shape in self._shapes.values())
 
-    def parts(self, genotype: Genotype) -> dict[str, Genotype]:
+    def parts(self, genotype: Genotype) -> _Tensors:
         """Return views of a genotype (D,) by name."""
         views, start = {}, 0
         for name, shape in self._shapes.items():
@@ -152,37 +151,33 @@ class ExogenousFamily:
     def psi(self, genotype: Genotype) -> Psi:
         """Write a genotype (D,) into three plain MLPs."""
         psi = np.zeros(self.architecture.parameter_count, np.float32)
-        parts = self.parts(genotype)
-        tensors = self.architecture.tensors(psi)
-        next_state, reward, done = (
-            _Layers(*(tensors[f"{name}.{tensor}"] for tensor in _LAYER_TENSORS))
-            for name in NETWORKS
-        )
-        self._write_next_state(next_state, parts)
-        self._write_reward(reward, parts)
-        self._write_done(done, parts)
+        tensors, parts = self.architecture.tensors(psi), self.parts(genotype)
+        self._write_next_state(tensors, parts)
+        self._write_reward(tensors, parts)
+        self._write_done(tensors, parts)
         return psi
 
     def _read_states(
-        self, layers: "_Layers", rows: slice, weights: Genotype, bias: Genotype | float
+        self, tensors: _Tensors, net: str, rows: slice, weights: Genotype, bias: Genotype | float
     ) -> None:
-        """Let these units compute weights @ x + bias of the scaled state x."""
-        n_actions = self.architecture.n_actions
+        """Let these units of a network compute weights @ x + bias of the scaled state x."""
         raw = weights / self.scale.deviation
-        layers.weights[rows, n_actions:] = raw
-        layers.biases[rows] = bias - raw @ self.scale.mean
+        tensors[f"{net}.0.weight"][rows, self.architecture.n_actions :] = raw
+        tensors[f"{net}.0.bias"][rows] = bias - raw @ self.scale.mean
 
-    def _write_next_state(self, layers: "_Layers", parts: dict[str, Genotype]) -> None:
+    def _write_next_state(self, tensors: _Tensors, parts: _Tensors) -> None:
         """Map x to about spread Q x near the mean observation."""
         weights = parts["W"].astype(np.float64) / (RANGE * INERTIA * math.sqrt(parts["v"].size))
         out = self.spread * _rotation(parts["B"], parts["phi"] / INERTIA) @ np.linalg.pinv(weights)
         units = slice(len(weights))
-        self._read_states(layers, units, weights.astype(np.float32), BIAS / INERTIA * parts["b"])
-        deviation = self.scale.deviation
-        layers.output_weights[...] = out * deviation[:, None]
-        layers.output_biases[...] = self.scale.mean + BIAS / INERTIA * parts["v"] * deviation
+        biases, deviation = BIAS / INERTIA * parts["b"], self.scale.deviation
+        self._read_states(tensors, "next_state", units, weights.astype(np.float32), biases)
+        tensors["next_state.1.weight"][...] = out * deviation[:, None]
+        tensors["next_state.1.bias"][...] = (
+            self.scale.mean + BIAS / INERTIA * parts["v"] * deviation
+        )
 
-    def _write_reward(self, layers: "_Layers", parts: dict[str, Genotype]) -> None:
+    def _write_reward(self, tensors: _Tensors, parts: _Tensors) -> None:
         """Use one block of units per action, which its one-hot input switches on.
 
         The first unit of a block is nearly linear. A unit that is off outputs -1.
@@ -197,21 +192,23 @@ class ExogenousFamily:
         at_mean = preference @ np.tanh(biases)  # (A,)
         total = preference.sum()
         n_actions, units = len(preference), bends + 1
+        switches, output = tensors["reward.0.weight"], tensors["reward.1.weight"][0]
         for action in range(n_actions):
             line = action * units
             block, bent = slice(line, line + units), slice(line + 1, line + units)
-            self._read_states(layers, slice(line, line + 1), NEARLY * linear[[action]], -SATURATED)
-            self._read_states(layers, bent, weights, biases - SATURATED)
-            layers.weights[block, action] = SATURATED
-            layers.output_weights[0, line] = 1 / NEARLY
-            layers.output_weights[0, bent] = preference[action]
+            first, slope = slice(line, line + 1), NEARLY * linear[[action]]
+            self._read_states(tensors, "reward", first, slope, -SATURATED)
+            self._read_states(tensors, "reward", bent, weights, biases - SATURATED)
+            switches[block, action] = SATURATED
+            output[line] = 1 / NEARLY
+            output[bent] = preference[action]
             # Cancels the output of the blocks that are off, and the reward at the mean.
             unit = n_actions * units + action
-            layers.weights[unit, action] = SATURATED
+            switches[unit, action] = SATURATED
             others = total - preference[action].sum() + (n_actions - 1) / NEARLY
-            layers.output_weights[0, unit] = others - at_mean[action]
+            output[unit] = others - at_mean[action]
 
-    def _write_done(self, layers: "_Layers", parts: dict[str, Genotype]) -> None:
+    def _write_done(self, tensors: _Tensors, parts: _Tensors) -> None:
         """Use two units per component of x, one for each side of the box.
 
         Each contributes 0 inside the box, 1/2 at its side and 1 outside.
@@ -222,9 +219,10 @@ class ExogenousFamily:
             steep[0, component] = SIDES
             for side, sign in enumerate((np.float32(1), np.float32(-1))):
                 unit = 2 * component + side
-                self._read_states(layers, slice(unit, unit + 1), sign * steep, -SIDES * edge)
-                layers.output_weights[0, unit] = 0.5
-        layers.output_biases[...] = 0.5 * 2 * edges.size
+                rows = slice(unit, unit + 1)
+                self._read_states(tensors, "done", rows, sign * steep, -SIDES * edge)
+                tensors["done.1.weight"][0, unit] = 0.5
+        tensors["done.1.bias"][...] = 0.5 * 2 * edges.size
 
 
 def _rotation(basis: Genotype, angles: Genotype) -> NDArray[np.float64]:
@@ -240,13 +238,3 @@ def _rotation(basis: Genotype, angles: Genotype) -> NDArray[np.float64]:
         turned[both, both] = [[cosine, -sine], [sine, cosine]]
     rotation: NDArray[np.float64] = orthogonal.T @ turned @ orthogonal
     return rotation
-
-
-@dataclass(frozen=True)
-class _Layers:
-    """Views of the parameters of a network with one hidden layer of H units."""
-
-    weights: Genotype  # (H, A + S)
-    biases: Genotype  # (H,)
-    output_weights: Genotype  # (O, H)
-    output_biases: Genotype  # (O,)

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from itertools import cycle
+from typing import Any
 
 import numpy as np
 import pytest
@@ -32,9 +33,13 @@ def test_every_state_with_an_action_counts_once(
     """Including the first state of an episode, without the last one."""
 
     ages = cycle(range(5))
-    step = lambda: (np.full(2, age := next(ages)), 0.0, age == 4, False, {})  # noqa: E731
-    observe = lambda rng: np.full(2, next(ages))  # noqa: E731
-    name = register_env(monkeypatch, lambda **_: CustomEnv(observe, step))
+
+    def step() -> Any:
+        age = next(ages)
+        return np.full(2, age), 0.0, age == 4, False, {}
+
+    env = lambda **_: CustomEnv(lambda _: np.full(2, next(ages)), step)  # noqa: E731
+    name = register_env(monkeypatch, env)
     scale = get_task(name).observation_scale(0)
     assert scale.mean[0] == pytest.approx(np.mean([0, 1, 2, 3]))
     assert scale.deviation[0] == pytest.approx(np.std([0, 1, 2, 3]))
