@@ -24,7 +24,6 @@ _Noise = Annotated[float, Field(ge=0.0, le=10.0)]
 _REGISTRY: dict[str, type["AgentHyperparameters"]] = {}
 
 #: An agent's name is a section of recipes, which use some names for other things.
-_AGENT_NAME = re.compile(r"[A-Za-z0-9_-]+")
 _RESERVED = ("nes", "se", "agents", "vary_agent", "extends", "tasks")
 
 
@@ -51,7 +50,7 @@ class AgentHyperparameters:
         super().__init_subclass__(**kwargs)
         if not agent:
             return
-        if not _AGENT_NAME.fullmatch(agent) or agent in _RESERVED:
+        if not re.fullmatch("[A-Za-z0-9_-]+", agent) or agent in _RESERVED:
             raise InvalidInput(f"the agent name {agent!r} is not allowed")
         taken = _REGISTRY.get(agent, cls)
         # The same file may be loaded again.

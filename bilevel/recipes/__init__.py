@@ -3,9 +3,7 @@
 name        content
 ---------   ----------------------------------------------------------------------------------
 default     SEs from scores only, in minutes
-paper       the update as the paper prints it, with the paper's tables. Its division by n_p sigma
-            appears only in the paper's text, not in the authors' code for which they tuned the
-            step size, and scores are compared with agents trained on the unperturbed SE
+paper       the update as the paper prints it, with the paper's tables
 authors     the update rule, transforms and ties of the authors' code
 
 A recipe holds its differences from the recipe that it `extends`. `agents` and `vary_agent` select

@@ -55,10 +55,11 @@ class Entry:
     recipe: str = "default"
 
 
-_ENTRIES = (Entry("CartPole-v0", "CartPole-v0", 441), Entry("Acrobot-v1", "Acrobot-v1", 473))
-
 #: All SEs of the zoo by name.
-ENTRIES = {entry.name: entry for entry in _ENTRIES}
+ENTRIES = {
+    "CartPole-v0": Entry("CartPole-v0", "CartPole-v0", 441),
+    "Acrobot-v1": Entry("Acrobot-v1", "Acrobot-v1", 473),
+}
 
 
 def env_id(name: str) -> str:

@@ -131,12 +131,9 @@ class ExogenousFamily:
 
     def parts(self, genotype: Genotype) -> _Tensors:
         """Return views of a genotype (D,) by name."""
-        views, start = {}, 0
-        for name, shape in self._shapes.items():
-            end = start + math.prod(shape)
-            views[name] = genotype[start:end].reshape(shape)
-            start = end
-        return views
+        ends = np.cumsum([math.prod(shape) for shape in self._shapes.values()])
+        pairs = zip(self._shapes.items(), np.split(genotype, ends[:-1]), strict=True)
+        return {name: part.reshape(shape) for (name, shape), part in pairs}
 
     def initialize(self, rng: np.random.Generator) -> Genotype:
         """Draw standard normal genes, INERTIA times larger for the next state; biases are zero."""
@@ -214,14 +211,11 @@ class ExogenousFamily:
         Each contributes 0 inside the box, 1/2 at its side and 1 outside.
         """
         edges = np.float32(EDGE) * np.exp(BIAS / INERTIA * parts["e"])
-        for component, edge in enumerate(edges):
-            steep = np.zeros((1, edges.size), np.float32)
-            steep[0, component] = SIDES
-            for side, sign in enumerate((np.float32(1), np.float32(-1))):
-                unit = 2 * component + side
-                rows = slice(unit, unit + 1)
-                self._read_states(tensors, "done", rows, sign * steep, -SIDES * edge)
-                tensors["done.1.weight"][0, unit] = 0.5
+        sides = np.array([[SIDES], [-SIDES]], np.float32)
+        steep = np.kron(np.eye(edges.size, dtype=np.float32), sides)  # (2 S, S)
+        units = slice(len(steep))
+        self._read_states(tensors, "done", units, steep, -SIDES * np.repeat(edges, 2))
+        tensors["done.1.weight"][0, units] = 0.5
         tensors["done.1.bias"][...] = 0.5 * 2 * edges.size
 
 
