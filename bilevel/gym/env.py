@@ -32,11 +32,8 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         env = gymnasium.make("bilevel/SyntheticEnv-v0", path="best_se.safetensors")
         env = gymnasium.make("bilevel/SyntheticEnv-v0", path="models:/SE-CartPole-v0@best")
 
-    With the `render_mode` "human" or "rgb_array", the renderer of CartPole-v0 or Acrobot-v1 draws
-    the SE's states.
-
-    Raises InvalidInput if there is no SE at `path`, if gymnasium does not know its task, or if the
-    task cannot be rendered.
+    The `render_mode` "human" or "rgb_array" uses the renderer of CartPole-v0 or Acrobot-v1. Raises
+    InvalidInput if there is no SE at `path`, or if its task is unknown or cannot be rendered.
     """
 
     metadata: dict[str, Any] = {"render_modes": _MODES, "render_fps": 30}  # noqa: RUF012

@@ -53,7 +53,7 @@ class AgentHyperparameters:
         if not re.fullmatch("[A-Za-z0-9_-]+", agent) or agent in _RESERVED:
             raise InvalidInput(f"the agent name {agent!r} is not allowed")
         taken = _REGISTRY.get(agent, cls)
-        # The same file may be loaded again.
+        # Loading a file again is allowed.
         if (taken.__module__, taken.__qualname__) != (cls.__module__, cls.__qualname__):
             raise InvalidInput(
                 f"the agent name {agent!r} is taken by {taken.__module__}.{taken.__qualname__}"
@@ -64,13 +64,11 @@ class AgentHyperparameters:
     def require_learning(self, patient_episodes: int = 0) -> None:
         """Raise InvalidInput if training, or that of patient agents unless `patient_episodes` is 0,
         ends before the first gradient step."""
-        longest, name = self.max_episodes, f"{self.agent}.max_episodes"
-        if 0 < patient_episodes < longest:
-            longest, name = patient_episodes, "nes.patient_episodes"
+        longest = min(self.max_episodes, patient_episodes or self.max_episodes)
         if self.init_episodes >= longest:
             raise InvalidInput(
-                f"{self.agent}.init_episodes must be below {name}, {longest}, or agents never "
-                f"learn; got {self.init_episodes}"
+                f"{self.agent}.init_episodes must be below {self.agent}.max_episodes and "
+                f"nes.patient_episodes, {longest}; got {self.init_episodes}"
             )
 
     @property
@@ -80,9 +78,8 @@ class AgentHyperparameters:
         return 1e7
 
     def core_seconds(self, train_steps: int, real_env_steps: int) -> float:
-        """Estimate the core seconds of training and tests, equal on every machine: all passes of a
-        training step cost a multiple of `step_cost`. The constants are those of a fast core that
-        trains DDQN (docs/speed.md)."""
+        """Estimate the core seconds of training and tests, equally on every machine. The constants
+        were measured for DDQN on a fast core (docs/speed.md)."""
         return train_steps * (1.2e-5 + 1e-10 * self.step_cost) + 1e-6 * real_env_steps
 
 

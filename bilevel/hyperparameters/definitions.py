@@ -1,7 +1,5 @@
-"""The hyperparameters of NES and SE, and those of a whole run.
-
-Ranges bound what is valid; the narrower ranges that are searched are in `search_spaces`.
-"""
+"""Hyperparameters of NES, of SEs and of whole runs, with their valid ranges (`search_spaces` has
+narrower ranges)."""
 
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Literal, get_args
@@ -27,8 +25,7 @@ ScoreTransform = Literal[
 ]
 SCORE_TRANSFORMS: tuple[str, ...] = get_args(ScoreTransform)
 
-#: How learning rate, batch size and network of each agent are drawn: not at all, from small sizes
-#: only, or from the paper's full ranges, with large networks narrowed or not.
+#: How learning rate, batch size and network of agents are drawn (`bilevel.agents.variation`).
 Variation = Literal["no", "small", "narrowed", "all"]
 VARIATIONS: tuple[str, ...] = get_args(Variation)
 
@@ -45,7 +42,7 @@ class NESHyperparameters:
     update: Update  #: The update rule.
     step_size: Annotated[float, Field(ge=1e-6, le=100.0)]  #: alpha.
     std_dev: Annotated[float, Field(ge=1e-6, le=10.0)]  #: sigma of the perturbations.
-    mirrored_sampling: bool  #: Whether mean - eps is evaluated, too.
+    mirrored_sampling: bool  #: Evaluate mean - eps in addition to mean + eps.
     #: Transform of the members' scores in the rules `paper` and `authors`.
     score_transform: ScoreTransform
     #: Rank of equal scores in the transform: their mean rank, or the order of the members as in the
@@ -57,8 +54,8 @@ class NESHyperparameters:
     #: numbers).
     shared_agent: bool
     centre_agents: _Count  #: Agents trained on the unperturbed SE per generation.
-    #: Training episodes of patient agents, which ignore the stopping rule: the members' agents in
-    #: every second generation, and every second agent elsewhere. 0 disables patient agents.
+    #: Training episodes of patient agents, which ignore the stopping rule: members' agents in every
+    #: second generation, and every second agent elsewhere. 0 disables patient agents.
     patient_episodes: Annotated[int, Field(ge=0, le=1_000_000)]
     #: Share of the moving average of means that a generation keeps. The unperturbed SE is at the
     #: average. 0 disables averaging, as in the paper.

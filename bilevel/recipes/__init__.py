@@ -103,7 +103,5 @@ def _read(name: str) -> _Values:
         raise unknown_value("recipe", name, (*RECIPES, "and paths of recipe files (*.toml)"))
     try:
         return tomllib.loads(Path(name).read_text())
-    except OSError as error:
-        raise InvalidInput(f"cannot read the recipe {name!r}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"recipe {name!r} is not a TOML file: {error}") from None
+    except (OSError, ValueError) as error:  # also TOMLDecodeError
+        raise InvalidInput(f"cannot read the recipe {name!r}: {error}") from None

@@ -27,8 +27,7 @@ from bilevel.tasks import MAX_STEP_LIMIT, Task
 #: The networks of an SE, in the order of psi.
 NETWORKS = ("next_state", "reward", "done")
 
-#: Slopes for negative inputs. NES changes only weights and biases, so a PReLU keeps its initial
-#: slope.
+#: Slopes for negative inputs. A PReLU keeps its initial slope, because NES does not change it.
 _SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": LRELU_SLOPE, "prelu": PRELU_INITIAL_SLOPE}
 
 Psi = NDArray[np.float32]
@@ -39,10 +38,8 @@ _Size = Annotated[int, Field(ge=1, le=65536)]
 
 @dataclass(frozen=True)
 class Architecture:
-    """Sizes of an SE's networks, and the step limit that truncates its episodes.
-
-    The ranges are checked when an SE file is read or written.
-    """
+    """Sizes of an SE's networks, and the step limit that truncates its episodes. Reading and
+    writing an SE file checks the ranges."""
 
     state_size: _Size
     n_actions: _Size

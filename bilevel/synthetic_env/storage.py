@@ -109,11 +109,8 @@ def header_of(se: StoredSE) -> dict[str, Any]:
 
 
 def save_se(se: StoredSE, path: Path | str) -> None:
-    """Write an SE to a `.safetensors` file, atomically; an existing file is replaced.
-
-    Raises InvalidInput if the folder does not exist, if psi is not finite, or if `info` contains
-    other than JSON values, and StorageFailure if the disk cannot be written.
-    """
+    """Write an SE to a `.safetensors` file, atomically. Raises InvalidInput if psi is not finite or
+    `info` contains other than JSON values, and StorageFailure if the file cannot be written."""
     write_file(Path(path), se_bytes(se))
 
 

@@ -29,10 +29,6 @@ class Simulator:
     labels: Labels
 
 
-def _acrobot_initial_physics(rng: np.random.Generator, n: int) -> Physics:
-    return rng.uniform(-0.1, 0.1, (n, 4)).astype(np.float32).astype(np.float64)
-
-
 def _acrobot_physics(observation: NDArray[np.float32]) -> Physics:
     cos1, sin1, cos2, sin2, *velocities = observation.astype(np.float64)
     return np.array([np.arctan2(sin1, cos1), np.arctan2(sin2, cos2), *velocities])
@@ -60,5 +56,9 @@ SIMULATORS = {
         lambda observation: observation.astype(np.float64),
         _CARTPOLE_LABELS,
     ),
-    dynamics.ACROBOT: Simulator(_acrobot_initial_physics, _acrobot_physics, _ACROBOT_LABELS),
+    dynamics.ACROBOT: Simulator(
+        lambda rng, n: rng.uniform(-0.1, 0.1, (n, 4)).astype(np.float32).astype(np.float64),
+        _acrobot_physics,
+        _ACROBOT_LABELS,
+    ),
 }

@@ -6,7 +6,6 @@ in tests, for initial states, and in training on the real task.
 
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
-from functools import cache
 from typing import Self
 
 import gymnasium
@@ -74,7 +73,10 @@ class Task:
     @property
     def code_digest(self) -> str | None:
         """Digest of the user's code that defines the task; None for gymnasium's own tasks."""
-        return None if self.compiled else _code_digest(self.id)
+        if self.compiled:
+            return None
+        entry = gymnasium.spec(self.id.rpartition(":")[2]).entry_point  # its module is imported
+        return digest_of("gymnasium", load_env_creator(entry) if isinstance(entry, str) else entry)
 
     @property
     def labels(self) -> Labels:
@@ -153,9 +155,3 @@ class Task:
                 if terminated or truncated:
                     seen[t], _ = env.reset()
         return seen
-
-
-@cache
-def _code_digest(task_id: str) -> str | None:
-    entry = gymnasium.spec(task_id.rpartition(":")[2]).entry_point  # its module is imported
-    return digest_of("gymnasium", load_env_creator(entry) if isinstance(entry, str) else entry)

@@ -14,7 +14,7 @@ def of_blas() -> set[int]:
 
 
 def test_the_last_of_overlapping_limits_is_removed() -> None:
-    """Evaluations on threads begin and end in any order."""
+    """Evaluations on threads start and end in any order."""
     inside, first_left = Barrier(2), Barrier(2)
     seen: list[set[int]] = []
 

@@ -13,7 +13,7 @@ everywhere, and their states stay close to one point, so that agents learn nothi
 Rewards whose mean over actions is zero in all states only rank actions, and no action is preferred
 at the mean observation. An untrained agent then earns about nothing, so the stopping rule ends
 training only once there is something to lose. The action of the highest reward is optimal for every
-discount: such SEs are contextual bandits, as many freely learned SEs are (Liesen et al., 2024,
+discount: such SEs are contextual bandits, like many freely learned SEs (Liesen et al., 2024,
 "Discovering Minimal Reinforcement Learning Environments").
 
 Q rotates x in S // 2 planes, each by a different angle that is not small. If S is odd, the last
@@ -101,16 +101,12 @@ class ExogenousFamily:
             )
         return cls(architecture, scale, hp.spread)
 
-    @property
-    def _bends(self) -> int:
-        """K. Each action also has one unit for its linear part and one for its constants."""
-        return self.architecture.hidden_size // self.architecture.n_actions - 2
-
     @cached_property
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the parts of a genotype, in order."""
         states, n_actions = self.architecture.state_size, self.architecture.n_actions
-        units, bends = self.architecture.hidden_size, self._bends
+        units = self.architecture.hidden_size
+        bends = units // n_actions - 2  # K: two units for an action's linear part and constants
         return {
             "W": (units, states),
             "b": (units,),
@@ -214,7 +210,8 @@ class ExogenousFamily:
         sides = np.array([[SIDES], [-SIDES]], np.float32)
         steep = np.kron(np.eye(edges.size, dtype=np.float32), sides)  # (2 S, S)
         units = slice(len(steep))
-        self._read_states(tensors, "done", units, steep, -SIDES * np.repeat(edges, 2))
+        biases = (-SIDES * np.repeat(edges, 2)).astype(np.float32)
+        self._read_states(tensors, "done", units, steep, biases)
         tensors["done.1.weight"][0, units] = 0.5
         tensors["done.1.bias"][...] = 0.5 * 2 * edges.size
 

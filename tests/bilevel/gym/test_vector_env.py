@@ -80,11 +80,6 @@ def test_other_numbers_of_seeds_and_actions(call: Any, message: str, se_file: Pa
         call(env)
 
 
-def test_rendering_needs_single_environments(se_file: Path) -> None:
-    with pytest.raises(InvalidInput, match=r"vectorization_mode=.sync."):
-        gymnasium.make_vec(ENV, num_envs=2, path=se_file, render_mode="rgb_array")
-
-
 def test_actions_are_integers_of_any_type(se_file: Path) -> None:
     single: Any = gymnasium.make(ENV, path=se_file)
     batched: Any = gymnasium.make_vec(ENV, num_envs=2, path=se_file)

@@ -67,9 +67,9 @@ def test_agents_that_never_learn_are_rejected() -> None:
     hp = load_recipe("default", "CartPole-v0", agents=("ddqn", "td3"))
     ddqn, td3 = hp.agents
     replace(hp, agents=(ddqn, replace(td3, init_episodes=19, max_episodes=20)))
-    with pytest.raises(InvalidInput, match=r"td3\.init_episodes must be below td3\.m.*, 20, or"):
+    with pytest.raises(InvalidInput, match=r"td3\.init_episodes must be below td3\.m.*, 20; got"):
         replace(hp, agents=(ddqn, replace(td3, init_episodes=20, max_episodes=20)))
     for patient in (0, ddqn.init_episodes + 1):
         replace(hp, nes=replace(hp.nes, patient_episodes=patient))
-    with pytest.raises(InvalidInput, match=r"ddqn\.init_episodes must be below nes\.patient"):
+    with pytest.raises(InvalidInput, match=r"ddqn\.init_episodes must be .*nes\.patient"):
         replace(hp, nes=replace(hp.nes, patient_episodes=ddqn.init_episodes))

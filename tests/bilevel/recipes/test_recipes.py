@@ -66,17 +66,12 @@ def test_a_file_contains_only_its_differences(recipe: Path) -> None:
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        ("not toml", "is not a TOML file"),
+        ("not toml", "cannot read the recipe"),
         ('agents = ["ddqn"]', r"^recipe '.*mine.toml': 'nes.update' is missing"),
         ('extends = "default"\nnes = 3', "nes"),
         ('extends = "default"\n[nse]\nstd_dev = 1', "unknown agent 'nse'"),
         ('extends = "default"\nagents = ["dqn"]', "unknown agent 'dqn': allowed are ddqn"),
-        ('extends = "default"\nagents = 3', "agents"),
         ('extends = "default"\nvary_agent = "some"', "vary_agent: must be 'no', 'small'"),
-        (
-            'extends = "default"\n[nes]\npopulation_size = 0',
-            r"nes\.population_size: must be",
-        ),
         ('extends = "default"\n[td3]\npolicy_delay = 0', r"^recipe .*: td3\.policy_delay: must be"),
         ('extends = "default"\n[td3]\ndelay = 2', "unknown 'td3.delay'"),
         ('extends = "mine"', "unknown recipe 'mine': allowed are default, paper"),

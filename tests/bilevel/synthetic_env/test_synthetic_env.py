@@ -1,5 +1,4 @@
 import contextlib
-import importlib
 import json
 import pickle
 import sys
@@ -8,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 import safetensors.numpy
@@ -72,11 +70,6 @@ class TestFile:
         assert stored == make_se(cartpole)
         assert stored.psi.dtype == np.float32
         assert {se_bytes(stored) for _ in range(20)} == {se_file.read_bytes()}
-
-    def test_tensors_have_names_and_shapes_of_torch(self, se_file: Path) -> None:
-        tensors = safetensors.numpy.load_file(se_file)
-        assert tensors["next_state.0.weight"].shape == (12, 6)
-        assert tensors["done.1.bias"].shape == (1,)
 
     def test_files_of_other_tools_need_no_checksum(self, se_file: Path, cartpole: Task) -> None:
         rewrite(se_file, lambda header, tensors: None)
@@ -186,21 +179,12 @@ def test_an_se_must_fit_its_task() -> None:
 
 
 def test_a_file_does_not_cause_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "poles.py").write_text(
-        "import gymnasium\n"
-        "entry = gymnasium.spec('CartPole-v1').entry_point\n"
-        "gymnasium.register('Pole-v0', entry_point=entry, max_episode_steps=50)\n"
-    )
+    (tmp_path / "poles.py").touch()
     monkeypatch.syspath_prepend(tmp_path)
     se = replace(make_se(get_task("CartPole-v0")), task_id="poles:Pole-v0")
     with pytest.raises(InvalidInput, match=r"'poles'.*not imported.*give --task poles:Pole-v0"):
         se.task()
     assert "poles" not in sys.modules
-    importlib.import_module("poles")
-    try:
-        assert se.task().id == "poles:Pole-v0"
-    finally:
-        del sys.modules["poles"], gymnasium.registry["Pole-v0"]
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)

@@ -46,7 +46,7 @@ ROWS = [
     ("evaluate --real CartPole-v0 --recipe x", "unknown recipe 'x'"),
     ("recipe x", "unknown recipe 'x'"),
     ("nes CartPole-v0 --recipe none.toml", "cannot read the recipe "),
-    ("nes CartPole-v0 --recipe nonsense.toml", "is not a TOML file"),
+    ("nes CartPole-v0 --recipe nonsense.toml", "cannot read the recipe"),
     ("nes CartPole-v0 --recipe unknown.toml", "unknown entry 'bar'"),
     ("evaluate se.safetensors --recipe td3.toml", "has no section [td3]"),
     ("nes CartPole-v0 --vary-hp x", "unknown variation of agents 'x'"),
