@@ -67,14 +67,18 @@ def pinned(address: str, tracking_uri: str | None = None) -> str:
 
 
 def _downloaded(address: str, tracking_uri: str | None) -> Path:
-    from mlflow import is_tracking_uri_set
+    from mlflow import MlflowClient, is_tracking_uri_set
     from mlflow.artifacts import download_artifacts
 
     if tracking_uri is None and not is_tracking_uri_set():  # MLflow would create a database here
         raise InvalidInput(f"{address!r} needs MLflow: set MLFLOW_TRACKING_URI")
+    source = pinned(address, tracking_uri)
     with _mlflow_errors(address):
-        uris = {"tracking_uri": tracking_uri, "registry_uri": tracking_uri}
-        found = Path(download_artifacts(address, **uris))
+        if model := re.fullmatch("models:/([^/@]+)/([0-9]+)", source):
+            # download_artifacts would ask the registry of MLflow's configuration.
+            client = MlflowClient(tracking_uri, tracking_uri)
+            source = client.get_model_version_download_uri(model[1], model[2])
+        found = Path(download_artifacts(source, tracking_uri=tracking_uri))
     files = [found] if found.is_file() else sorted(found.rglob("*.safetensors"))
     if len(files) != 1:
         raise InvalidInput(f"{address!r} has {len(files)} SE files: give the address of one file")
