@@ -20,7 +20,7 @@ from benchmarks.speed.cost import cost
 from benchmarks.speed.inner_loop import inner_loop
 from benchmarks.speed.startup import startup
 from benchmarks.speed.vector_env import vector_env
-from bilevel.zoo import ENTRIES, card
+from bilevel.zoo import ENTRIES, card, env_id
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
@@ -31,7 +31,7 @@ def zoo() -> str:
     head = ["SE", "real steps to learn it", "agents trained on it", "mean return"]
     rows = [
         (
-            f"`{entry.env_id}`",
+            f"`{env_id(entry.name)}`",
             f"{entry.real_env_steps:,}".replace(",", " "),
             f"{row.agents} {row.agent}",
             f"{row.mean_return} ± {row.std_return}",

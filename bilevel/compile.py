@@ -1,7 +1,4 @@
-"""Compile the kernels of all agents into the disk cache: `python -m bilevel.compile`.
-
-The entry points of gymnasium's environments compile on first use.
-"""
+"""Compile the kernels of all agents into the disk cache: `python -m bilevel.compile`."""
 
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace

@@ -7,16 +7,12 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
-from pydantic_core import ErrorDetails
 
 from bilevel.errors import InvalidInput
 
 _T = TypeVar("_T")
 
 _adapter: Callable[[Any], TypeAdapter[Any]] = cache(TypeAdapter)
-
-#: Maximum number of characters of an invalid value in a message.
-_SHOWN = 80
 
 
 def decode(kind: type[_T], value: Any, what: str) -> _T:
@@ -51,31 +47,25 @@ def decode_file(kind: type[_T], path: Path, what: str = "damaged") -> _T:
     return decode_json(kind, text, f"{what} {str(path)!r}")
 
 
-def first_fault(error: ValidationError) -> ErrorDetails:
-    """Return the first error, unknown names first: they are often misspelled missing names."""
-    faults = error.errors(include_url=False)
-    return min(faults, key=lambda fault: fault["type"] != "unexpected_keyword_argument")
-
-
-def reason(error: ValidationError) -> str:
-    """Describe the first error in one line."""
-    fault = first_fault(error)
-    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in fault["loc"])
-    place = "".join(parts).removeprefix(".")
-    match fault["type"]:
+def reason(error: ValidationError, section: str = "") -> str:
+    """Describe the first error in one line, with the names of its fields after `section`."""
+    # Unknown names first: they are often misspelled missing names.
+    errors = error.errors(include_url=False)
+    first = min(errors, key=lambda error: error["type"] != "unexpected_keyword_argument")
+    parts = (f"[{part}]" if isinstance(part, int) else f".{part}" for part in first["loc"])
+    place = (section + "".join(parts)).removeprefix(".")
+    match first["type"]:
         case "missing":
             message = f"{place!r} is missing"
         case "unexpected_keyword_argument":
             message = f"unknown {place!r}"
         case "value_error":  # raised by a custom check, whose message is complete
-            message = str(fault["ctx"]["error"])
+            message = str(first["ctx"]["error"])
         case "json_invalid":
-            message = fault["msg"]
+            message = first["msg"]
         case _:
-            given = repr(fault["input"])
-            given = given if len(given) <= _SHOWN else f"{given[:_SHOWN]}..."
-            rule = fault["msg"].replace("Input should", "must")
-            message = f"{place + ': ' if place else ''}{rule}; got {given}"
+            rule = first["msg"].replace("Input should", "must")
+            message = f"{place + ': ' if place else ''}{rule}; got {first['input']!r:.80}"
     return " ".join(message.split())
 
 

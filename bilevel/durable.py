@@ -7,19 +7,12 @@ import os
 import secrets
 from pathlib import Path
 
-from bilevel.errors import InvalidInput, StorageFailure
-
-#: Errors of a single path. After any other error, the disk cannot store other files either.
-_PATH_ERRORS = {errno.EEXIST, errno.ENOENT, errno.ENOTDIR, errno.EISDIR, errno.ENAMETOOLONG}
-_PATH_ERRORS |= {errno.ELOOP, errno.EINVAL}
+from bilevel.errors import StorageFailure
 
 
 def write_aside(path: Path, data: bytes) -> None:
-    """Replace a file atomically and durably.
-
-    If the write fails, the old file is unchanged. Raises StorageFailure if the disk is full or
-    broken, and OSError if only this path cannot be written.
-    """
+    """Replace a file atomically and durably. If the write fails, the old file is unchanged, and
+    StorageFailure is raised."""
     temporary = path.with_name(f".{secrets.token_hex(8)}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -32,22 +25,19 @@ def write_aside(path: Path, data: bytes) -> None:
     except BaseException as error:  # also KeyboardInterrupt
         with contextlib.suppress(OSError):
             temporary.unlink()
-        if isinstance(error, OSError) and error.errno not in _PATH_ERRORS:
+        if isinstance(error, OSError):
             raise StorageFailure.of(path, error) from None
         raise
 
 
 def write_file(path: Path, content: bytes) -> None:
-    """Write a file at a path that the user gave; symbolic links are followed.
-
-    Raises InvalidInput if the folder does not exist or the path is a folder, and StorageFailure if
-    the disk cannot be written.
-    """
+    """Write a file at a path that the user gave; symbolic links are followed. Raises StorageFailure
+    if the folder does not exist or the file cannot be written."""
     try:
         path.parent.resolve(strict=True)
-        write_aside(path.resolve(), content)
     except OSError as error:
-        raise InvalidInput(f"cannot write {str(path)!r}: {error.strerror or error}") from None
+        raise StorageFailure.of(path, error) from None
+    write_aside(path.resolve(), content)
 
 
 def sync(path: Path) -> None:

@@ -54,7 +54,7 @@ def is_number(value: object, kind: type = Real) -> bool:
     return isinstance(value, kind) and not isinstance(value, bool)
 
 
-def one_of(what: str, value: object, allowed: Iterable[object]) -> InvalidInput:
+def unknown_value(what: str, value: object, allowed: Iterable[object]) -> InvalidInput:
     """Return the error for a `value` that is not among the allowed ones."""
     names = ", ".join(str(name) for name in allowed)
     return InvalidInput(f"unknown {what} {value!r}: allowed are {names}")

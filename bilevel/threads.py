@@ -1,7 +1,7 @@
 """Limits of BLAS and torch to one thread: products are small, other evaluations use the other
 cores, and a fixed order of summation keeps results reproducible.
 
-Evaluations on several threads may overlap, so each limit counts its users.
+Evaluations on several threads may overlap, so the limit of BLAS counts its users.
 """
 
 from collections.abc import Callable, Iterator
@@ -13,30 +13,28 @@ from threadpoolctl import OpenBLASController, ThreadpoolController
 
 _CONTROLLER = ThreadpoolController()
 _LOCK = Lock()
-_users = {"blas": 0, "torch": 0}
-_torch_threads = 1
-_restore_blas: Callable[[], None]
+_users = 0
+_restore: Callable[[], None]
 
 
 @contextmanager
 def one_blas_thread() -> Iterator[None]:
     """Context in which BLAS uses one thread. The limit applies to the process; the last context
     that ends removes it."""
-    global _restore_blas
+    global _users, _restore
     with _LOCK:
-        if not _users["blas"]:
+        if not _users:
             _release_control()
-            limit = _CONTROLLER.limit(limits=1, user_api="blas")
-            _restore_blas = limit.restore_original_limits
-        _users["blas"] += 1
+            _restore = _CONTROLLER.limit(limits=1, user_api="blas").restore_original_limits
+        _users += 1
     try:
         yield
     finally:
         with _LOCK:
-            _users["blas"] -= 1
-            if not _users["blas"]:
+            _users -= 1
+            if not _users:
                 _release_control()
-                _restore_blas()
+                _restore()
                 _release_control()
 
 
@@ -48,19 +46,12 @@ def _release_control() -> None:
 
 @contextmanager
 def one_torch_thread() -> Iterator[None]:
-    """Context in which torch uses one thread. Torch counts per thread, and new threads inherit the
-    number that was set last."""
+    """Context in which torch uses one thread. Torch counts per thread."""
     import torch
 
-    global _torch_threads
-    with _LOCK:
-        if not _users["torch"]:
-            _torch_threads = torch.get_num_threads()
-        _users["torch"] += 1
-        torch.set_num_threads(1)
+    before = torch.get_num_threads()
+    torch.set_num_threads(1)
     try:
         yield
     finally:
-        with _LOCK:
-            _users["torch"] -= 1
-            torch.set_num_threads(_torch_threads)
+        torch.set_num_threads(before)

@@ -10,7 +10,7 @@ from typing import Any
 
 import ConfigSpace as CS
 
-from bilevel.errors import one_of
+from bilevel.errors import unknown_value
 from bilevel.hyperparameters import ACTIVATIONS, SCORE_TRANSFORMS, agent_hyperparameters
 from search_spaces import SPACES
 from search_spaces.translation import INVERSE
@@ -81,7 +81,7 @@ def search_space(
     name.
     """
     if name not in SPACES:
-        raise one_of("search space", name, SPACES)
+        raise unknown_value("search space", name, SPACES)
     space = _full() if name == "full" else _core()
     for agent in agents if name == "full" else ():
         known = {field.name for field in fields(agent_hyperparameters(agent))}

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Self
 
 import yaml
 
-from bilevel.errors import InvalidInput, one_of
+from bilevel.errors import InvalidInput, unknown_value
 from bilevel.hyperparameters import Hyperparameters
 from search_spaces import SPACES
 from search_spaces.translation import INVERSE, to_hyperparameters
@@ -38,7 +38,7 @@ class Space:
         path = Path(given)
         if path.suffix not in (".json", ".yaml", ".yml"):
             if given not in SPACES:
-                raise one_of("search space", given, (*SPACES, "and files (*.json, *.yaml)"))
+                raise unknown_value("search space", given, (*SPACES, "and files (*.json, *.yaml)"))
             return cls(given)
         try:
             text = path.read_text()

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import fields, replace
 from typing import Any
 
-from bilevel.errors import InvalidInput, one_of
+from bilevel.errors import InvalidInput, unknown_value
 from bilevel.hyperparameters import Hyperparameters, agent_names
 
 #: Prefix of the field in the name of an inverted dimension.
@@ -54,14 +54,14 @@ def _require_field(sections: Mapping[str, Any], section: str, field: str) -> Non
     if section in sections:
         allowed = [f"{section}.{spec.name}" for spec in fields(sections[section])]
         if name not in allowed:
-            raise one_of("hyperparameter", name, allowed)
+            raise unknown_value("hyperparameter", name, allowed)
     elif section in agent_names():
         agents = ", ".join(agent for agent in sections if agent not in ("nes", "se"))
         raise InvalidInput(
             f"{name} is of an agent that takes no part; these do: {agents} (--agent)"
         )
     else:
-        raise one_of("hyperparameter", name, [f"{known}.*" for known in sections])
+        raise unknown_value("hyperparameter", name, [f"{known}.*" for known in sections])
 
 
 def of_hyperparameters(hp: Hyperparameters, names: Iterable[str]) -> dict[str, Any]:

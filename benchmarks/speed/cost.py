@@ -1,4 +1,4 @@
-"""Measured time of evaluations relative to their estimated cost (`bilevel.cost`).
+"""Measured time of evaluations relative to their estimated cost (`core_seconds`).
 
     python -m benchmarks.speed.cost
 

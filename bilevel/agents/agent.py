@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.dataclasses import is_pydantic_dataclass
 
-from bilevel.errors import InvalidInput, first_line, one_of
+from bilevel.errors import InvalidInput, first_line, unknown_value
 from bilevel.hyperparameters import AgentHyperparameters, agent_hyperparameters
 from bilevel.hyperparameters.agents import keep_hyperparameters
 from bilevel.seeds import split
@@ -136,7 +136,7 @@ def get_agent(name: str) -> RegisteredAgent:
     if name not in _AGENTS:
         load_plugins()
     if name not in _AGENTS:
-        raise one_of("agent", name, (*registered_agents(), "and the agents of agent files"))
+        raise unknown_value("agent", name, (*registered_agents(), "and the agents of agent files"))
     return _AGENTS[name]
 
 

@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 
-from bilevel.errors import one_of
+from bilevel.errors import unknown_value
 from bilevel.hyperparameters import VARIATIONS, AgentHyperparameters
 from bilevel.hyperparameters.validation import within_range
 
@@ -50,7 +50,7 @@ def draw_agent(
     depends only on the arguments. Raises InvalidInput for an unknown variation.
     """
     if vary not in VARIATIONS:
-        raise one_of("variation of agents", vary, VARIATIONS)
+        raise unknown_value("variation of agents", vary, VARIATIONS)
     rng = np.random.default_rng(seed)
     agent = agents[int(rng.integers(len(agents)))] if len(agents) > 1 else agents[0]
     if vary == "no":

@@ -98,7 +98,7 @@ class Outcome:
     train_episodes: int
     real_env_steps: int  #: of tests, and of training on the real task
     finite: bool  #: False: training or test diverged; the returns are the task's worst
-    cost: float  #: core seconds, estimated (`bilevel.cost`)
+    cost: float  #: core seconds, estimated (`core_seconds`)
 
     @property
     def score(self) -> float:

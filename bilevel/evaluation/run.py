@@ -14,7 +14,6 @@ from bilevel.agents.checked import CheckedAgent
 from bilevel.agents.environments import GymnasiumEnvironment, KernelEnvironment
 from bilevel.agents.training import TrainingEnvironment, returns_converged, task_solved
 from bilevel.agents.training import train as train_in_python
-from bilevel.cost import estimated_core_seconds
 from bilevel.errors import require
 from bilevel.evaluation.requests import (
     EvaluationRequest,
@@ -61,7 +60,7 @@ def train_and_test(
 
     Unless `compiled` is False, the agent's compiled twin runs, if the agent has one and the
     environment it trains on is compiled. Raises InvalidInput for an SE of a task with other sizes,
-    and Mistake for a user's agent or task that raises, exits or returns a wrong value.
+    and UserCodeError for a user's agent or task that raises, exits or returns a wrong value.
     """
     has_kernel = get_agent(hp.agent).build_kernel is not None
     with one_blas_thread():
@@ -124,7 +123,7 @@ def _outcome(
         returns = np.full(hp.test_episodes, task.worst_score)
     if se is None:
         real_steps += steps
-    cost = estimated_core_seconds(hp, steps, real_steps)
+    cost = hp.core_seconds(steps, real_steps)
     return Outcome(tuple(returns.tolist()), steps, episodes, real_steps, finite, cost)
 
 

@@ -9,7 +9,11 @@ from gymnasium.error import ResetNeeded
 from numpy.typing import NDArray
 
 from bilevel.errors import InvalidInput
-from bilevel.gym.rendering import MODES, Renderer, draws_its_state
+from bilevel.kernels.synthetic_env import DONE, step, work_space
+from bilevel.synthetic_env.source import load
+from bilevel.tasks import checked_action
+
+_MODES = ["human", "rgb_array"]
 
 
 class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
@@ -28,37 +32,33 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
         env = gymnasium.make("bilevel/SyntheticEnv-v0", path="best_se.safetensors")
         env = gymnasium.make("bilevel/SyntheticEnv-v0", path="models:/SE-CartPole-v0@best")
 
-    With the `render_mode` "human" or "rgb_array", the real task's renderer draws the SE's states.
-
-    Raises InvalidInput if there is no SE at `path`, if gymnasium does not know its task, or if the
-    task cannot draw a given state.
+    The `render_mode` "human" or "rgb_array" uses the renderer of CartPole-v0 or Acrobot-v1. Raises
+    InvalidInput if there is no SE at `path`, or if its task is unknown or cannot be rendered.
     """
 
-    metadata: dict[str, Any] = {"render_modes": list(MODES), "render_fps": 30}  # noqa: RUF012
+    metadata: dict[str, Any] = {"render_modes": _MODES, "render_fps": 30}  # noqa: RUF012
 
     def __init__(self, path: str | Path | None = None, render_mode: str | None = None) -> None:
-        from bilevel.kernels.synthetic_env import work_space
-        from bilevel.synthetic_env.source import load
-
         if path is None:
             raise InvalidInput("path is missing: a file, a name of the zoo or an MLflow address")
         self.se = load(path)
+        self._task = task = self.se.task()
+        if render_mode is not None and not (task.compiled and render_mode in _MODES):
+            raise InvalidInput(f"render mode {render_mode!r} is not available for {task.id}")
         self.n_actions = self.se.architecture.n_actions
         self.step_limit = self.se.architecture.step_limit
         self.kernel = self.se.se.kernel
-        self._task = task = self.se.task()
         self._work = work_space(self.kernel)
         self._state: NDArray[np.float32] | None = None
         self._steps = 0
         self.render_mode = render_mode
-        self._renderer = None if render_mode is None else Renderer(task, render_mode)
-        if self._renderer is not None:
-            self.metadata = {**self.metadata, "render_fps": self._renderer.fps}
-        # The real task, whose resets give the initial states unless it is compiled.
-        self._real = None if task.compiled else task.make()
-        if self._real is not None and not draws_its_state(task, self._real):
-            self.metadata = {**self.metadata, "render_modes": []}
-        self.first_action = 0 if self._real is None else int(self._real.action_space.start)  # type: ignore[attr-defined]
+        # The real task, which renders states or, unless it is compiled, gives initial states.
+        self._real: Any = None
+        if render_mode is not None or not task.compiled:
+            self._real = task.make(render_mode)
+        if render_mode is not None:
+            self.metadata = {**self.metadata, "render_fps": self._real.metadata["render_fps"]}
+        self.first_action = 0 if self._real is None else int(self._real.action_space.start)
         shape = (self.se.architecture.state_size,)
         self.observation_space = gymnasium.spaces.Box(-np.inf, np.inf, shape, np.float32)
         self.action_space = gymnasium.spaces.Discrete(self.n_actions, start=self.first_action)
@@ -85,9 +85,6 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
 
         Raises InvalidInput for an invalid action, and ResetNeeded before the first reset.
         """
-        from bilevel.kernels.synthetic_env import DONE, step
-        from bilevel.tasks import checked_action
-
         if self._state is None:
             raise ResetNeeded("call reset before step")
         index = checked_action(action, self.n_actions, self.first_action)
@@ -103,15 +100,15 @@ class SyntheticEnv(gymnasium.Env[NDArray[np.float32], np.int64]):
     def render(self) -> Any:
         """Draw the current state: return an image (height, width, 3) in the mode `rgb_array`, or
         update the window in the mode `human`. Raises ResetNeeded before the first reset."""
-        if self._renderer is None:
-            gymnasium.logger.warn("render needs a render_mode: give one to gymnasium.make")
-            return None
         if self._state is None:
             raise ResetNeeded("call reset before render")
-        return self._renderer.draw(self._state)
+        if self.render_mode is None:
+            return None
+        real = self._real.unwrapped
+        real.state = self._task.physics(self._state)
+        return real.render()
 
     def close(self) -> None:
-        """Close the real task's environments and the window."""
-        for resource in (self._real, self._renderer):
-            if resource is not None:
-                resource.close()
+        """Close the real task's environment and its window."""
+        if self._real is not None:
+            self._real.close()

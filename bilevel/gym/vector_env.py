@@ -1,6 +1,5 @@
 """Copies of an SE as a gymnasium vector environment."""
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,8 @@ from numpy.typing import NDArray
 from bilevel.errors import InvalidInput
 from bilevel.gym.env import SyntheticEnv
 from bilevel.kernels.synthetic_env import DONE, step_all, work_space
-from bilevel.tasks import checked_action
+
+_Floats = NDArray[np.float32]
 
 
 class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
@@ -25,21 +25,13 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
     the end of an episode resets the copy. Raises InvalidInput as SyntheticEnv does.
     """
 
-    metadata = {  # noqa: RUF012
-        "render_modes": [],
-        "autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP,
-    }
+    metadata = {"autoreset_mode": gymnasium.vector.AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self, path: str | Path | None = None, num_envs: int = 1, render_mode: str | None = None
     ) -> None:
         if render_mode is not None:
-            raise InvalidInput(
-                f"render_mode {render_mode!r} is not available for compiled vector environments: "
-                'use gymnasium.make_vec(..., vectorization_mode="sync")'
-            )
-        if num_envs < 1:
-            raise InvalidInput(f"num_envs must be at least 1; got {num_envs}")
+            raise InvalidInput('rendering needs vectorization_mode="sync"')
         self._single = single = SyntheticEnv(path)
         self.num_envs = num_envs
         self.single_observation_space = single.observation_space
@@ -48,16 +40,13 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self.action_space = batch_space(single.action_space, num_envs)
         self._rngs = [np.random.default_rng() for _ in range(num_envs)]
         self._work = work_space(single.kernel)
-        self._states: NDArray[np.float32] | None = None  # (N, S)
+        self._states: _Floats | None = None  # (N, S)
         self._steps = np.zeros(num_envs, np.int64)
         self._ended = np.zeros(num_envs, bool)
 
     def reset(
-        self,
-        *,
-        seed: int | Sequence[int | None] | None = None,
-        options: dict[str, Any] | None = None,
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
+    ) -> tuple[_Floats, dict[str, Any]]:
         """Start an episode in all copies and return initial observations (N, S) and info.
 
         With a single seed, copy i uses seed + i. Raises ValueError if the number of seeds is not N.
@@ -76,15 +65,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._ended[:] = False
         return self._states.copy(), {}
 
-    def step(
-        self, actions: Any
-    ) -> tuple[
-        NDArray[np.float32],
-        NDArray[np.float64],
-        NDArray[np.bool_],
-        NDArray[np.bool_],
-        dict[str, Any],
-    ]:
+    def step(self, actions: Any) -> tuple[_Floats, Any, Any, Any, dict[str, Any]]:
         """Take one step in every copy, with actions (N,).
 
         Returns observations (N, S), rewards (N,), terminated (N,), truncated (N,) and info. Raises
@@ -94,7 +75,10 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             raise ResetNeeded("call reset before step")
         single, resetting = self._single, self._ended
         states, rewards, dones = np.empty_like(self._states), *np.empty((2, self.num_envs))
-        indices = self._indices(actions)
+        given, space = np.asarray(actions), self.action_space
+        if given.dtype.kind not in "iu" or not space.contains(given.astype(space.dtype)):
+            raise InvalidInput(f"actions must be in {space}; got {actions!r}")
+        indices = given.astype(np.int64) - single.first_action
         step_all(single.kernel, self._states, indices, states, rewards, dones, self._work)
         self._states = states
         self._steps += 1
@@ -106,18 +90,6 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._ended = terminated | truncated
         info = {"done": dones, "_done": ~resetting}
         return states.copy(), rewards, terminated, truncated, info
-
-    def _indices(self, actions: Any) -> NDArray[np.int64]:
-        """Return the indices (N,) of the actions. Raises InvalidInput."""
-        if np.shape(actions) != (self.num_envs,):
-            raise InvalidInput(
-                f"actions of the shape {np.shape(actions)} for {self.num_envs} copies of the SE"
-            )
-        n_actions, first = self._single.n_actions, self._single.first_action
-        indices = np.asarray(actions) - first if np.asarray(actions).dtype.kind in "iu" else None
-        if indices is None or (indices < 0).any() or (indices >= n_actions).any():
-            indices = np.array([checked_action(action, n_actions, first) for action in actions])
-        return indices.astype(np.int64)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the real task's environment."""

@@ -9,7 +9,7 @@ from typing import Annotated, Any, ClassVar, Literal, get_args
 
 from pydantic import Field
 
-from bilevel.errors import InvalidInput, one_of
+from bilevel.errors import InvalidInput, unknown_value
 from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.networks import Network, network
 
@@ -24,7 +24,6 @@ _Noise = Annotated[float, Field(ge=0.0, le=10.0)]
 _REGISTRY: dict[str, type["AgentHyperparameters"]] = {}
 
 #: An agent's name is a section of recipes, which use some names for other things.
-_AGENT_NAME = re.compile(r"[A-Za-z0-9_-]+")
 _RESERVED = ("nes", "se", "agents", "vary_agent", "extends", "tasks")
 
 
@@ -49,49 +48,39 @@ class AgentHyperparameters:
 
     def __init_subclass__(cls, agent: str = "", **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        if agent:
-            if not _AGENT_NAME.fullmatch(agent) or agent in _RESERVED:
-                raise InvalidInput(
-                    f"the agent name {agent!r} is not allowed: allowed are letters, digits, '_', "
-                    f"'-', but not {', '.join(_RESERVED)}"
-                )
-            taken = _REGISTRY.get(agent)
-            # The same file may be loaded again.
-            if taken is not None and _qualified_name(taken) != _qualified_name(cls):
-                raise InvalidInput(
-                    f"{_qualified_name(cls)}: the agent name {agent!r} is taken by "
-                    f"{_qualified_name(taken)}"
-                )
-            cls.agent = agent
-            _REGISTRY[agent] = cls
+        if not agent:
+            return
+        if not re.fullmatch("[A-Za-z0-9_-]+", agent) or agent in _RESERVED:
+            raise InvalidInput(f"the agent name {agent!r} is not allowed")
+        taken = _REGISTRY.get(agent, cls)
+        # Loading a file again is allowed.
+        if (taken.__module__, taken.__qualname__) != (cls.__module__, cls.__qualname__):
+            raise InvalidInput(
+                f"the agent name {agent!r} is taken by {taken.__module__}.{taken.__qualname__}"
+            )
+        cls.agent = agent
+        _REGISTRY[agent] = cls
 
     def require_learning(self, patient_episodes: int = 0) -> None:
-        """Raise InvalidInput if training ends before the first gradient step.
-
-        `patient_episodes` is the training length of patient agents (0 if there are none).
-        """
-        longest, name, who = self.max_episodes, f"{self.agent}.max_episodes", "agents"
-        if 0 < patient_episodes < longest:
-            longest, name, who = patient_episodes, "nes.patient_episodes", "patient agents"
+        """Raise InvalidInput if training, or that of patient agents unless `patient_episodes` is 0,
+        ends before the first gradient step."""
+        longest = min(self.max_episodes, patient_episodes or self.max_episodes)
         if self.init_episodes >= longest:
             raise InvalidInput(
-                f"{self.agent}.init_episodes must be below {name}, {longest}, or {who} never "
-                f"learn; got {self.init_episodes}"
+                f"{self.agent}.init_episodes must be below {self.agent}.max_episodes and "
+                f"nes.patient_episodes, {longest}; got {self.init_episodes}"
             )
 
     @property
     def step_cost(self) -> float:
-        """Approximate cost of a gradient step: multiplications of a minibatch's forward pass.
-
-        The scheduler uses it to start long evaluations first, and `narrowed` variation to shrink
-        expensive agents. The default suits agents without a compiled kernel, whose steps take a
-        millisecond whatever their size; they are never narrowed.
-        """
+        """Approximate cost of a gradient step, for schedules and variation: multiplications of a
+        minibatch's forward pass. The default suits agents without a compiled kernel."""
         return 1e7
 
-
-def _qualified_name(cls: type) -> str:
-    return f"{cls.__module__}.{cls.__qualname__}"
+    def core_seconds(self, train_steps: int, real_env_steps: int) -> float:
+        """Estimate the core seconds of training and tests, equally on every machine. The constants
+        were measured for DDQN on a fast core (docs/speed.md)."""
+        return train_steps * (1.2e-5 + 1e-10 * self.step_cost) + 1e-6 * real_env_steps
 
 
 def keep_hyperparameters(cls: type[AgentHyperparameters]) -> None:
@@ -107,7 +96,7 @@ def agent_names() -> tuple[str, ...]:
 def agent_hyperparameters(agent: str) -> type[AgentHyperparameters]:
     """Return the class of an agent's hyperparameters. Raises InvalidInput for an unknown name."""
     if agent not in _REGISTRY:
-        raise one_of("agent", agent, agent_names())
+        raise unknown_value("agent", agent, agent_names())
     return _REGISTRY[agent]
 
 
@@ -164,12 +153,7 @@ class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
 
     dueling: ClassVar[bool] = True
 
-    def __post_init__(self) -> None:
-        if self.hidden_size < 2:
-            raise InvalidInput(
-                "dueling-ddqn.hidden_size must be at least 2, one unit per stream; "
-                f"got {self.hidden_size}"
-            )
+    hidden_size: Annotated[int, Field(ge=2, le=4096)] = 128  #: One or more units per stream.
 
     @property
     def step_cost(self) -> float:
@@ -177,10 +161,8 @@ class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
         return self._pass_cost(self.hidden_layers + 1)
 
     def network(self, state_size: int, n_actions: int) -> Network:
-        """Return the shape of the Q-network.
-
-        Half of the units of an additional hidden layer belong to the value, half to the advantages.
-        """
+        """Return the shape of the Q-network. Half of the units of an additional hidden layer belong
+        to the value, half to the advantages."""
         of_value = (self.hidden_size + 1) // 2
         return network(
             state_size,
@@ -194,11 +176,8 @@ class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
 
 @hyperparameters
 class TD3Hyperparameters(_OffPolicy, agent="td3"):
-    """TD3 (Fujimoto et al., 2018) with Gumbel-Softmax actions (Jang et al., 2017).
-
-    Noise and policy delay, which the table does not give, are those of Fujimoto et al. and of the
-    authors' code.
-    """
+    """TD3 (Fujimoto et al., 2018) with Gumbel-Softmax actions (Jang et al., 2017). Noise and policy
+    delay, which the table does not give, are those of Fujimoto et al. and of the authors' code."""
 
     #: Range of the temperature. Below it gradients vanish; above it all actions are alike.
     temperatures: ClassVar[tuple[float, float]] = (0.1, 10.0)

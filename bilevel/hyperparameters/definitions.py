@@ -1,7 +1,5 @@
-"""The hyperparameters of NES and SE, and those of a whole run.
-
-Ranges bound what is valid; the narrower ranges that are searched are in `search_spaces`.
-"""
+"""Hyperparameters of NES, of SEs and of whole runs, with their valid ranges (`search_spaces` has
+narrower ranges)."""
 
 from dataclasses import asdict, dataclass
 from typing import Annotated, Any, Literal, get_args
@@ -27,17 +25,9 @@ ScoreTransform = Literal[
 ]
 SCORE_TRANSFORMS: tuple[str, ...] = get_args(ScoreTransform)
 
-#: Rank of equal scores in a transform: their mean rank, or the order of the members as in the
-#: authors' code.
-Ties = Literal["mean", "order"]
-
-#: How learning rate, batch size and network of each agent are drawn: not at all, from small sizes
-#: only, or from the paper's full ranges, with large networks narrowed or not.
+#: How learning rate, batch size and network of agents are drawn (`bilevel.agents.variation`).
 Variation = Literal["no", "small", "narrowed", "all"]
 VARIATIONS: tuple[str, ...] = get_args(Variation)
-
-#: What NES searches, and how a random SE is drawn (`bilevel.synthetic_env.families`).
-Family = Literal["plain", "exogenous"]
 
 #: Confirming agents for recipes that specify none because their runs never stop early.
 CONFIRMING_AGENTS = 128
@@ -52,19 +42,20 @@ class NESHyperparameters:
     update: Update  #: The update rule.
     step_size: Annotated[float, Field(ge=1e-6, le=100.0)]  #: alpha.
     std_dev: Annotated[float, Field(ge=1e-6, le=10.0)]  #: sigma of the perturbations.
-    mirrored_sampling: bool  #: Whether mean - eps is evaluated, too.
+    mirrored_sampling: bool  #: Evaluate mean - eps in addition to mean + eps.
     #: Transform of the members' scores in the rules `paper` and `authors`.
     score_transform: ScoreTransform
-    #: Rank of equal scores in the transform: their mean rank, or the order of the members.
-    ties: Ties
+    #: Rank of equal scores in the transform: their mean rank, or the order of the members as in the
+    #: authors' code.
+    ties: Literal["mean", "order"]
     population_size: _Count  #: n_p, members per generation (without mirror images).
     generations: Annotated[int, Field(ge=1, le=1_000_000)]  #: n_o, the maximum.
     #: Whether all members of a generation share one agent and its random numbers (common random
     #: numbers).
     shared_agent: bool
     centre_agents: _Count  #: Agents trained on the unperturbed SE per generation.
-    #: Training episodes of patient agents, which ignore the stopping rule: the members' agents in
-    #: every second generation, and every second agent elsewhere. 0 disables patient agents.
+    #: Training episodes of patient agents, which ignore the stopping rule: members' agents in every
+    #: second generation, and every second agent elsewhere. 0 disables patient agents.
     patient_episodes: Annotated[int, Field(ge=0, le=1_000_000)]
     #: Share of the moving average of means that a generation keeps. The unperturbed SE is at the
     #: average. 0 disables averaging, as in the paper.
@@ -91,7 +82,8 @@ class NESHyperparameters:
 class SEHyperparameters:
     """The three networks of a synthetic environment, and its step limit."""
 
-    family: Family  #: What NES searches (`bilevel.synthetic_env.families`).
+    #: What NES searches, and how a random SE is drawn (`bilevel.synthetic_env.families`).
+    family: Literal["plain", "exogenous"]
     hidden_layers: Annotated[int, Field(ge=1, le=2)]  #: Hidden layers of each network.
     hidden_size: Annotated[int, Field(ge=1, le=4096)]  #: Units per hidden layer.
     activation: Activation  #: Activation of the hidden layers.
@@ -104,16 +96,13 @@ class SEHyperparameters:
 
 @hyperparameters
 class Hyperparameters:
-    """All hyperparameters of an NES run.
-
-    If there are several `agents`, every evaluation draws one of them, or, with `nes.shared_agent`,
-    every generation draws one for all of its members.
-    """
+    """All hyperparameters of an NES run. Each evaluation draws one of the `agents`, or each
+    generation with `nes.shared_agent`."""
 
     nes: NESHyperparameters
     se: SEHyperparameters
     agents: tuple[AgentHyperparameters, ...]
-    vary_agent: Variation = Field(title="variation of agents")
+    vary_agent: Variation
     recipe: str  # name of the recipe, even if values were replaced
 
     def __post_init__(self) -> None:
@@ -130,21 +119,12 @@ class Hyperparameters:
 
     def to_dict(self) -> dict[str, Any]:
         """Return a nested dictionary of plain values, for JSON."""
-        return {
-            "nes": asdict(self.nes),
-            "se": asdict(self.se),
-            "agents": {hp.agent: asdict(hp) for hp in self.agents},
-            "vary_agent": self.vary_agent,
-            "recipe": self.recipe,
-        }
+        return {**asdict(self), "agents": {hp.agent: asdict(hp) for hp in self.agents}}
 
 
 @dataclass(frozen=True, kw_only=True)
 class StoredHyperparameters:
-    """The result of `Hyperparameters.to_dict` with unchecked sections.
-
-    Sections may belong to custom agents that this process does not know.
-    """
+    """The result of `Hyperparameters.to_dict`, unchecked: this process may not know an agent."""
 
     nes: dict[str, Any]
     se: dict[str, Any]

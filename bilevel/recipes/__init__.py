@@ -3,9 +3,7 @@
 name        content
 ---------   ----------------------------------------------------------------------------------
 default     SEs from scores only, in minutes
-paper       the update as the paper prints it, with the paper's tables. Its division by n_p sigma
-            appears only in the paper's text, not in the authors' code for which they tuned the
-            step size, and scores are compared with agents trained on the unperturbed SE
+paper       the update as the paper prints it, with the paper's tables
 authors     the update rule, transforms and ties of the authors' code
 
 A recipe holds its differences from the recipe that it `extends`. `agents` and `vary_agent` select
@@ -15,23 +13,20 @@ A section `tasks.ID.SECTION` applies only to the task ID, where it overrides the
 
 import json
 import tomllib
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
 from typing import Any, Protocol
 
 from bilevel.decode import decode
-from bilevel.errors import InvalidInput, one_of
+from bilevel.errors import InvalidInput, unknown_value
 from bilevel.hyperparameters import (
-    AgentHyperparameters,
     Hyperparameters,
     NESHyperparameters,
     SEHyperparameters,
     Variation,
     agent_hyperparameters,
-    agent_names,
 )
 
 #: The recipes of this package.
@@ -63,38 +58,24 @@ def load_recipe(
         names = (agents,) if isinstance(agents, str) else tuple(agents)
     vary: Variation = values.pop("vary_agent", None)  # validated below
     sections = {key: decode(_Values, value, f"{source}, {key}") for key, value in values.items()}
-    with _error_prefix(source):
+    try:
         nes = NESHyperparameters(**sections.pop("nes", {}))
         se = SEHyperparameters(**sections.pop("se", {}))
         # Also the agents that this run does not draw are checked.
-        known = {agent: _agent(agent, section) for agent, section in sections.items()}
-        drawn = tuple(known[agent] if agent in known else _agent(agent, {}) for agent in names)
-        return Hyperparameters(
-            nes=nes, se=se, agents=drawn, vary_agent=vary, recipe=Path(name).stem
-        )
+        known = {agent: agent_hyperparameters(agent)(**sections[agent]) for agent in sections}
+        drawn = tuple(known.get(agent) or agent_hyperparameters(agent)() for agent in names)
+        stem = Path(name).stem
+        return Hyperparameters(nes=nes, se=se, agents=drawn, vary_agent=vary, recipe=stem)
+    except InvalidInput as error:
+        raise InvalidInput(f"{source}: {error}") from None
 
 
-def complete_recipe(name: str | Path, task: _Task | str = "") -> str:
-    """Return a recipe with all values, including those of agents that it does not draw."""
-    hp = load_recipe(name, task)
-    sections = load_recipe(name, task, agent_names()).agents
-    suffix = f" for {task if isinstance(task, str) else task.id}" if task else ""
-    return recipe_text(hp, f"The recipe {hp.recipe}{suffix}.", sections)
-
-
-def recipe_text(
-    hp: Hyperparameters, heading: str, sections: Sequence[AgentHyperparameters] = ()
-) -> str:
-    """Return a complete recipe file with these hyperparameters, after `heading` as a comment.
-
-    `sections` are agents that the recipe describes, if not only those that it draws.
-    """
+def recipe_text(hp: Hyperparameters, heading: str) -> str:
+    """Return a complete recipe file with these hyperparameters, after `heading` as a comment."""
     agents = ", ".join(f'"{agent.agent}"' for agent in hp.agents)
     lines = [f"# {line}" for line in heading.splitlines()]
     lines += ["", f"agents = [{agents}]", f'vary_agent = "{hp.vary_agent}"']
-    described: dict[str, Any] = {"nes": hp.nes, "se": hp.se}
-    described |= {agent.agent: agent for agent in sections or hp.agents}
-    for name, section in described.items():
+    for name, section in hp.sections.items():
         # JSON writes strings, numbers and booleans as TOML does.
         lines += ["", f"[{name}]"]
         lines += [f"{field} = {json.dumps(value)}" for field, value in asdict(section).items()]
@@ -119,23 +100,8 @@ def _read(name: str) -> _Values:
     if name in RECIPES:
         return tomllib.loads((files(__name__) / f"{name}.toml").read_text())
     if not name.endswith(".toml"):
-        raise one_of("recipe", name, (*RECIPES, "and paths of recipe files (*.toml)"))
+        raise unknown_value("recipe", name, (*RECIPES, "and paths of recipe files (*.toml)"))
     try:
         return tomllib.loads(Path(name).read_text())
-    except OSError as error:
-        raise InvalidInput(f"cannot read the recipe {name!r}: {error.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise InvalidInput(f"recipe {name!r} is not a TOML file: {error}") from None
-
-
-@contextmanager
-def _error_prefix(source: str) -> Iterator[None]:
-    """Prefix the messages of InvalidInput with the recipe."""
-    try:
-        yield
-    except InvalidInput as error:
-        raise InvalidInput(f"{source}: {error}") from None
-
-
-def _agent(name: str, section: Mapping[str, Any]) -> AgentHyperparameters:
-    return agent_hyperparameters(name)(**section)
+    except (OSError, ValueError) as error:  # also TOMLDecodeError
+        raise InvalidInput(f"cannot read the recipe {name!r}: {error}") from None

@@ -1,8 +1,7 @@
 """Synthetic environments (SEs): three networks that replace a real task in training."""
 
 from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi
-from bilevel.synthetic_env.distribution import SEDistribution
-from bilevel.synthetic_env.families import Family, family_of, smallest_hidden_size
+from bilevel.synthetic_env.families import Family, SEDistribution, family_of, smallest_hidden_size
 from bilevel.synthetic_env.storage import StoredSE, load_se, save_se, se_bytes
 
 __all__ = [

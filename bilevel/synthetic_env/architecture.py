@@ -21,14 +21,13 @@ from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.hyperparameters.agents import Activation
 from bilevel.kernels.synthetic_env import SEKernel, prepare
-from bilevel.networks import Network, initial_parameters, network
+from bilevel.networks import Network, initial_parameters, layer_biases, layer_weights, network
 from bilevel.tasks import MAX_STEP_LIMIT, Task
 
 #: The networks of an SE, in the order of psi.
 NETWORKS = ("next_state", "reward", "done")
 
-#: Slopes for negative inputs. NES changes only weights and biases, so a PReLU keeps its initial
-#: slope.
+#: Slopes for negative inputs. A PReLU keeps its initial slope, because NES does not change it.
 _SLOPES = {"tanh": 0.0, "relu": 0.0, "lrelu": LRELU_SLOPE, "prelu": PRELU_INITIAL_SLOPE}
 
 Psi = NDArray[np.float32]
@@ -39,10 +38,8 @@ _Size = Annotated[int, Field(ge=1, le=65536)]
 
 @dataclass(frozen=True)
 class Architecture:
-    """Sizes of an SE's networks, and the step limit that truncates its episodes.
-
-    The ranges are checked when an SE file is read or written.
-    """
+    """Sizes of an SE's networks, and the step limit that truncates its episodes. Reading and
+    writing an SE file checks the ranges."""
 
     state_size: _Size
     n_actions: _Size
@@ -93,6 +90,15 @@ class Architecture:
         next_state, reward, done = np.split(psi, np.cumsum(counts)[:-1])
         return next_state, reward, done
 
+    def tensors(self, psi: Psi) -> dict[str, Psi]:
+        """Return views of psi (P,) by name: `reward.0.weight` (units, inputs), `reward.0.bias`."""
+        tensors = {}
+        for name, net, part in zip(NETWORKS, self.networks, self.split(psi), strict=True):
+            for layer in range(len(net.shapes)):
+                tensors[f"{name}.{layer}.weight"] = layer_weights(net, part, layer)
+                tensors[f"{name}.{layer}.bias"] = layer_biases(net, part, layer)
+        return tensors
+
     def initialize(self, rng: np.random.Generator) -> Psi:
         """Draw an initial psi (P,), uniform in +-1/sqrt(fan_in)."""
         return np.concatenate([initial_parameters(net, rng) for net in self.networks])
@@ -100,8 +106,7 @@ class Architecture:
 
 @dataclass(frozen=True, eq=False)
 class SE:
-    """A synthetic environment: an architecture and parameters psi (P,). Raises InvalidInput if psi
-    has another length."""
+    """An SE: an architecture and parameters psi (P,). Raises InvalidInput for another length."""
 
     architecture: Architecture
     psi: Psi = field(repr=False)
@@ -119,9 +124,6 @@ class SE:
         if not isinstance(other, SE):
             return NotImplemented
         return self.architecture == other.architecture and np.array_equal(self.psi, other.psi)
-
-    def __hash__(self) -> int:
-        return hash(self.digest)
 
     @property
     def finite(self) -> bool:

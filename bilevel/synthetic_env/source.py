@@ -10,11 +10,6 @@ from bilevel.errors import InvalidInput, first_line
 from bilevel.synthetic_env.storage import StoredSE, load_se
 from bilevel.zoo import ENTRIES, zoo_file
 
-#: A version of a registered model, by number or alias.
-_MODEL = re.compile(r"models:/([^/@]+)(?:/(\d+)|@(.+))")
-
-_MLFLOW = re.compile(r"(models|runs|mlflow-artifacts):/")
-
 
 def load(address: str | Path) -> StoredSE:
     """Load an SE from a file, from the zoo or from MLflow.
@@ -39,13 +34,9 @@ def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
 
     Raises InvalidInput if there is none.
     """
-    if not isinstance(address, str | os.PathLike):
-        raise InvalidInput(
-            f"an SE is a path, a name in the zoo or an MLflow address; got {address!r}"
-        )
-    if isinstance(address, str) and address in ENTRIES:
-        return zoo_file(address)
-    if is_of_mlflow(address):
+    if address in ENTRIES:
+        return zoo_file(str(address))
+    if is_mlflow_address(address):
         return _downloaded(str(address), tracking_uri)
     if not os.path.exists(address):  # noqa: PTH110 (Path.exists raises if the name is too long)
         raise InvalidInput(
@@ -55,9 +46,9 @@ def se_file(address: str | Path, tracking_uri: str | None = None) -> Path:
     return Path(address)
 
 
-def is_of_mlflow(address: str | Path) -> bool:
+def is_mlflow_address(address: str | Path) -> bool:
     """Return whether MLflow resolves an address."""
-    return _MLFLOW.match(str(address)) is not None
+    return re.match("(models|runs|mlflow-artifacts):/", str(address)) is not None
 
 
 def pinned(address: str, tracking_uri: str | None = None) -> str:
@@ -65,22 +56,14 @@ def pinned(address: str, tracking_uri: str | None = None) -> str:
 
     Other addresses are returned unchanged. Raises InvalidInput if there is no such version.
     """
-    if not address.startswith("models:"):
+    alias = re.fullmatch("models:/([^/@]+)@(.+)", address)
+    if alias is None:
         return address
-    model = _MODEL.fullmatch(address)
-    if model is None:
-        raise InvalidInput(
-            f"{address!r} is not a version of a model: allowed are models:/NAME@ALIAS and "
-            "models:/NAME/VERSION"
-        )
-    name, version, alias = model.groups()
-    if version is None:
-        from mlflow import MlflowClient
+    from mlflow import MlflowClient
 
+    with _mlflow_errors(address):
         client = MlflowClient(tracking_uri, tracking_uri)
-        with _mlflow_errors(address):
-            version = client.get_model_version_by_alias(name, alias).version
-    return f"models:/{name}/{version}"
+        return f"models:/{alias[1]}/{client.get_model_version_by_alias(alias[1], alias[2]).version}"
 
 
 def _downloaded(address: str, tracking_uri: str | None) -> Path:
@@ -88,13 +71,10 @@ def _downloaded(address: str, tracking_uri: str | None) -> Path:
     from mlflow.artifacts import download_artifacts
 
     if tracking_uri is None and not is_tracking_uri_set():  # MLflow would create a database here
-        raise InvalidInput(
-            f"{address!r} needs MLflow: set MLFLOW_TRACKING_URI, for example to "
-            "sqlite:////home/me/bilevel/runs/mlflow.db or http://localhost:5000"
-        )
+        raise InvalidInput(f"{address!r} needs MLflow: set MLFLOW_TRACKING_URI")
     source = pinned(address, tracking_uri)
     with _mlflow_errors(address):
-        if model := _MODEL.fullmatch(source):
+        if model := re.fullmatch("models:/([^/@]+)/([0-9]+)", source):
             # download_artifacts would ask the registry of MLflow's configuration.
             client = MlflowClient(tracking_uri, tracking_uri)
             source = client.get_model_version_download_uri(model[1], model[2])

@@ -9,7 +9,7 @@ import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any, Final, Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 import safetensors.numpy
@@ -21,11 +21,8 @@ from bilevel.decode import decode, decode_json
 from bilevel.durable import checksum, write_file
 from bilevel.errors import InvalidInput, require
 from bilevel.kernels.synthetic_env import DONE
-from bilevel.networks import layer_biases, layer_weights
-from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi, StepLimit
+from bilevel.synthetic_env.architecture import SE, Architecture, Psi, StepLimit
 from bilevel.tasks import Task, get_task
-
-FORMAT: Final = "bilevel-synthetic-environment"
 
 
 @dataclass(frozen=True)
@@ -50,11 +47,9 @@ class StoredSE:
         return self.se.psi
 
     def task(self) -> Task:
-        """Return the real task, on which agents trained on the SE are tested.
-
-        Raises InvalidInput if gymnasium does not know the task, if its sizes differ from the SE's,
-        or if its id names a module (`MODULE:ID`) that is not imported.
-        """
+        """Return the real task, on which agents trained on the SE are tested. Raises InvalidInput
+        if gymnasium does not know the task, if it does not fit, or if its id names a module
+        (`MODULE:ID`) that is not imported."""
         module = self.task_id.rpartition(":")[0]
         if module and module not in sys.modules:  # a file must not cause imports
             raise InvalidInput(
@@ -79,19 +74,13 @@ class _Header:
     reading: dict[str, Any]  # constants that readers need in addition to the architecture
     info: Mapping[str, Any]
 
-    @classmethod
-    def of(cls, se: StoredSE) -> Self:
-        limit, solved = int(se.step_limit), float(se.solved_reward)
-        reading = _reading(se.architecture)
-        return cls(FORMAT, 1, se.task_id, limit, solved, se.architecture, reading, se.info)
 
-    @classmethod
-    def checked(cls, values: Any) -> Self:
-        """Decode a header. Raises InvalidInput."""
-        header = decode(cls, values, "header")
-        if header.reading != (expected := _reading(header.architecture)):
-            raise InvalidInput(f"reading must be {expected}; got {header.reading}")
-        return header
+def _checked(values: Any) -> _Header:
+    """Decode a header. Raises InvalidInput."""
+    header = decode(_Header, values, "header")
+    if header.reading != (expected := _reading(header.architecture)):
+        raise InvalidInput(f"reading must be {expected}; got {header.reading}")
+    return header
 
 
 def _reading(architecture: Architecture) -> dict[str, Any]:
@@ -103,29 +92,38 @@ def _reading(architecture: Architecture) -> dict[str, Any]:
     }
 
 
-def save_se(se: StoredSE, path: Path | str) -> None:
-    """Write an SE to a `.safetensors` file, atomically; an existing file is replaced.
+def header_of(se: StoredSE) -> dict[str, Any]:
+    """Return the header of an SE's file, without its checksum. Raises InvalidInput."""
+    header = {
+        "format": "bilevel-synthetic-environment",
+        "version": 1,
+        "task": se.task_id,
+        "step_limit": se.step_limit,
+        "solved_reward": se.solved_reward,
+        "architecture": asdict(se.architecture),
+        "reading": _reading(se.architecture),
+        "info": dict(se.info),
+    }
+    _checked(header)
+    return header
 
-    Raises InvalidInput if the folder does not exist, if psi is not finite, or if `info` contains
-    other than JSON values, and StorageFailure if the disk cannot be written.
-    """
+
+def save_se(se: StoredSE, path: Path | str) -> None:
+    """Write an SE to a `.safetensors` file, atomically. Raises InvalidInput if psi is not finite or
+    `info` contains other than JSON values, and StorageFailure if the file cannot be written."""
     write_file(Path(path), se_bytes(se))
 
 
 def se_bytes(se: StoredSE) -> bytes:
     """Return the content of an SE file; equal SEs give equal bytes. Raises InvalidInput."""
     require(StoredSE, se, "an SE", "as `learn` and `load` return it")
-    try:
-        header = json.loads(json.dumps(asdict(_Header.of(se))))  # the values that a reader gets
-    except (TypeError, ValueError, RecursionError) as error:
-        raise InvalidInput(f"the info of an SE must be JSON values: {error}") from None
-    _Header.checked(header)
+    header = header_of(se)
     if not se.se.finite:
-        raise InvalidInput("psi of the SE has values that are not finite")
+        raise InvalidInput("psi has values that are not finite")
     header["sha256"] = _checksum(header, se.psi)
     # A single metadata entry, because safetensors writes several in random order.
     metadata = {"se": json.dumps(header)}
-    return bytes(safetensors.numpy.save(_tensors(se.architecture, se.psi), metadata))
+    return bytes(safetensors.numpy.save(se.architecture.tensors(se.psi), metadata))
 
 
 def load_se(path: Path | str) -> StoredSE:
@@ -134,22 +132,15 @@ def load_se(path: Path | str) -> StoredSE:
         with safe_open(path, framework="numpy") as file:
             metadata = file.metadata() or {}
             tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-    except FileNotFoundError:
-        raise InvalidInput(f"no SE file at {str(path)!r}") from None
-    except (SafetensorError, OSError, ValueError, TypeError) as error:
-        if Path(path).is_dir():
-            raise InvalidInput(f"{str(path)!r} is a folder: give an SE file in it") from None
-        raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {error}") from None
-    if "se" not in metadata:
-        raise InvalidInput(f"{str(path)!r} is a safetensors file, but not of an SE")
-    try:
-        values = decode_json(dict[str, Any], metadata["se"], "header")
+        values = decode_json(dict[str, Any], metadata.get("se", ""), "header")
         stored = values.pop("sha256", None)  # other tools need not write a checksum
-        header = _Header.checked(values)
+        header = _checked(values)
         psi = _flat(header.architecture, tensors)
         if stored not in (None, _checksum(values, psi)):
             raise InvalidInput("its checksum is wrong")
-    except InvalidInput as error:
+    except FileNotFoundError:
+        raise InvalidInput(f"no SE file at {str(path)!r}") from None
+    except (SafetensorError, OSError, ValueError, TypeError) as error:
         raise InvalidInput(f"{str(path)!r} is damaged or not an SE file: {error}") from None
     se = SE(header.architecture, psi)
     return StoredSE(se, header.task, header.step_limit, header.solved_reward, header.info)
@@ -159,23 +150,12 @@ def _checksum(header: Mapping[str, Any], psi: Psi) -> str:
     return checksum(json.dumps(header).encode(), psi.tobytes())
 
 
-def _tensors(architecture: Architecture, psi: Psi) -> dict[str, Psi]:
-    """Return views of psi by tensor name."""
-    tensors = {}
-    parts = architecture.split(psi)
-    for name, net, part in zip(NETWORKS, architecture.networks, parts, strict=True):
-        for layer in range(len(net.shapes)):
-            tensors[f"{name}.{layer}.weight"] = layer_weights(net, part, layer)
-            tensors[f"{name}.{layer}.bias"] = layer_biases(net, part, layer)
-    return tensors
-
-
 def _flat(architecture: Architecture, tensors: Mapping[str, NDArray[Any]]) -> Psi:
     """Concatenate tensors to psi. Raises InvalidInput for tensors that do not fit."""
     if sum(tensor.size for tensor in tensors.values()) != architecture.parameter_count:
         raise InvalidInput("the number of its parameters does not fit its architecture")
     psi = np.zeros(architecture.parameter_count, np.float32)
-    for name, view in _tensors(architecture, psi).items():
+    for name, view in architecture.tensors(psi).items():
         tensor = tensors.get(name)
         if tensor is None or tensor.dtype != np.float32 or tensor.shape != view.shape:
             raise InvalidInput(f"tensor {name} must be float32{list(view.shape)}")

@@ -3,7 +3,6 @@
 import torch
 from torch import Tensor, nn
 
-from bilevel.networks import layer_biases, layer_weights
 from bilevel.synthetic_env.architecture import NETWORKS, Architecture
 from bilevel.synthetic_env.storage import StoredSE
 from bilevel.torch_activations import activation_module
@@ -19,13 +18,14 @@ class SEModule(nn.Module):
     def __init__(self, se: StoredSE) -> None:
         super().__init__()
         self.architecture: Architecture = se.architecture
-        parts = se.architecture.split(se.psi)
-        for name, net, part in zip(NETWORKS, se.architecture.networks, parts, strict=True):
+        tensors = se.architecture.tensors(se.psi)
+        for name in NETWORKS:
             layers: list[nn.Module] = []
-            for layer, (n_in, n_out) in enumerate(net.shapes):
-                linear = nn.Linear(n_in, n_out)
-                linear.weight.data = torch.tensor(layer_weights(net, part, layer))
-                linear.bias.data = torch.tensor(layer_biases(net, part, layer))
+            for layer in range(se.architecture.hidden_layers + 1):
+                weight = torch.tensor(tensors[f"{name}.{layer}.weight"])
+                linear = nn.Linear(weight.shape[1], weight.shape[0])
+                linear.weight.data = weight
+                linear.bias.data = torch.tensor(tensors[f"{name}.{layer}.bias"])
                 layers += [linear, activation_module(se.architecture.activation)]
             self.add_module(name, nn.Sequential(*layers[:-1]))
         self.requires_grad_(False)

@@ -2,7 +2,6 @@
 
 import operator
 import warnings
-from contextlib import suppress
 from typing import Any
 
 import gymnasium
@@ -10,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.errors import InvalidInput
-from bilevel.user_code import as_mistake, mistake_at
+from bilevel.user_code import UserCodeError, user_code_errors
 
 #: A real task in gymnasium.
 RealEnv = gymnasium.Env[NDArray[np.float32], np.int64]
@@ -24,8 +23,7 @@ def make_env(
     kwargs: dict[str, Any] = {} if render_mode is None else {"render_mode": render_mode}
     with warnings.catch_warnings():
         # The paper's CartPole-v0 is not the latest version.
-        for category in (DeprecationWarning, UserWarning):
-            warnings.filterwarnings("ignore", ".*(out of date|latest versioned)", category)
+        warnings.filterwarnings("ignore", ".*(out of date|latest versioned)")
         # The environment checker repeats its warnings for every environment.
         return gymnasium.make(task_id, step_limit, disable_env_checker=True, **kwargs)
 
@@ -33,23 +31,21 @@ def make_env(
 def checked_action(action: Any, n_actions: int, first: int = 0) -> int:
     """Return the index, from 0, of an action of a Discrete space that starts at `first`.
 
-    The action may be an integer of any type, such as a torch tensor. Raises InvalidInput for
-    other values.
+    The action may be an integer of any type, such as a torch tensor. Raises InvalidInput for other
+    values.
     """
     try:
         index = operator.index(action) - first
     except TypeError:
         index = -1
     if not 0 <= index < n_actions:
-        raise InvalidInput(
-            f"action {action!r} is not allowed: allowed are the integers {first} to "
-            f"{first + n_actions - 1}"
-        )
+        last = first + n_actions - 1
+        raise InvalidInput(f"action {action!r} is not allowed: allowed are {first} to {last}")
     return index
 
 
 class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.float32], np.int64]):
-    """A user's environment, whose errors and invalid return values raise Mistake."""
+    """A user's environment, whose errors and invalid return values raise UserCodeError."""
 
     def __init__(self, env: RealEnv, task_id: str) -> None:
         super().__init__(env)
@@ -59,35 +55,24 @@ class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.flo
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[np.float32], dict[str, Any]]:
         """See gymnasium."""
-        code = type(self.unwrapped).reset
-        with as_mistake(self._name, code, "is reset"):
+        with user_code_errors(self._name, "is reset"):
             state, info = self.env.reset(seed=seed, options=options)
-            return self._observation(state, code), info
+            return self._checked(state, 0.0), info
 
     def step(
         self, action: np.int64
     ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
         """See gymnasium."""
-        code = type(self.unwrapped).step
-        with as_mistake(self._name, code, "takes a step"):
+        with user_code_errors(self._name, "takes a step"):
             state, reward, terminated, truncated, info = self.env.step(action)
-            checked, number = self._observation(state, code), float(reward)
-            if not np.isfinite(number):
-                raise mistake_at(self._name, code, f"the reward is {number}: it must be finite")
-            return checked, number, bool(terminated), bool(truncated), info
+            number = float(reward)
+            return self._checked(state, number), number, bool(terminated), bool(truncated), info
 
-    def close(self) -> None:
-        """See gymnasium. Errors are ignored: most follow from an earlier error, which is raised."""
-        with suppress(Exception, SystemExit):
-            self.env.close()
-
-    def _observation(self, state: Any, code: Any) -> NDArray[np.float32]:
+    def _checked(self, state: Any, reward: float) -> NDArray[np.float32]:
         # A copy: a task may write its next observation into the same array.
         array, shape = np.array(state), self.observation_space.shape
         if array.shape != shape:
-            problem = f"an observation has the shape {array.shape}: its space has {shape}"
-        elif not np.isfinite(array).all():
-            problem = f"an observation is {np.array2string(array, threshold=8)}: it must be finite"
-        else:
-            return array
-        raise mistake_at(self._name, code, problem)
+            raise UserCodeError(f"{self._name} observes the shape {array.shape} instead of {shape}")
+        if not np.isfinite(array).all() or not np.isfinite(reward):
+            raise UserCodeError(f"{self._name} returns {array} and the reward {reward}: not finite")
+        return array

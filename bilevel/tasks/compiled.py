@@ -1,14 +1,12 @@
-"""Definition of a task with compiled dynamics (`bilevel.kernels.dynamics`).
-
-To add a task, define its `CompiledTask` in a file like `cartpole.py`, and add it to
-`bilevel.tasks.task.COMPILED`.
-"""
+"""Simulators of the tasks with compiled dynamics (`bilevel.kernels.dynamics`)."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from bilevel.kernels import dynamics
 
 Physics = NDArray[np.float64]
 
@@ -19,20 +17,48 @@ class Labels:
 
     observations: tuple[str, ...]
     actions: tuple[str, ...]
-    axes: tuple[int, int] = (0, 1)  # indices of the two observations that plots show
+    axes: tuple[int, int]  # indices of the two observations that plots show
 
 
 @dataclass(frozen=True)
-class CompiledTask:
-    """Fixed values of a compiled task, and the parts of its simulator that run once an episode."""
+class Simulator:
+    """The parts of a compiled task's simulator that run once an episode, and its labels."""
 
-    id: str
-    state_size: int
-    n_actions: int
-    step_limit: int
-    solved_reward: float
-    worst_score: float
-    dynamics: int  # code of the compiled step in `bilevel.kernels.dynamics`
     initial_physics: Callable[[np.random.Generator, int], Physics]  # n initial states (n, p)
     physics: Callable[[NDArray[np.float32]], Physics]  # state (p,) at an observation (S,)
     labels: Labels
+
+
+def _acrobot_physics(observation: NDArray[np.float32]) -> Physics:
+    cos1, sin1, cos2, sin2, *velocities = observation.astype(np.float64)
+    return np.array([np.arctan2(sin1, cos1), np.arctan2(sin2, cos2), *velocities])
+
+
+_CARTPOLE_LABELS = Labels(
+    ("cart position (m)", "cart velocity (m/s)", "pole angle (rad)", "pole velocity (rad/s)"),
+    ("push left", "push right"),
+    axes=(2, 3),
+)
+
+_ACROBOT_LABELS = Labels(
+    (
+        *("cosine of angle 1", "sine of angle 1", "cosine of angle 2", "sine of angle 2"),
+        *("velocity of link 1 (rad/s)", "velocity of link 2 (rad/s)"),
+    ),
+    ("torque -1", "torque 0", "torque +1"),
+    axes=(4, 5),
+)
+
+#: Simulators by the code of their dynamics.
+SIMULATORS = {
+    dynamics.CARTPOLE: Simulator(
+        lambda rng, n: rng.uniform(-0.05, 0.05, (n, 4)),
+        lambda observation: observation.astype(np.float64),
+        _CARTPOLE_LABELS,
+    ),
+    dynamics.ACROBOT: Simulator(
+        lambda rng, n: rng.uniform(-0.1, 0.1, (n, 4)).astype(np.float32).astype(np.float64),
+        _acrobot_physics,
+        _ACROBOT_LABELS,
+    ),
+}

@@ -2,24 +2,22 @@
 
 import math
 from contextlib import closing
-from dataclasses import fields
-from typing import Any
 
 import gymnasium
 import numpy as np
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.spaces import Box, Discrete, Space
+from gymnasium.spaces import Box, Discrete
 
 from bilevel.errors import InvalidInput, first_line, is_number
 from bilevel.kernels import dynamics
-from bilevel.tasks.adapter import CheckedEnv, RealEnv, make_env
-from bilevel.tasks.task import COMPILED, MAX_STEP_LIMIT, Task
-from bilevel.user_code import as_mistake
+from bilevel.tasks.adapter import CheckedEnv, make_env
+from bilevel.tasks.task import MAX_STEP_LIMIT, Task
+from bilevel.user_code import user_code_errors
 
-#: Tasks with the paper's values by id.
+#: Tasks with compiled dynamics and the paper's values (Table "Fixed hyperparameters") by id.
 BUILT_IN_TASKS = {
-    task.id: Task(**{field.name: getattr(task, field.name) for field in fields(Task)})
-    for task in COMPILED.values()
+    "CartPole-v0": Task("CartPole-v0", 4, 2, 200, 195.0, 0.0, dynamics.CARTPOLE),
+    "Acrobot-v1": Task("Acrobot-v1", 6, 3, 500, -100.0, -500.0, dynamics.ACROBOT),
 }
 
 
@@ -51,8 +49,7 @@ def get_task(
     built_in = BUILT_IN_TASKS.get(task_id)
     if built_in is not None and (solved_reward, step_limit, worst_score) == (None, None, None):
         return built_in
-    spec, observations, actions = _inspect(task_id)
-    state_size, n_actions = _sizes(task_id, observations, actions)
+    spec, state_size, n_actions = _inspect(task_id)
     solved = spec.reward_threshold if solved_reward is None else solved_reward
     limit = spec.max_episode_steps if step_limit is None else step_limit
     if solved is None or limit is None:
@@ -64,14 +61,12 @@ def get_task(
     if not is_number(solved) or not math.isfinite(solved):
         raise InvalidInput(f"{task_id}: solved reward must be a finite number; got {solved!r}")
     if not isinstance(limit, int | np.integer) or not 1 <= limit <= MAX_STEP_LIMIT:
-        raise InvalidInput(
-            f"{task_id}: step limit (--step-limit) must be 1 to {MAX_STEP_LIMIT}; got {limit}"
-        )
+        raise InvalidInput(f"{task_id}: step limit must be 1 to {MAX_STEP_LIMIT}; got {limit!r}")
     worst = _default_worst_score(solved, limit) if worst_score is None else worst_score
     if not is_number(worst) or not -math.inf < worst < solved:
         raise InvalidInput(
-            f"{task_id}: worst score (--worst-score) must be finite and below the solved reward, "
-            f"{solved:g}; got {worst!r}"
+            f"{task_id}: worst score must be finite and below the solved reward, {solved:g}; "
+            f"got {worst!r}"
         )
     code = built_in.dynamics if built_in else dynamics.OBSERVED
     return Task(task_id, state_size, n_actions, int(limit), float(solved), float(worst), code)
@@ -83,44 +78,25 @@ def _default_worst_score(solved_reward: float, step_limit: int) -> float:
     return -float(step_limit) if -step_limit < solved_reward else 2 * float(solved_reward)
 
 
-def _inspect(task_id: str) -> tuple[EnvSpec, Space[Any], Space[Any]]:
-    """Return spec, observation space and action space of a task. Raises InvalidInput."""
-    env = CheckedEnv(_make(task_id), task_id)
-    code = type(env.unwrapped)
-    with closing(env), as_mistake(f"task {task_id!r}", code, "is asked for its spaces"):
-        observations, actions = env.observation_space, env.action_space
-    spec = env.spec
+def _inspect(task_id: str) -> tuple[EnvSpec, int, int]:
+    """Return spec, number of observations and number of actions of a task. Raises InvalidInput."""
+    with user_code_errors(f"task {task_id!r}", "is created"):
+        try:
+            with closing(CheckedEnv(make_env(task_id), task_id)) as env:
+                spec, observations, actions = env.spec, env.observation_space, env.action_space
+        except gymnasium.error.Error as error:
+            raise InvalidInput(
+                f"unknown task {task_id!r}: allowed are {', '.join(BUILT_IN_TASKS)} "
+                f"and gymnasium ids with a flat Box and Discrete actions ({first_line(error)})"
+            ) from None
     assert spec is not None
     if spec.id != task_id.rpartition(":")[2]:  # gymnasium adds the latest version
-        versions = {name for name in BUILT_IN_TASKS if name.startswith(f"{task_id}-v")} | {spec.id}
-        allowed = ", ".join(sorted(versions))
-        raise InvalidInput(f"task {task_id!r} has no version: allowed are {allowed}")
-    return spec, observations, actions
-
-
-def _make(task_id: str) -> RealEnv:
-    try:
-        return make_env(task_id)
-    except gymnasium.error.Error as error:
-        raise InvalidInput(
-            f"unknown task {task_id!r}: allowed are {', '.join(BUILT_IN_TASKS)} "
-            f"and gymnasium ids with a flat Box and Discrete actions ({first_line(error)})"
-        ) from None
-    except (Exception, SystemExit):  # raised by the environment, or by the import of its module
-        with as_mistake(f"task {task_id!r}", None, "is made"):
-            raise
-
-
-def _sizes(task_id: str, observations: Space[Any], actions: Space[Any]) -> tuple[int, int]:
-    """Return the number of observations and of actions. Raises InvalidInput for other spaces."""
+        raise InvalidInput(f"task {task_id!r} has no version, such as {spec.id}")
     if not isinstance(observations, Box) or len(observations.shape) != 1:
         raise InvalidInput(
             f"{task_id} has observations {observations}: allowed is a Box of one dimension; "
             "gymnasium.wrappers.FlattenObservation converts other spaces"
         )
     if not isinstance(actions, Discrete):
-        raise InvalidInput(
-            f"{task_id} has actions {actions}: allowed is Discrete; a gymnasium.ActionWrapper can "
-            "select actions of another space"
-        )
-    return observations.shape[0], int(actions.n)
+        raise InvalidInput(f"{task_id} has actions {actions}: allowed is Discrete")
+    return spec, observations.shape[0], int(actions.n)

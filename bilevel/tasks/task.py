@@ -6,7 +6,6 @@ in tests, for initial states, and in training on the real task.
 
 from contextlib import closing, nullcontext
 from dataclasses import dataclass
-from functools import cache
 from typing import Self
 
 import gymnasium
@@ -15,15 +14,9 @@ from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 from bilevel.kernels import dynamics
-from bilevel.tasks.acrobot import ACROBOT
-from bilevel.tasks.adapter import CheckedEnv, make_env
-from bilevel.tasks.adapter import RealEnv as RealEnv
-from bilevel.tasks.cartpole import CARTPOLE
-from bilevel.tasks.compiled import CompiledTask
+from bilevel.tasks.adapter import CheckedEnv, RealEnv, make_env
+from bilevel.tasks.compiled import SIMULATORS, Labels
 from bilevel.user_code import digest_of
-
-#: All compiled tasks by the code of their dynamics.
-COMPILED: dict[int, CompiledTask] = {task.dynamics: task for task in (CARTPOLE, ACROBOT)}
 
 #: Maximum number of initial states drawn from an environment that gymnasium runs; training episodes
 #: cycle through them. Compiled tasks draw one state per episode.
@@ -36,7 +29,6 @@ MAX_STEP_LIMIT = 1_000_000
 #: gymnasium runs, whose steps may be slow. With 1000 steps some runs on CartPole take several times
 #: as long as with 100 000 (docs/nes.md).
 SCALE_STEPS, GYMNASIUM_SCALE_STEPS = 100_000, 10_000
-
 
 #: Range of an observation, relative to its mean, up to which it counts as constant.
 _CONSTANT = 1e-6
@@ -63,18 +55,14 @@ class ObservationScale:
 
 @dataclass(frozen=True)
 class Task:
-    """Fixed values of a real task, as `get_task` returns them.
-
-    `worst_score` is the score of a diverged agent: the lowest possible return, or the value given
-    to `get_task`.
-    """
+    """Fixed values of a real task, as `get_task` returns them."""
 
     id: str
     state_size: int
     n_actions: int
     step_limit: int  # maximum number of environment steps per episode
     solved_reward: float  # mean return at which the task counts as solved
-    worst_score: float
+    worst_score: float  # score of a diverged agent
     dynamics: int = dynamics.OBSERVED  # code of the compiled dynamics, if any
 
     @property
@@ -84,11 +72,20 @@ class Task:
 
     @property
     def code_digest(self) -> str | None:
-        """Digest of the user's code that defines the task; None for gymnasium's own tasks.
+        """Digest of the user's code that defines the task; None for gymnasium's own tasks."""
+        if self.compiled:
+            return None
+        entry = gymnasium.spec(self.id.rpartition(":")[2]).entry_point  # its module is imported
+        return digest_of("gymnasium", load_env_creator(entry) if isinstance(entry, str) else entry)
 
-        It is computed once: the process keeps using the code that it imported.
-        """
-        return None if self.compiled else _code_digest(self.id)
+    @property
+    def labels(self) -> Labels:
+        """Names of observations and actions; tasks without compiled dynamics have numbers."""
+        if self.compiled:
+            return SIMULATORS[self.dynamics].labels
+        observations = tuple(f"observation {i}" for i in range(self.state_size))
+        actions = tuple(f"action {i}" for i in range(self.n_actions))
+        return Labels(observations, actions, axes=(0, min(1, self.state_size - 1)))
 
     def make(self, render_mode: str | None = None) -> RealEnv:
         """Create the gymnasium environment, truncated at this task's step limit."""
@@ -96,7 +93,7 @@ class Task:
         return env if self.compiled else CheckedEnv(env, self.id)
 
     def try_out(self) -> None:
-        """Reset the environment and take each action once. Raises Mistake."""
+        """Reset the environment and take each action once. Raises UserCodeError."""
         with closing(self.make()) as env:
             first = int(env.action_space.start)  # type: ignore[attr-defined]
             for action in range(self.n_actions):
@@ -106,14 +103,11 @@ class Task:
     def initial_physics(
         self, rng: np.random.Generator, n: int, env: RealEnv | None = None
     ) -> NDArray[np.float64]:
-        """Draw `n` initial states (n, p) from the task's reset distribution.
-
-        For a compiled task these are states of the simulator. For other tasks they are
-        observations, at most `GYMNASIUM_INITIAL_STATES`, after resets of `env` (by default of a new
-        environment).
-        """
+        """Draw `n` initial states (n, p) from the task's reset distribution: states of the
+        simulator of a compiled task, else at most `GYMNASIUM_INITIAL_STATES` observations after
+        resets of `env` (by default of a new environment)."""
         if self.compiled:
-            return COMPILED[self.dynamics].initial_physics(rng, n)
+            return SIMULATORS[self.dynamics].initial_physics(rng, n)
         seed = int(rng.integers(2**31))
         with closing(self.make()) if env is None else nullcontext(env) as env:
             states = [env.reset(seed=seed)[0]]
@@ -127,10 +121,8 @@ class Task:
         return state
 
     def physics(self, state: NDArray[np.float32]) -> NDArray[np.float64]:
-        """Return the simulator's state (p,) at an observation (S,), the inverse of `observe`."""
-        if self.compiled:
-            return COMPILED[self.dynamics].physics(state)
-        return state.astype(np.float64)
+        """Return the state (p,) of a compiled task's simulator at an observation (S,)."""
+        return SIMULATORS[self.dynamics].physics(state)
 
     @property
     def unit_scale(self) -> ObservationScale:
@@ -163,11 +155,3 @@ class Task:
                 if terminated or truncated:
                     seen[t], _ = env.reset()
         return seen
-
-
-@cache
-def _code_digest(task_id: str) -> str | None:
-    spec = gymnasium.spec(task_id.rpartition(":")[2])  # the module before it is imported
-    entries = [spec.entry_point, *(wrapper.entry_point for wrapper in spec.additional_wrappers)]
-    code = [load_env_creator(entry) if isinstance(entry, str) else entry for entry in entries]
-    return digest_of("gymnasium", *code)

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from bilevel.errors import one_of
+from bilevel.errors import unknown_value
 
 _FOLDER = Path(__file__).parent
 
@@ -44,11 +44,6 @@ class Card:
     sha256: str  # of the SE file
     taught: tuple[Taught, ...]
 
-    @property
-    def env_id(self) -> str:
-        """Id of the environment in gymnasium."""
-        return env_id(self.name)
-
 
 @dataclass(frozen=True)
 class Entry:
@@ -62,25 +57,20 @@ class Entry:
 
 #: All SEs of the zoo by name.
 ENTRIES = {
-    entry.name: entry
-    for entry in (Entry("CartPole-v0", "CartPole-v0", 441), Entry("Acrobot-v1", "Acrobot-v1", 473))
+    "CartPole-v0": Entry("CartPole-v0", "CartPole-v0", 441),
+    "Acrobot-v1": Entry("Acrobot-v1", "Acrobot-v1", 473),
 }
-
-
-def label(name: str) -> str:
-    """Return the label of an SE of the zoo, which differs from its task's name."""
-    return f"Synthetic-{name}"
 
 
 def env_id(name: str) -> str:
     """Return the gymnasium id of an SE of the zoo."""
-    return f"bilevel/{label(name)}"
+    return f"bilevel/Synthetic-{name}"
 
 
 def get_entry(name: str) -> Entry:
     """Return an entry by name. Raises InvalidInput for an unknown name."""
     if name not in ENTRIES:
-        raise one_of("SE of the zoo", name, ENTRIES)
+        raise unknown_value("SE of the zoo", name, ENTRIES)
     return ENTRIES[name]
 
 

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from bilevel.errors import one_of
+from bilevel.errors import unknown_value
 from cluster.bohb.study.definition import KIND as STUDY
 from cluster.bohb.view import StudyViews, study_progress
 from cluster.evaluate.run import KIND as EVALUATION
@@ -42,7 +42,7 @@ def kind_of(folder: Path) -> str:
     kind."""
     kind = str(read_settings(folder).get("kind"))
     if kind not in KINDS:
-        raise one_of("kind of run", kind, KINDS)
+        raise unknown_value("kind of run", kind, KINDS)
     return kind
 
 

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from bilevel.errors import InvalidInput, one_of
+from bilevel.errors import InvalidInput, unknown_value
 from bilevel.tasks import Task
 from cluster.cli.decorators import common_options, set_option, vary_option, workers_option
 from cluster.cli.options import RunOptions, once
@@ -72,7 +72,7 @@ def evaluate(
     kinds = _kinds(common, max_episodes, settings)
     vary = vary or "no"
     if vary not in VARIATIONS:
-        raise one_of("variation of agents", vary, VARIATIONS)
+        raise unknown_value("variation of agents", vary, VARIATIONS)
     varied = "" if vary == "no" else f"-{vary}"
     suffix = f"-{'-'.join(hp.agent for hp in kinds)}{varied}-seed{common.seed}"
     name = name or f"evaluate-{'-'.join(sources)}"[: LONGEST_NAME - len(suffix)] + suffix

@@ -1,4 +1,4 @@
-"""The commands `export` and `import`: SEs in the formats of other projects."""
+"""The command `export`: SEs in the formats of other projects."""
 
 import io
 from pathlib import Path
@@ -38,38 +38,19 @@ def export_se(given: GivenSE, out: Path) -> None:
 
 
 def _onnx(se: "StoredSE") -> bytes:
+    from bilevel.interop import onnx_model
+
     try:
-        from bilevel.interop.onnx import onnx_model
+        return bytes(onnx_model(se).SerializeToString())
     except ModuleNotFoundError:
         raise InvalidInput("ONNX is not installed: pip install onnx") from None
-    return bytes(onnx_model(se).SerializeToString())
 
 
 def _program(se: "StoredSE") -> bytes:
     import torch
 
-    from bilevel.interop.torch_program import torch_program
+    from bilevel.interop import torch_program
 
     file = io.BytesIO()
     torch.export.save(torch_program(se), file)
     return file.getvalue()
-
-
-@click.command("import")
-@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
-@click.argument("out", type=click.Path(path_type=Path, dir_okay=False))
-@click.option("--task", metavar="ID", help="Task of gymnasium (default: the file's).")
-def import_se(file: Path, out: Path, task: str | None) -> None:
-    """Convert an SE of the paper's own code (.pt) to an SE file (OUT ends in .safetensors).
-
-    Only plain values and tensors are read, so that the file cannot run code.
-    """
-    if out.suffix != ".safetensors":
-        raise InvalidInput(f"cannot import to {str(out)!r}: allowed is *.safetensors, an SE file")
-    if out.exists() and file.exists() and out.samefile(file):
-        raise InvalidInput(f"cannot import {str(file)!r} to itself")
-    from bilevel.interop.paper_code import read_paper_se
-    from bilevel.synthetic_env import se_bytes
-
-    write_file(out, se_bytes(read_paper_se(file, task)))
-    click.echo(f"written: {out}; evaluate it with `bilevel evaluate {out}`")

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from bilevel.errors import InvalidInput, one_of
+from bilevel.errors import InvalidInput, unknown_value
 from bilevel.tasks import Task
 from cluster.storage.home import Home
 
@@ -117,7 +117,7 @@ class RunOptions:
         if given in runs:
             raise InvalidInput(f"{given!r} on {task.id} has no recipe: give a finished study")
         finished = f"finished studies on {task.id} ({', '.join(studies) or 'none yet'})"
-        raise one_of("recipe", given, (*RECIPES, "recipe files (*.toml)", finished))
+        raise unknown_value("recipe", given, (*RECIPES, "recipe files (*.toml)", finished))
 
     def suffix(self, recipe: str) -> str:
         """Return the part of a default name that states recipe, agents and variation."""

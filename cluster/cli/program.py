@@ -10,7 +10,7 @@ import click
 from bilevel.errors import InvalidInput
 from cluster.cli.evaluate import evaluate
 from cluster.cli.experiment import experiment
-from cluster.cli.files import export_se, import_se
+from cluster.cli.files import export_se
 from cluster.cli.learn import bohb, nes
 from cluster.cli.runs import runs, sync
 from cluster.cli.show import recipe, show
@@ -57,7 +57,7 @@ def cli() -> None:
 
 for command in (
     *(nes, bohb, evaluate, experiment),
-    *(show, recipe, zoo, export_se, import_se),
+    *(show, recipe, zoo, export_se),
     *(runs, sync, ui),
 ):
     cli.add_command(command)

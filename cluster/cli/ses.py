@@ -63,12 +63,12 @@ class SEAddress(click.ParamType[GivenSE]):
 
         Raises InvalidInput if there is no SE at the address, or MLflow is not reachable.
         """
-        from bilevel.synthetic_env.source import is_of_mlflow, pinned, se_file
-        from bilevel.zoo import ENTRIES, label, zoo_file
+        from bilevel.synthetic_env.source import is_mlflow_address, pinned, se_file
+        from bilevel.zoo import ENTRIES, zoo_file
 
         if value in ENTRIES:
-            return GivenSE(zoo_file(value), label(value))
-        if not is_of_mlflow(value):
+            return GivenSE(zoo_file(value), f"Synthetic-{value}")
+        if not is_mlflow_address(value):
             return GivenSE.of(se_file(value))
         from cluster.tracking.connection import connected
 

@@ -96,7 +96,7 @@ class EvaluationPool:
 
         `se` (an SE, several SEs, or a distribution that requests draw from) is sent once.
         `on_result` is called with each result. Raises ActorsDied if actors keep dying at start or
-        in the same batch, and Mistake for an error in a custom agent or task.
+        in the same batch, and UserCodeError for an error in a custom agent or task.
         """
         arguments = [ray.put(task), ray.put(se)]
         queue = RequestQueue(requests, self.size)

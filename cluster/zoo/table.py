@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from rich.console import Console
 from rich.table import Table
 
-from bilevel.zoo import Card
+from bilevel.zoo import Card, env_id
 
 
 def print_zoo(cards: Iterable[Card]) -> None:
@@ -17,7 +17,7 @@ def print_zoo(cards: Iterable[Card]) -> None:
     for card in cards:
         for number, row in enumerate(card.taught):
             table.add_row(
-                "" if number else card.env_id,
+                "" if number else env_id(card.name),
                 f"{row.agents} {row.agent}",
                 f"{row.mean_return:.1f}",
                 f"{row.solved_fraction:.0%}",

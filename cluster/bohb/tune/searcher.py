@@ -13,7 +13,7 @@ from typing import Any
 from ray.tune.search import Searcher
 
 from bilevel.errors import InvalidInput, StorageFailure
-from bilevel.user_code import Mistake
+from bilevel.user_code import UserCodeError
 from cluster.bohb.search.bracket_search import BracketSearch, Job
 from cluster.bohb.study.journal import ConfigId
 from cluster.bohb.tune.trial import JOB, REPORT, TrialReport
@@ -130,7 +130,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
     def _register(self, job: Job, report: TrialReport) -> None:
         if isinstance(report.error, StorageFailure):
             raise report.error
-        if isinstance(report.error, Mistake) and not self._search.succeeded:
+        if isinstance(report.error, UserCodeError) and not self._search.succeeded:
             raise report.error  # after a success, the hyperparameters are the cause
         if report.error is not None:
             self._search.register(job, None, exception=str(report.error))

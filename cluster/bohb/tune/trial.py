@@ -15,7 +15,7 @@ from ray import tune
 
 from bilevel.errors import StorageFailure
 from bilevel.nes import GenerationRecord
-from bilevel.user_code import Mistake
+from bilevel.user_code import UserCodeError
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import Study
@@ -44,7 +44,7 @@ class TrialReport:
     spent: float = 0.0  # core seconds (estimated) of this job so far
     evaluation_seconds: float = 0.0  # measured, of this job so far
     messages: tuple[str, ...] = ()  # for the terminal
-    error: StorageFailure | Mistake | StepFailed | None = None  # ends the job
+    error: StorageFailure | UserCodeError | StepFailed | None = None  # ends the job
 
 
 class NESTrial(tune.Trainable):  # type: ignore[misc]
@@ -73,7 +73,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         for _ in range(_ATTEMPTS):
             try:
                 return self._generation()
-            except (StorageFailure, Mistake) as error:
+            except (StorageFailure, UserCodeError) as error:
                 return TrialReport(error=error)
             except Exception:
                 failure = StepFailed(traceback.format_exc())

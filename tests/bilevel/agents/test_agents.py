@@ -21,7 +21,6 @@ from bilevel.nes import NES
 from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import SE
 from bilevel.tasks import Task, get_task
-from bilevel.user_code import mistake_at
 from cluster.ray.agent_files import load_agent_file
 from search_spaces.bohb import search_space
 from tests.agent_files import forgotten_afterwards
@@ -141,16 +140,12 @@ def test_an_unknown_agent_is_rejected() -> None:
         get_agent("sarsa")
 
 
-def test_digests_and_locations_are_those_of_the_imported_code(tmp_path: Path) -> None:
+def test_digests_are_those_of_the_imported_code(tmp_path: Path) -> None:
     """Even if the file has changed since then."""
     file = tmp_path / "digested_agent.py"
     code = write_agent(file, "digested")
-    definition = type(get_agent("digested").build(small("digested"), 4, 2, 0))
-    location = str(mistake_at("agent 'digested'", definition, "is wrong"))
-    assert str(file) in location
     file.write_text("\n\n" + code)
     assert get_agent("digested").code_digest == checksum(code.encode())[:16]
-    assert str(mistake_at("agent 'digested'", definition, "is wrong")) == location
     assert [get_agent(name).code_digest for name in AGENTS[:3]] == [None, None, None]
 
 
@@ -163,7 +158,9 @@ def test_annotations_may_be_strings(tmp_path: Path) -> None:
     load_agent_file(file)
     (hp,) = default_agents(("postponed-reinforce",))
     assert replace(hp, hidden_size=3) != hp  # type: ignore[call-arg]
-    with pytest.raises(InvalidInput, match=r"postponed-reinforce\.hidden_size must be int, 1 to"):
+    with pytest.raises(
+        InvalidInput, match=r"postponed-reinforce\.hidden_size: must be a valid integer"
+    ):
         replace(hp, hidden_size="3")  # type: ignore[call-arg]
 
 
@@ -183,13 +180,7 @@ def test_agents_cannot_change_the_state_of_the_environment(
     assert trajectories[0] == trajectories[1]
 
 
-def test_hyperparameters_need_types_and_their_decorator() -> None:
-    with pytest.raises(InvalidInput, match=r"Untyped.learning_rate has no type.* Annotated\[float"):
-
-        @hyperparameters
-        class Untyped(AgentHyperparameters):
-            learning_rate = 0.01
-
+def test_hyperparameters_need_their_decorator() -> None:
     @dataclass(frozen=True, kw_only=True)
     class Unchecked(AgentHyperparameters):
         learning_rate: float = 1.0

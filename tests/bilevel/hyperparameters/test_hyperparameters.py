@@ -4,11 +4,7 @@ from dataclasses import replace
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.hyperparameters import (
-    DDQNHyperparameters,
-    SEHyperparameters,
-    default_agents,
-)
+from bilevel.hyperparameters import DDQNHyperparameters, SEHyperparameters
 from bilevel.recipes import load_recipe
 from tests.conftest import restored
 
@@ -20,24 +16,15 @@ def test_a_run_needs_one_or_more_different_agents() -> None:
             replace(hp, agents=agents)
 
 
-def test_a_dueling_network_needs_one_unit_per_stream() -> None:
-    (agent,) = default_agents(("dueling-ddqn",))
-    assert isinstance(agent, DDQNHyperparameters)
-    with pytest.raises(InvalidInput, match="hidden_size must be at least 2"):
-        replace(agent, hidden_size=1)
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"learning_rate": 7.0}, r"^ddqn\.learning_rate must be float, 1e-08 to 1.0; got 7.0"),
+        ({"learning_rate": 7.0}, r"^ddqn\.learning_rate: must be less than or equal to 1; got 7.0"),
         ({"learning_rate": float("nan")}, "learning_rate"),
-        ({"hidden_layers": 4}, "hidden_layers must be int, 1 to 3; got 4"),
-        ({"hidden_layers": True}, "hidden_layers"),
-        ({"batch_size": 12.0}, "batch_size must be int"),
-        ({"discount": True}, r"^ddqn\.discount must be float, 0.0 to 1.0; got True"),
-        ({"discount": "\n"}, r"^ddqn\.discount must be float, 0.0 to 1.0; got '\\n'$"),
-        ({"activation": "gelu"}, r"unknown ddqn\.activation 'gelu': allowed are tanh, relu"),
+        ({"hidden_layers": True}, "hidden_layers: must be a valid integer; got True"),
+        ({"batch_size": 12.0}, r"ddqn\.batch_size: must be a valid integer"),
+        ({"discount": "\n"}, r"^ddqn\.discount: must be a valid number; got '\\n'$"),
+        ({"activation": "gelu"}, r"ddqn\.activation: must be 'tanh', 'relu', 'lrelu' or 'prelu'"),
     ],
 )
 def test_out_of_range(
@@ -45,12 +32,6 @@ def test_out_of_range(
 ) -> None:
     with pytest.raises(InvalidInput, match=message):
         replace(small_agent, **changes)  # type: ignore[arg-type]
-
-
-def test_booleans_are_strict() -> None:
-    nes = load_recipe("paper", "").nes
-    with pytest.raises(InvalidInput, match=r"^nes\.shared_agent must be bool, true or false"):
-        replace(nes, shared_agent=1)  # type: ignore[arg-type]
 
 
 def test_an_int_is_accepted_as_a_float(small_agent: DDQNHyperparameters) -> None:
@@ -61,9 +42,9 @@ def test_an_int_is_accepted_as_a_float(small_agent: DDQNHyperparameters) -> None
 
 
 def test_unknown_and_missing_fields() -> None:
-    with pytest.raises(InvalidInput, match=r"unknown hyperparameter 'se\.width'"):
+    with pytest.raises(InvalidInput, match=r"unknown 'se\.width'"):
         SEHyperparameters(width=3)  # type: ignore[call-arg]
-    with pytest.raises(InvalidInput, match=r"^se: 'activation' is missing$"):
+    with pytest.raises(InvalidInput, match=r"^'se\.activation' is missing$"):
         SEHyperparameters(family="plain", hidden_layers=1, hidden_size=4, step_limit=0)  # type: ignore[call-arg]
     with pytest.raises(InvalidInput, match=r"^hyperparameters: 'nes' is missing$"):
         restored({})
@@ -86,9 +67,9 @@ def test_agents_that_never_learn_are_rejected() -> None:
     hp = load_recipe("default", "CartPole-v0", agents=("ddqn", "td3"))
     ddqn, td3 = hp.agents
     replace(hp, agents=(ddqn, replace(td3, init_episodes=19, max_episodes=20)))
-    with pytest.raises(InvalidInput, match=r"td3\.init_episodes must be below td3\.m.*, 20, or"):
+    with pytest.raises(InvalidInput, match=r"td3\.init_episodes must be below td3\.m.*, 20; got"):
         replace(hp, agents=(ddqn, replace(td3, init_episodes=20, max_episodes=20)))
     for patient in (0, ddqn.init_episodes + 1):
         replace(hp, nes=replace(hp.nes, patient_episodes=patient))
-    with pytest.raises(InvalidInput, match=r"ddqn\.init_episodes must be below nes\.patient"):
+    with pytest.raises(InvalidInput, match=r"ddqn\.init_episodes must be .*nes\.patient"):
         replace(hp, nes=replace(hp.nes, patient_episodes=ddqn.init_episodes))

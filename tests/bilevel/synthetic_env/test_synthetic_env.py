@@ -1,5 +1,4 @@
 import contextlib
-import importlib
 import json
 import pickle
 import sys
@@ -8,7 +7,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 import safetensors.numpy
@@ -44,25 +42,14 @@ def test_the_torch_module_equals_the_kernel(task_id: str, layers: int, activatio
         np.testing.assert_allclose([reward, done], [rewards[i], dones[i]], atol=2e-6)
 
 
-def test_equal_ses_are_equal(cartpole: Task) -> None:
-    first, same, other = make_se(cartpole), make_se(cartpole), make_se(cartpole, seed=1)
-    assert first == same
-    assert hash(first.se) == hash(same.se)
-    assert first != other
-    assert first.se != other.se
-    assert first.se != first.psi.tolist()
-
-
 def test_psi_is_copied_as_float32(cartpole: Task, rng: np.random.Generator) -> None:
     se = make_se(cartpole).se
     noisy: Any = se.psi + rng.normal(size=se.psi.size)  # float64
-    strided = np.stack([noisy, noisy], axis=1)[:, 0]
-    for psi in (noisy, strided):
-        found = replace(se, psi=psi)
-        expected = psi.astype(np.float32)
-        psi[0] += 1
-        np.testing.assert_array_equal(found.psi, expected)
-    for psi in (noisy[:-1], np.append(noisy, 0.0), noisy[None]):
+    found = replace(se, psi=noisy)
+    expected = noisy.astype(np.float32)
+    noisy[0] += 1
+    np.testing.assert_array_equal(found.psi, expected)
+    for psi in (noisy[:-1], noisy[None]):
         with pytest.raises(InvalidInput, match=r"psi has shape .* networks have \d+ parameters"):
             replace(se, psi=psi)
 
@@ -84,11 +71,6 @@ class TestFile:
         assert stored.psi.dtype == np.float32
         assert {se_bytes(stored) for _ in range(20)} == {se_file.read_bytes()}
 
-    def test_tensors_have_names_and_shapes_of_torch(self, se_file: Path) -> None:
-        tensors = safetensors.numpy.load_file(se_file)
-        assert tensors["next_state.0.weight"].shape == (12, 6)
-        assert tensors["done.1.bias"].shape == (1,)
-
     def test_files_of_other_tools_need_no_checksum(self, se_file: Path, cartpole: Task) -> None:
         rewrite(se_file, lambda header, tensors: None)
         assert load_se(se_file) == make_se(cartpole)
@@ -108,17 +90,12 @@ class TestFile:
             ({"version": 99}, "version: must be 1; got 99"),
             ({"architecture": {"hidden_layers": 7}}, "number of its parameters"),
             ({"architecture": {"hidden_size": 10**9}}, "hidden_size"),
-            ({"architecture": {"state_size": -1}}, "state_size"),
             ({"architecture": {"activation": "__import__"}}, "activation"),
-            ({"architecture": {"hidden_size": 13}}, "number of its parameters"),
             ({"architecture": {"step_limit": 0}}, "architecture.step_limit"),
-            ({"architecture": {"step_limit": 1.5}}, "architecture.step_limit"),
             ({"architecture": {"reward_scale": 1.0}}, "unknown 'architecture.reward_scale'"),
             ({"step_limit": "many"}, "step_limit"),
-            ({"step_limit": 0}, "step_limit"),
             ({"solved_reward": float("nan")}, "solved_reward"),
             ({"reading": {"slope": 0.1}}, "reading must be .*; got .*'slope': 0.1"),
-            ({"reading": {"done": 0.9}}, "reading must be .*; got .*'done': 0.9"),
         ],
     )
     def test_invalid_headers(self, se_file: Path, change: dict[str, Any], message: str) -> None:
@@ -144,31 +121,19 @@ class TestFile:
             ({"solved_reward": np.inf}, "solved_reward: must be a finite number; got inf"),
             ({"step_limit": 0}, "step_limit: .*; got 0"),
             ({"info": {"a": "\udc80"}}, "header"),
-            ({"info": {"score": np.float32(1.0)}}, "info of an SE must be JSON values: .*float32"),
+            ({"info": {"score": np.float32(1.0)}}, "header: .*float32 is not JSON serializable"),
+            ({"psi": np.nan}, "psi has values that are not finite"),
         ],
     )
     def test_an_invalid_se_is_not_written(
         self, changes: Any, message: str, cartpole: Task, se_file: Path
     ) -> None:
-        content = se_file.read_bytes()
-        with pytest.raises(InvalidInput, match=message):
-            save_se(replace(make_se(cartpole), **changes), se_file)
-        assert se_file.read_bytes() == content
-
-    def test_only_finite_stored_ses_are_written(self, cartpole: Task, se_file: Path) -> None:
         stored, content = make_se(cartpole), se_file.read_bytes()
-        psi = np.where(np.arange(stored.psi.size) == 3, np.nan, stored.psi)
-        with pytest.raises(InvalidInput, match="psi of the SE has values that are not finite"):
-            save_se(replace(stored, se=SE(stored.architecture, psi)), se_file)
-        given: Any = stored.se
-        with pytest.raises(InvalidInput, match="an SE must be a StoredSE, as `learn` and `load`"):
-            save_se(given, se_file)
+        if "psi" in changes:
+            changes = {"se": SE(stored.architecture, stored.psi * changes["psi"])}
+        with pytest.raises(InvalidInput, match=message):
+            save_se(replace(stored, **changes), se_file)
         assert se_file.read_bytes() == content
-
-    def test_values_may_be_numpy_scalars(self, cartpole: Task, se_file: Path) -> None:
-        values: Any = {"step_limit": np.int64(200), "solved_reward": np.float32(195)}
-        save_se(replace(make_se(cartpole), **values), se_file)
-        assert load_se(se_file) == make_se(cartpole)
 
     def test_other_files(self, tmp_path: Path) -> None:
         class Bomb:
@@ -178,10 +143,10 @@ class TestFile:
         path = tmp_path / "se.safetensors"
         with pytest.raises(InvalidInput, match="no SE file"):
             load_se(path)
-        with pytest.raises(InvalidInput, match="is a folder"):
+        with pytest.raises(InvalidInput, match="is damaged or not an SE file"):
             load_se(tmp_path)
         safetensors.numpy.save_file({"weight": np.zeros(3)}, path)
-        with pytest.raises(InvalidInput, match="is a safetensors file, but not of an SE"):
+        with pytest.raises(InvalidInput, match="not an SE file: header: Invalid JSON"):
             load_se(path)
         path.write_bytes(pickle.dumps(Bomb()))
         with pytest.raises(InvalidInput, match="damaged or not an SE file"):
@@ -214,21 +179,12 @@ def test_an_se_must_fit_its_task() -> None:
 
 
 def test_a_file_does_not_cause_imports(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    (tmp_path / "poles.py").write_text(
-        "import gymnasium\n"
-        "entry = gymnasium.spec('CartPole-v1').entry_point\n"
-        "gymnasium.register('Pole-v0', entry_point=entry, max_episode_steps=50)\n"
-    )
+    (tmp_path / "poles.py").touch()
     monkeypatch.syspath_prepend(tmp_path)
     se = replace(make_se(get_task("CartPole-v0")), task_id="poles:Pole-v0")
     with pytest.raises(InvalidInput, match=r"'poles'.*not imported.*give --task poles:Pole-v0"):
         se.task()
     assert "poles" not in sys.modules
-    importlib.import_module("poles")
-    try:
-        assert se.task().id == "poles:Pole-v0"
-    finally:
-        del sys.modules["poles"], gymnasium.registry["Pole-v0"]
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)

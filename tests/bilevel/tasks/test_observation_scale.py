@@ -1,16 +1,17 @@
 """The scale of observations under random actions."""
 
 from dataclasses import replace
+from itertools import cycle
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 
 import bilevel.tasks.task
 from bilevel.kernels import dynamics
-from bilevel.tasks import Task, get_task
+from bilevel.tasks import get_task
 from bilevel.tasks.task import SCALE_STEPS
+from tests.envs import CustomEnv, register_env
 
 
 def test_the_seed_determines_the_scale() -> None:
@@ -22,48 +23,21 @@ def test_the_seed_determines_the_scale() -> None:
     assert 0.3 < one.deviation[1] < 0.9  # velocity of the cart in units per second
 
 
-def test_uncompiled_tasks_take_fewer_steps() -> None:
-    assert get_task("MountainCar-v0").observation_scale(0).real_env_steps == 10_000
-
-
-def test_every_state_with_an_action_counts_once(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_every_state_with_an_action_counts_once(monkeypatch: pytest.MonkeyPatch) -> None:
     """Including the first state of an episode, without the last one."""
 
-    class Counting(gymnasium.Env[Any, Any]):
-        observation_space = gymnasium.spaces.Box(0, 9, (1,), np.float32)
-        action_space = gymnasium.spaces.Discrete(2)
+    ages = cycle(range(5))
 
-        def __init__(self, **_: Any) -> None:
-            self.age = 0
+    def step() -> Any:
+        age = next(ages)
+        return np.full(2, age), 0.0, age == 4, False, {}
 
-        def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
-            super().reset(seed=seed)
-            self.age = 0
-            return np.array([0], np.float32), {}
-
-        def step(self, action: Any) -> Any:
-            self.age += 1
-            return np.array([self.age], np.float32), 0.0, self.age == 4, False, {}
-
-    spec = gymnasium.envs.registration.EnvSpec(
-        "test/Counting-v0", entry_point=Counting, reward_threshold=1.0, max_episode_steps=10
-    )
-    monkeypatch.setitem(gymnasium.registry, spec.id, spec)
-    scale = get_task(spec.id).observation_scale(0)
-    assert scale.mean == pytest.approx(np.mean([0, 1, 2, 3]))
-    assert scale.deviation == pytest.approx(np.std([0, 1, 2, 3]))
-
-
-def test_a_compiled_task_is_simulated(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Episodes start in an initial state, with a nearly upright pole."""
-    task = get_task("CartPole-v0")
-    monkeypatch.setattr(Task, "make", None)
-    monkeypatch.setattr(bilevel.tasks.task, "SCALE_STEPS", 2)
-    means = [task.observation_scale(seed).mean[2] for seed in range(20)]
-    assert np.abs(means).max() < 0.07
-    assert np.abs(means).min() < 0.01
+    env = lambda **_: CustomEnv(lambda _: np.full(2, next(ages)), step)  # noqa: E731
+    name = register_env(monkeypatch, env)
+    scale = get_task(name).observation_scale(0)
+    assert scale.real_env_steps == 10_000
+    assert scale.mean[0] == pytest.approx(np.mean([0, 1, 2, 3]))
+    assert scale.deviation[0] == pytest.approx(np.std([0, 1, 2, 3]))
 
 
 @pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])

@@ -3,7 +3,6 @@ from dataclasses import replace
 from functools import partial
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 
@@ -12,7 +11,7 @@ from bilevel.evaluation import train_and_test
 from bilevel.evaluation.run import greedy_episodes
 from bilevel.recipes import load_recipe
 from bilevel.tasks import BUILT_IN_TASKS, Task, get_task
-from bilevel.user_code import Mistake
+from bilevel.user_code import UserCodeError
 from tests.envs import CustomEnv, ShiftedCartPole, register_env
 
 
@@ -67,14 +66,13 @@ def test_arguments_replace_values() -> None:
     [
         ("CartPole-v99", {}, "unknown task 'CartPole-v99'"),
         ("nonsense", {}, "unknown task 'nonsense'"),
-        ("CartPole", {}, "has no version: allowed are CartPole-v0, CartPole-v1"),
+        ("CartPole", {}, "task 'CartPole' has no version, such as CartPole-v1"),
         ("nowhere:Mine-v0", {}, "No module named 'nowhere'"),
         ("Pendulum-v1", {}, "has actions Box"),
-        ("MountainCarContinuous-v0", {}, "allowed is Discrete"),
         ("Taxi-v4", {}, "allowed is a Box"),
         ("CartPole-v0", {"solved_reward": "9"}, "solved reward must be a finite number; got '9'"),
         ("CartPole-v0", {"step_limit": 0}, "must be 1 to 1000000; got 0"),
-        ("CartPole-v0", {"worst_score": "9"}, "worst score .* must be finite and below"),
+        ("CartPole-v0", {"worst_score": "9"}, "worst score must be finite and below"),
         *(
             ("MountainCar-v0", {"worst_score": worst}, "below the solved reward, -110; got")
             for worst in (-110.0, 0.0, -np.inf, np.nan)
@@ -97,25 +95,16 @@ def test_missing_values_are_required(monkeypatch: pytest.MonkeyPatch) -> None:
     assert (task.solved_reward, task.step_limit) == (1.0, 9)
 
 
-@pytest.mark.parametrize(
-    "error", [ValueError(), KeyError("weights"), RuntimeError("no\nlicence"), SystemExit("no key")]
-)
+@pytest.mark.parametrize("error", [KeyError("weights"), RuntimeError("no\nlicence"), SystemExit()])
 def test_errors_of_a_constructor_are_reported_with_their_place(
     error: BaseException, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def fail(**_: Any) -> Any:
         raise error
 
-    name = register_env(monkeypatch, fail)
     place = rf"{re.escape(__file__)}:\d+"
-    with pytest.raises(Mistake, match=rf"^task '{name}' at {place}, when it is made: .*$"):
-        get_task(name)
-
-
-def test_an_environment_without_spaces(monkeypatch: pytest.MonkeyPatch) -> None:
-    name = register_env(monkeypatch, type("Empty", (gymnasium.Env,), {}))
-    with pytest.raises(Mistake, match="when it is asked for its spaces: AttributeError"):
-        get_task(name)
+    with pytest.raises(UserCodeError, match=rf"^task .* at {place}, when it is created: .*$"):
+        get_task(register_env(monkeypatch, fail))
 
 
 def test_actions_need_not_start_at_zero(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -126,37 +115,30 @@ def test_actions_need_not_start_at_zero(monkeypatch: pytest.MonkeyPatch) -> None
 
 def test_training_and_tests_close_their_environments(monkeypatch: pytest.MonkeyPatch) -> None:
     """A simulator may be a process, or hold a socket."""
-    opened: list[object] = []
-    closed: list[object] = []
-
-    class Counted(gymnasium.Wrapper[Any, Any, Any, Any]):
-        def __init__(self, **_: Any) -> None:
-            super().__init__(gymnasium.make("CartPole-v1"))
-            opened.append(self)
-
-        def close(self) -> None:
-            closed.append(self)
-
-    task = get_task(register_env(monkeypatch, Counted))
-    opened.clear()
+    closed: list[int] = []
+    env = lambda **_: CustomEnv(close=lambda: closed.append(1))  # noqa: E731
+    task = get_task(register_env(monkeypatch, env))
     closed.clear()
     agent = replace(load_recipe("paper", "").agents[0], max_episodes=2)
     assert train_and_test(task, None, agent, 0).train_episodes == 2
-    assert len(opened) == len(closed) == len(set(closed)) == 2  # training and tests
+    assert len(closed) == 2  # training and tests
 
 
-@pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.parametrize("value", [0.0, 0.1, 9.8, -0.3])
+@pytest.mark.parametrize("value", [0.0, 9.8])
 def test_a_constant_observation_has_the_deviation_one(
-    dtype: Any, value: float, monkeypatch: pytest.MonkeyPatch
+    value: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Its computed deviation is not 0: 1e-14 in float64, up to 1e-3 in float32."""
-    env = partial(
-        CustomEnv,
-        observe=lambda rng: np.array([rng.normal(), value], dtype),
-        space=gymnasium.spaces.Box(-20, 20, (2,), dtype),
-    )
+    """Its computed deviation is not 0: up to 1e-3 in float32."""
+    env = partial(CustomEnv, observe=lambda rng: np.array([rng.normal(), value], np.float32))
     scale = get_task(register_env(monkeypatch, env)).observation_scale(seed=0)
     assert scale.deviation[1] == 1.0
     assert 0.8 < scale.deviation[0] < 1.2
     assert scale.mean[1] == pytest.approx(value, abs=1e-2)
+
+
+def test_labels_have_the_sizes_of_the_task() -> None:
+    for name in (*BUILT_IN_TASKS, "MountainCar-v0"):
+        task = get_task(name)
+        labels = task.labels
+        assert len(set(labels.observations)) == task.state_size > max(labels.axes)
+        assert len(set(labels.actions)) == task.n_actions

@@ -52,7 +52,6 @@ def test_ses_are_loaded_by_name(name: str) -> None:
     env = gymnasium.make(env_id(name))
     assert env.spec is not None
     assert env.spec.kwargs == {"path": str(zoo_file(name))}
-    assert str(zoo_file(name)) in env.spec.to_json()
     many = gymnasium.make_vec(env_id(name), num_envs=3)
     assert many.reset(seed=0)[0].shape == (3, get_task(get_entry(name).task).state_size)
 
@@ -60,8 +59,6 @@ def test_ses_are_loaded_by_name(name: str) -> None:
 def test_unknown_names() -> None:
     with pytest.raises(InvalidInput, match=r"no SE file at 'CartPole-v9': .* or a name of the zoo"):
         bilevel.load("CartPole-v9")
-    with pytest.raises(InvalidInput, match="unknown SE of the zoo 'Pong': allowed are CartPole"):
-        zoo_file("Pong")
 
 
 @pytest.mark.filterwarnings("ignore::DeprecationWarning", "ignore::UserWarning")

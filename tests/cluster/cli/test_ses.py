@@ -1,18 +1,15 @@
-"""SEs on the command line: labels, export and import."""
+"""SEs on the command line: labels and export."""
 
 from pathlib import Path
 
-import numpy as np
 import onnx
 import pytest
 import torch
 from click.testing import CliRunner
 
-from bilevel.synthetic_env import load_se
 from cluster.cli.evaluate import labelled
 from cluster.cli.program import cli
 from cluster.cli.ses import GivenSE
-from tests.bilevel.interop.test_paper_code import Saved, chosen, settings
 
 
 def test_label_is_the_name_of_the_file_or_its_run(tmp_path: Path) -> None:
@@ -46,14 +43,3 @@ def test_export(se_file: Path, tmp_path: Path) -> None:
         assert result.exit_code == 0, result.stderr
     assert [i.name for i in onnx.load(str(tmp_path / "se.onnx")).graph.input] == ["state", "action"]
     assert isinstance(torch.export.load(tmp_path / "se.pt2"), torch.export.ExportedProgram)
-
-
-def test_import(tmp_path: Path) -> None:
-    torch.manual_seed(0)
-    Saved(chosen(settings())).write(tmp_path / "their.pt", settings())
-    paths = [str(tmp_path / name) for name in ("their.pt", "my.safetensors")]
-    result = CliRunner().invoke(cli, ["import", *paths])
-    assert result.exit_code == 0, result.stderr
-    se = load_se(tmp_path / "my.safetensors")
-    assert se.architecture.hidden_size == 83
-    assert np.isfinite(se.psi).all()

@@ -36,7 +36,7 @@ def test_nes_run(cartpole: Task, small_hp: Hyperparameters, tmp_path: Path) -> N
         ({"seed": -1}, "holds no NES run: seed: must be greater than or equal to 0; got -1"),
         ({"task": {}}, "holds no NES run: task: 'id' is missing"),
         ({"agents": {"mine": {}}}, "holds no NES run: unknown agent 'mine'"),
-        ({"se": {"self": 1}}, "holds no NES run: unknown hyperparameter 'se.self'"),
+        ({"se": {"self": 1}}, "holds no NES run: unknown 'se.self'"),
         ({"colour": "red"}, "holds no NES run: unknown 'colour'"),
     ):
         assert_refused(NESRun.read, tmp_path, settings, message)

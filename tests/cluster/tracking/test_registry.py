@@ -54,7 +54,6 @@ def test_a_registered_se_is_found(which: str, home: Home, content: bytes) -> Non
     [
         ("models:/SE-CartPole-v0@worst", "MLflow has no SE at"),
         ("models:/none/1", "MLflow has no SE at"),
-        ("models:/SE-CartPole-v0/latest", "allowed are models:/NAME@ALIAS and models:/NAME/VERS"),
     ],
 )
 def test_unknown_addresses_are_rejected(address: str, message: str, home: Home) -> None:

@@ -10,16 +10,7 @@ from bilevel.errors import InvalidInput
 from bilevel.evolution import Genotype
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.recipes import load_recipe
-from bilevel.synthetic_env import (
-    SE,
-    Family,
-    StoredSE,
-    family_of,
-    load_se,
-    save_se,
-    smallest_hidden_size,
-)
-from bilevel.synthetic_env.families.exogenous import ExogenousFamily
+from bilevel.synthetic_env import SE, Family, StoredSE, family_of
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks import get_task
 
@@ -69,31 +60,6 @@ def test_actions_change_rewards_only(task_id: str, seed: int) -> None:
     # At the mean observation no action is better.
     np.testing.assert_allclose(rewards[0], 0.0, atol=1e-3 * size + 1e-4)
     assert np.ptp(rewards.argmax(axis=1)) > 0  # no action is best everywhere
-
-
-@pytest.mark.parametrize("task_id", TASKS)
-def test_rewards_are_linear_without_the_nonlinear_part(task_id: str) -> None:
-    """Also in the smallest networks of the family, which may have no nonlinear part."""
-    task = get_task(task_id)
-    scale = task.observation_scale(1)
-    smallest = smallest_hidden_size(task.state_size, task.n_actions)
-    rng = np.random.default_rng(0)
-    x = rng.standard_normal((20, task.state_size))
-    states = [(scale.mean + k * scale.deviation * x).astype(np.float32) for k in (1.0, -1.5)]
-    for size in (smallest, 27):
-        hp = replace(load_recipe("default", task_id).se, hidden_size=size)
-        family = family_of(task, hp, scale)
-        assert isinstance(family, ExogenousFamily)
-        genotype = family.initialize(rng)
-        for straight in (False, True):
-            if straight:
-                family.parts(genotype)["U"][...] = 0
-            se = se_of(family, genotype)
-            at, beyond = (answers(task_id, se, some)[1] for some in states)
-            size_of = np.abs(at).max()
-            assert size_of > 0.1
-            bent = np.abs(beyond + 1.5 * at).max() > 0.01 * size_of
-            assert bent == (not straight and family.parts(genotype)["U"].size > 0)
 
 
 @pytest.mark.parametrize("task_id", TASKS)
@@ -156,16 +122,6 @@ def test_episodes_end_outside_the_box_of_usual_observations(task_id: str) -> Non
             _, _, dones = answers(task_id, se, states)
             assert (dones[0] < 0.5).all()
             assert (dones[1] > 0.5).all()
-
-
-def test_the_file_is_a_plain_se(tmp_path_factory: pytest.TempPathFactory) -> None:
-    task, path = get_task("CartPole-v0"), tmp_path_factory.mktemp("se") / "se.safetensors"
-    se = moved(task.id)
-    save_se(StoredSE(se, task.id, task.step_limit, task.solved_reward), path)
-    loaded = load_se(path)
-    assert loaded.architecture == se.architecture
-    np.testing.assert_array_equal(loaded.psi, se.psi)
-    assert loaded.architecture.step_limit == load_recipe("default", task.id).se.step_limit
 
 
 def test_plain_genotypes_are_psi() -> None:

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from bilevel.errors import StorageFailure
-from bilevel.user_code import Mistake
+from bilevel.user_code import UserCodeError
 from cluster.bohb.search.bracket_search import BracketSearch
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.study.brackets import Schedule
@@ -25,7 +25,7 @@ def result(cost: float = 12.0, **values: Any) -> dict[str, Any]:
 
 
 DONE = result(budget_reached=True)
-MISTAKE = Mistake("agent 'mine': division by zero")
+MISTAKE = UserCodeError("agent 'mine': division by zero")
 
 
 @pytest.fixture
