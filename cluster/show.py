@@ -16,8 +16,6 @@ from bilevel.kernels.synthetic_env import DONE
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
-from bilevel.tasks.names import action_names, observation_names, picture_axes
-from bilevel.tasks.transitions import Transitions
 from cluster.pictures import GREY
 
 Floats = NDArray[np.float32]
@@ -27,6 +25,16 @@ GRID, WIDTH, EVERY = 61, 2.5, 5
 
 #: Number of episodes on the real task.
 EPISODES = 10
+
+
+@dataclass(frozen=True)
+class Transitions:
+    """N steps of an SE."""
+
+    states: Floats  # (N, S)
+    next_states: Floats  # (N, S)
+    rewards: Floats  # (N,)
+    ends: NDArray[np.bool_]  # (N,)
 
 
 @dataclass(frozen=True)
@@ -55,16 +63,15 @@ class Portrait:
         does not know the task."""
         task = se.task()
         scale = task.observation_scale(derive(0, Purpose.OBSERVATIONS))
-        i, j = picture_axes(task.id, task.state_size)
+        names, (i, j) = task.labels.observations, task.labels.axes
         steps = np.linspace(-WIDTH, WIDTH, GRID)
         across, up = (
             (scale.mean[k] + scale.deviation[k] * steps).astype(np.float32) for k in (i, j)
         )
         states = np.tile(scale.mean, (GRID * GRID, 1))
         states[:, i], states[:, j] = (axis.ravel() for axis in np.meshgrid(across, up))
-        names = observation_names(task.id, task.state_size)
         return cls(
-            action_names(task.id, task.n_actions),
+            task.labels.actions,
             (names[i], names[j]),
             (i, j),
             (across, up),
@@ -88,7 +95,7 @@ def answers(se: StoredSE, states: Floats) -> Transitions:
     actions, repeated = np.repeat(np.arange(number), len(states)), np.tile(states, (number, 1))
     outputs = SEModule(se)(torch.from_numpy(repeated), torch.from_numpy(actions))
     following, rewards, dones = (output.numpy() for output in outputs)
-    return Transitions(repeated, actions, following, rewards, (dones > DONE).astype(np.float32))
+    return Transitions(repeated, following, rewards, dones > DONE)
 
 
 def real_episodes(se: StoredSE) -> list[Episode]:

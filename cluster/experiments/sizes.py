@@ -35,14 +35,13 @@ class Size:
     def changed(self, ses: int | None, agents: int | None, real_agents: int | None) -> "Size":
         """Return the size with other numbers of SEs per condition, of agents on each SE, and of
         agents on the real task."""
-        given = {
-            **dict.fromkeys(("ses", "runs", "authors_runs", "curve_ses"), ses),
-            **dict.fromkeys(
-                ("agents", "curve_agents", "varied_agents", "behaviour_agents"), agents
-            ),
-            "real_agents": real_agents,
-        }
-        return replace(self, **{name: n for name, n in given.items() if n is not None})
+        size = self
+        if ses is not None:
+            size = replace(size, ses=ses, runs=ses, authors_runs=ses, curve_ses=ses)
+        if agents is not None:
+            size = replace(size, agents=agents, curve_agents=agents)
+            size = replace(size, varied_agents=agents, behaviour_agents=agents)
+        return size if real_agents is None else replace(size, real_agents=real_agents)
 
     def shortened(self, hp: Hyperparameters) -> Hyperparameters:
         """Return the hyperparameters of an NES run of this size."""

@@ -14,7 +14,6 @@ from bilevel.errors import InvalidInput
 from bilevel.evaluation import record
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
-from bilevel.tasks.names import observation_names
 from cluster.evaluate.table import Row, Value
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan
 from cluster.experiments.style import SERIES, panels
@@ -41,7 +40,7 @@ def _findings(plan: Plan, material: Material) -> Findings:
     if not tested:
         raise InvalidInput(f"all agents diverged on the SE; use another --seed than {plan.seed}")
     seen = values_by_origin([*chain(*(r.training for r in recordings))], [*chain(*tested)], se)
-    names = [*observation_names(plan.task.id, plan.task.state_size), "reward"]
+    names = [*plan.task.labels.observations, "reward"]
     data = densities(seen, names)
     episodes = len(tested) * hp.test_episodes
     returns = float(seen[TESTS][:, -1].sum()) / episodes

@@ -10,7 +10,7 @@ import torch
 
 from bilevel.agents import Transition
 from bilevel.agents.checked import CheckedAgent
-from bilevel.user_code import Mistake
+from bilevel.user_code import UserCodeError
 
 STATE = np.zeros(4, np.float32)
 
@@ -106,7 +106,7 @@ def run(agent: CheckedAgent) -> tuple[int, float]:
 def test_a_mistake_is_reported_in_one_line_with_its_location(
     kind: type[Correct], message: str
 ) -> None:
-    with pytest.raises(Mistake) as caught:
+    with pytest.raises(UserCodeError) as caught:
         run(CheckedAgent("mine", 2, kind))
     prefix = f"agent 'mine' at {__file__}:"
     assert str(caught.value).startswith(prefix)
