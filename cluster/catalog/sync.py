@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from bilevel.errors import InvalidInput, first_line
+from bilevel.errors import InvalidInput
 from cluster.catalog.kinds import views_of
 from cluster.session.session import shown_at
 from cluster.session.terminal import Terminal, count
@@ -10,6 +10,7 @@ from cluster.storage.author import without_password
 from cluster.storage.home import Home
 from cluster.storage.run_folder import held
 from cluster.tracking import Tracker
+from cluster.tracking.connection import mlflow_errors
 from cluster.tracking.tracker import Incomplete
 
 
@@ -20,13 +21,12 @@ def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> Non
     and then raises InvalidInput at the end. It raises InvalidInput at once if the folder is damaged
     or in use by another process, or if MLflow fails.
     """
-    shown = without_password(tracking_uri)
     with held(folder):
         views = views_of(folder)
         keys = views.keys()
-        tracker = Tracker(tracking_uri, views.task_id, home.artifacts, thorough=True)
+        tracker = Tracker(tracking_uri, views.task_id, home.artifacts)
         incomplete = 0
-        with terminal:
+        with terminal, mlflow_errors(tracking_uri):
             for done, key in enumerate(keys):
                 view = views.view(key)
                 terminal.bar(f"sync {view.name}", done, len(keys), "runs")
@@ -35,19 +35,11 @@ def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> Non
                 except Incomplete as error:
                     terminal.log(str(error))
                     incomplete += 1
-                except Exception as error:  # MLflow raises errors of many kinds
-                    reason = without_password(first_line(error))
-                    raise InvalidInput(
-                        f"MLflow at {shown} failed after {done} of {len(keys)} runs: {reason}; "
-                        "run the same command again to resume"
-                    ) from None
-        terminal.log(
-            f"{folder.name}: {len(keys) - incomplete} of {count(len(keys), 'run')} in MLflow now "
-            "match the disk"
-        )
         terminal.log(f"MLflow {shown_at(home, tracker, keys[0])}")
+    complete = f"{len(keys) - incomplete} of {count(len(keys), 'run')} of {folder.name!r}"
     if incomplete:
         raise InvalidInput(
-            f"could not sync {count(incomplete, 'run')} of {folder.name!r} completely to MLflow at "
-            f"{shown}; see the errors above"
+            f"synced only {complete} completely to MLflow at {without_password(tracking_uri)}; see "
+            "the errors above"
         )
+    terminal.log(f"{complete} in MLflow now match the disk")

@@ -1,8 +1,7 @@
 """MLflow's model registry: the best SE of each task has the alias `best`, the newest one `newest`.
 
 The best SE is the one with the highest mean score of fresh agents; of equal ones, the one whose
-agents needed fewer training steps; then the newest. SEs of a built-in task with another step limit
-or solved reward rank below all others, because their scores are not comparable.
+agents needed fewer training steps; then the newest.
 """
 
 import re
@@ -13,13 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from bilevel.synthetic_env import StoredSE, load_se
-from bilevel.tasks import BUILT_IN_TASKS
 from cluster.storage.run_folder import BEST_FILE
 from cluster.tracking.view import RegisteredSE
 
-#: Tags of a model version: checksum of its SE file, time when the SE was saved, and the step limit
-#: and solved reward if these are not the built-in task's.
-_VERSION, _TIME, _VARIANT = "bilevel.sha256", "bilevel.time", "bilevel.task_variant"
+#: Tags of a model version: checksum of its SE file, and time when the SE was saved.
+_VERSION, _TIME = "bilevel.sha256", "bilevel.time"
 
 
 def model_address(task_id: str, alias: str) -> str:
@@ -34,8 +31,8 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
     from mlflow.exceptions import MlflowException
 
     name, folder = _model_name(se.task_id), f"model-{se.version[:12]}"
-    stored = _upload(client, run_id, se, folder)
-    tags = {**se.tags, _VERSION: se.version, _TIME: repr(se.time), **_variant(stored)}
+    _upload(client, run_id, se, folder)
+    tags = {**se.tags, _VERSION: se.version, _TIME: repr(se.time)}
     try:
         description = f"Synthetic environments for {se.task_id}."
         client.create_registered_model(name, description=description)
@@ -57,24 +54,22 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
             client.set_registered_model_alias(name, alias, versions[0].version)
 
 
-def _upload(client: Any, run_id: str, se: RegisteredSE, folder: str) -> StoredSE:
-    """Upload an SE as an MLflow model, and return it."""
+def _upload(client: Any, run_id: str, se: RegisteredSE, folder: str) -> None:
+    """Upload an SE as an MLflow model."""
     import mlflow.pyfunc
 
     with tempfile.TemporaryDirectory() as temporary, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model, file = Path(temporary) / "model", Path(temporary) / BEST_FILE
         file.write_bytes(se.content)
-        stored = load_se(file)
         mlflow.pyfunc.save_model(
             model,
             loader_module="cluster.tracking.se_model",
             data_path=str(file),
-            signature=_signature(stored),
+            signature=_signature(load_se(file)),
             pip_requirements=[],  # loading needs this package anyway
         )
         client.log_artifacts(run_id, str(model), folder)
-    return stored
 
 
 def _signature(se: StoredSE) -> Any:
@@ -89,13 +84,6 @@ def _signature(se: StoredSE) -> Any:
     return ModelSignature(Schema([*inputs, ColSpec(DataType.long, "action")]), Schema(outputs))
 
 
-def _variant(se: StoredSE) -> dict[str, str]:
-    task, limit, solved = BUILT_IN_TASKS.get(se.task_id), se.step_limit, se.solved_reward
-    if task is None or (task.step_limit, task.solved_reward) == (limit, solved):
-        return {}
-    return {_VARIANT: f"{limit} steps, solved at {solved:g}"}
-
-
 def _age(tags: Mapping[str, str]) -> tuple[float, ...]:
     return (float(tags.get(_TIME, "-inf")),)
 
@@ -103,7 +91,7 @@ def _age(tags: Mapping[str, str]) -> tuple[float, ...]:
 def _quality(tags: Mapping[str, str]) -> tuple[float, ...]:
     score = float(tags.get("final_score_mean", "-inf"))
     steps = float(tags.get("final_train_steps_mean", "inf"))
-    return _VARIANT not in tags, score, -steps, *_age(tags)
+    return score, -steps, *_age(tags)
 
 
 def _model_name(task_id: str) -> str:
