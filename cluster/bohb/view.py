@@ -26,18 +26,6 @@ from cluster.session.terminal import last_line
 from cluster.storage.run_folder import BEST_FILE, Lifetime, RunIdentity, Status, finals
 from cluster.tracking import Document, Point, Progress, RunView
 
-_DESCRIPTION = (
-    "Each nested run is one configuration, which runs NES with one seed after the other; a "
-    "promoted configuration continues in the same run. `objective`, which is minimised, is the "
-    "expected core time until fresh agents confirm an SE: the core seconds of all runs of a "
-    "configuration, divided by the number of its confirmed SEs (an unfinished run counts as at "
-    "most half of one). The study's `objective` is the one of the best configuration at the "
-    "largest budget so far, and rises when a larger budget is reached; `best_at_*` are the best "
-    "ones at each budget. `validated_objective` is the objective of the final recipe in new runs "
-    "with other seeds (validation.md). `final_*` describe fresh agents trained on the best SE of "
-    "all configurations."
-)
-
 
 @dataclass(frozen=True)
 class StudyViews:
@@ -95,10 +83,8 @@ class StudyViews:
         study, ends = self.study, finals(self.study.folder)
         lifetime = Lifetime.of(study.folder, self.identity.began, self.live)
         summary = StudySummary.of(journal, study.schedule.brackets(lifetime.target))
-        tags = {"bilevel.kind": KIND}
-        if summary.incumbent is not None:
-            tags["bilevel.incumbent"] = configuration_name(summary.incumbent.id)
-        budgets = list(study.schedule.budgets)
+        incumbent, budgets = summary.incumbent, list(study.schedule.budgets)
+        name = "" if incumbent is None else configuration_name(incumbent.id)
         return RunView(
             self.parent,
             study.name,
@@ -113,7 +99,7 @@ class StudyViews:
                 "prior": study.prior,
                 "base": study.base.to_dict(),
             },
-            tags,
+            {"bilevel.kind": KIND, "bilevel.incumbent": name},
             (*study_points(summary), *(Point.of_final(end) for end in ends)),
             tuple(_documents(study, summary, bool(ends))),
             model=registered(study.folder, study.task.id, ends[-1]) if ends else None,
@@ -121,8 +107,9 @@ class StudyViews:
             description=(
                 f"{study.method_name} over NES on **{study.task.id}**, recipe "
                 f"`{study.base.recipe}`, {study.start}rule `{study.base.nes.update}`: search space "
-                f"`{study.space.name}`, budgets {budgets} core seconds, seed {study.seed}. "
-                f"{_DESCRIPTION}"
+                f"`{study.space.name}`, budgets {budgets} core seconds, seed {study.seed}. Each "
+                "nested run is one configuration. `objective` is the expected number of core "
+                "seconds until fresh agents confirm an SE (lower is better)."
             ),
         )
 
@@ -173,18 +160,16 @@ class StudyViews:
 
 def study_points(summary: StudySummary) -> list[Point]:
     """Points of a study's own run; the step is the number of the result, from 1."""
-    points = []
-    for number, line in summary.leaders():
-        values = {"objective": line.objective, "budget": float(line.budget)}
-        points.append(Point(values, number, line.finished))
+    points = [
+        Point({"objective": line.objective, "budget": float(line.budget)}, number, line.finished)
+        for number, line in summary.leaders()
+    ]
     best: dict[int, float] = {}
     for number, line in enumerate(summary.journal.results, start=1):
+        values = {k: v for k, v in line.info.items() if k == "core_utilisation"}
         if line.loss is not None and line.loss < best.get(line.budget, np.inf):
-            best[line.budget] = line.loss
-            points.append(Point({f"best_at_{line.budget}": line.loss}, number, line.finished))
-        if "core_utilisation" in line.info:
-            values = {"core_utilisation": line.info["core_utilisation"]}
-            points.append(Point(values, number, line.finished))
+            best[line.budget] = values[f"best_at_{line.budget}"] = line.loss
+        points += [Point({name: values[name]}, number, line.finished) for name in values]
     if summary.validation is not None:
         winner = summary.validation.winner
         values = {"validated_objective": winner.objective}
@@ -236,13 +221,16 @@ def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Documen
     if summary.validation is not None:
         version += f", {summary.validation.results} validated"
         documents.append(Document.of_text("validation.md", summary.validation_table()))
-
-    def objectives() -> bytes:
-        points, validated = summary.points(), summary.validated_points()
-        return png(pictures.objective_against_cost(points, validated, study.task, study.name))
-
     documents += [
-        Document("objective_against_cost.png", version, objectives),
+        Document(
+            "objective_against_cost.png",
+            version,
+            lambda: png(
+                pictures.objective_against_cost(
+                    summary.points(), summary.validated_points(), study.task, study.name
+                )
+            ),
+        ),
         Document.of_text("brackets.md", summary.bracket_table()),
         Document.of_text("results.csv", results_csv(summary)),
         Document.of_text("leaders.csv", leaders_csv(summary)),

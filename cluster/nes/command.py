@@ -30,9 +30,6 @@ from cluster.storage.run_folder import LAST_FILE
 from cluster.tracking import Point
 from cluster.tracking.registry import model_address
 
-#: Mean steps of an episode below which the terminal prints a warning.
-_SHORT = 3.0
-
 
 @dataclass(frozen=True)
 class NESCommand:
@@ -85,36 +82,34 @@ class _Runner:
             state = run.open(self.terminal.log)
             if state.generation > 0:
                 self.terminal.log(f"resuming after generation {state.generation - 1}")
-            key = self.session.identity.uuid
-            state = self._run_phases(state, lambda record: mirror.append(key, [Point.of(record)]))
+            while not state.finished:
+                self.session.guard.check()
+                before, state = state, self._advance(state)
+                if state.generation > before.generation:
+                    mirror.append(self.session.identity.uuid, [Point.of(state.records[-1])])
             self._finish(state)
             return state
 
     # -- phases --------------------------------------------------------------------------
 
-    def _run_phases(self, state: NESState, track: Callable[[GenerationRecord], None]) -> NESState:
-        started, first, attempt = time.monotonic(), state.generation, state.attempt
-        while not state.finished:
-            self.session.guard.check()
-            if state.attempt > attempt:
-                attempt = state.attempt
-                self.terminal.log(
-                    f"no new best SE for {self.run.hp.nes.restart_after} generations: attempt "
-                    f"{attempt + 1} starts from other random SEs"
-                )
-            match state.phase:
-                case ChoosingStart() as choosing:
-                    state = self._choose_start(state, choosing)
-                case Confirming() as confirming:
-                    state = self._confirm(state, confirming)
-                case _:
-                    done = state.generation - first
-                    pace = (time.monotonic() - started) / done if done else 0.0
-                    state = self._run_generation(state, pace)
-                    track(state.records[-1])
+    def _advance(self, state: NESState) -> NESState:
+        """Run a generation, or a round of another phase."""
+        attempt = state.attempt
+        match state.phase:
+            case ChoosingStart() as choosing:
+                state = self._choose_start(state, choosing)
+            case Confirming() as confirming:
+                state = self._confirm(state, confirming)
+            case _:
+                state = self._run_generation(state)
+        if state.attempt > attempt:
+            self.terminal.log(
+                f"no new best SE for {self.run.hp.nes.restart_after} generations: attempt "
+                f"{state.attempt + 1} starts from other random SEs"
+            )
         return state
 
-    def _advance(
+    def _evaluate(
         self, state: NESState, on_result: Callable[[EvaluationResult], None] = lambda result: None
     ) -> NESState:
         def count_result(result: EvaluationResult) -> None:
@@ -123,18 +118,15 @@ class _Runner:
 
         return self.run.advance(state, self.pool, count_result)
 
-    def _run_generation(self, state: NESState, pace: float) -> NESState:
-        """Run a generation; `pace` are the seconds of one so far (0 if unknown)."""
-        nes = self.run.hp.nes
-        seconds = pace * (nes.generations - state.generation)
-        note = f"at most {duration(seconds)} to the last one" if pace else ""
+    def _run_generation(self, state: NESState) -> NESState:
+        nes, note = self.run.hp.nes, ""
+        if state.records:
+            seconds = state.records[-1].generation_seconds * (nes.generations - state.generation)
+            note = f"at most {duration(seconds)} to the last one"
         title = f"generation {state.generation}"
         self.terminal.bar(title, 0, nes.evaluations, "evaluations", note)
-        state = self._advance(state)
-        record = state.records[-1]
-        self.terminal.log(generation_line(record, state.best_score))
-        if warning := short_episode_warning(record):
-            self.terminal.log(warning)
+        state = self._evaluate(state)
+        self.terminal.log(generation_line(state.records[-1], state.best_score))
         return state
 
     def _choose_start(self, state: NESState, choosing: ChoosingStart) -> NESState:
@@ -142,13 +134,13 @@ class _Runner:
         if halving.round == 0:
             self.terminal.log(f"choosing a start among {len(halving.left)} random SEs")
         self.terminal.bar("choosing the start", 0, halving.evaluations, "evaluations")
-        return self._advance(state)
+        return self._evaluate(state)
 
     def _confirm(self, state: NESState, confirming: Confirming) -> NESState:
         """Train the agents of one round of a confirmation, and log its verdict."""
         self.terminal.bar("confirming", confirming.coming.start, confirming.agents, "agents")
         results: list[EvaluationResult] = []
-        state = self._advance(state, results.append)
+        state = self._evaluate(state, results.append)
         if not isinstance(state.phase, Confirming):
             scores = confirming.after(scores_of(results).tolist()).all_scores
             share = solving_share(scores, self.run.task.solved_reward)
@@ -175,8 +167,12 @@ class _Runner:
 
     def _finish(self, state: NESState) -> None:
         run, log = self.run, self.terminal.log
+        solved = state.solved(run.hp.nes, run.task.solved_reward)
+        reason = "solved" if solved else "all generations done"
+        if state.confirmed:
+            reason = "solved and confirmed"
         elapsed = duration(time.monotonic() - self.terminal.started)
-        log(f"{_reason(run, state)}: {count(state.generation, 'generation')} in {elapsed}")
+        log(f"{reason}: {count(state.generation, 'generation')} in {elapsed}")
         steps_before = self.pool.real_env_steps
         best = self._best(state)
         score = evaluate_holdout(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
@@ -193,12 +189,7 @@ class _Runner:
         model = model_address(run.task.id, "newest")
         log(f"best SE: {path}  ({model} in MLflow's model registry)")
         log(f"learning curve: {self.session.shown_at(self.session.identity.uuid)}")
-        modules = "bilevel", "gymnasium", run.task.id.rpartition(":")[0]
-        log("load the SE with")
-        log(
-            f"  import {', '.join(filter(None, modules))}; "
-            f'gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")'
-        )
+        log(f'use the SE with `gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")`')
 
     def _save_last(self, state: NESState) -> None:
         """Save the SE after the last step, unless its parameters have diverged."""
@@ -208,26 +199,6 @@ class _Runner:
         else:
             (self.run.folder / LAST_FILE).unlink(missing_ok=True)
             self.terminal.log("the last SE is not saved: its parameters are not finite")
-
-
-def _reason(run: NESRun, state: NESState) -> str:
-    """Return why the run has ended."""
-    if state.confirmed:
-        return "solved and confirmed"
-    if state.solved(run.hp.nes, run.task.solved_reward):
-        return "solved"
-    unconfirmed = ", no SE confirmed" if run.hp.nes.confirming_agents else ""
-    return f"all generations done{unconfirmed}"
-
-
-def short_episode_warning(record: GenerationRecord) -> str | None:
-    """Return a warning if episodes end immediately in the first generation."""
-    if record.generation or not record.episode_length < _SHORT:
-        return None
-    return (
-        f"episodes on the SE last {record.episode_length:.1f} steps on average: agents see little "
-        "but the task's initial states (docs/other-tasks.md)"
-    )
 
 
 def generation_line(record: GenerationRecord, best: float) -> str:

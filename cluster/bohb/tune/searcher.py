@@ -34,8 +34,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
     """Suggests at most `concurrent()` jobs at a time, each with `workers_per_trial` cores.
 
     It suggests no job after `deadline` (seconds of `time.monotonic`), nor after an error, which is
-    stored in `stopped_by`. Tune could limit the number of trials, but not to a number that follows
-    the size of the cluster.
+    stored in `stopped_by`.
     """
 
     def __init__(
@@ -51,8 +50,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         self._slots = 0  # last value of `concurrent()`
         self._deadline = deadline
         self._workers_per_trial = workers_per_trial
-        self._reported: float | None = None  # time.monotonic of the last report or first job
-        self._core_seconds = 0.0  # available core time until then
+        self._started = 0.0  # time.monotonic of the first job
         self._evaluation_seconds: dict[str, float] = {}  # by trial
         self.jobs: dict[str, Job] = {}  # of the live trials
         self._crashes: Counter[tuple[ConfigId, int]] = Counter()  # by job
@@ -65,11 +63,10 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
 
     @property
     def core_utilisation(self) -> float:
-        """Share of the cores' time that was spent in evaluations, from the first job of this
-        process to the last report of a trial."""
-        if self._core_seconds == 0:
-            return 0.0
-        return sum(self._evaluation_seconds.values()) / self._core_seconds
+        """Share of the cores' time that was spent in evaluations since the first job."""
+        cores = self._slots * self._workers_per_trial
+        spent = sum(self._evaluation_seconds.values())
+        return spent / ((time.monotonic() - self._started) * cores) if spent else 0.0
 
     def suggest(self, trial_id: str) -> dict[str, Any] | str | None:
         """Return the next job, None while no job can start, or FINISHED."""
@@ -84,15 +81,11 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         if job is None:
             return None
         self.jobs[trial_id] = job
-        self._reported = self._reported or time.monotonic()
+        self._started = self._started or time.monotonic()
         return {JOB: {"id": list(job.id), "configuration": job.configuration, "budget": job.budget}}
 
     def on_trial_result(self, trial_id: str, result: dict[str, Any]) -> None:
-        """Add up core and evaluation time. (Tune does not call this for a trial's last result.)"""
-        now = time.monotonic()
-        cores = self._slots * self._workers_per_trial
-        self._core_seconds += (now - (self._reported or now)) * cores
-        self._reported = now
+        """Store the evaluation time. (Tune does not call this for a trial's last result.)"""
         self._evaluation_seconds[trial_id] = result[REPORT].evaluation_seconds
 
     def on_trial_complete(
@@ -119,9 +112,8 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
             self._search.put_back(job)
 
     def _crashed(self, job: Job) -> None:
-        key = job.id, job.budget
-        self._crashes[key] += 1
-        if self._crashes[key] < MAX_CRASHES:
+        self._crashes[job.id, job.budget] += 1
+        if self._crashes[job.id, job.budget] < MAX_CRASHES:
             self._search.put_back(job)
         else:
             crashed = f"the trial's process died {MAX_CRASHES} times"
@@ -143,7 +135,4 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
             self._search.register(job, None, exception=f"the objective is {objective}")
 
     def save(self, checkpoint_path: str) -> None:
-        """Do nothing: the journal is the search's state."""
-
-    def restore(self, checkpoint_path: str) -> None:
         """Do nothing: the journal is the search's state."""

@@ -41,7 +41,6 @@ class TrialReport:
     record: GenerationRecord | None = None  # of the generation that the step completed
     run: int = 0  # number of the record's NES run
     before: int = 0  # generations of earlier NES runs
-    spent: float = 0.0  # core seconds (estimated) of this job so far
     evaluation_seconds: float = 0.0  # measured, of this job so far
     messages: tuple[str, ...] = ()  # for the terminal
     error: StorageFailure | Mistake | StepFailed | None = None  # ends the job
@@ -60,7 +59,6 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         """Take the next job and reuse the pool."""
         self._job = new_config[JOB]
         self._runs: ConfigurationRuns | None = None
-        self._spent_before: float | None = None  # by earlier jobs of the configuration
         self._evaluation_seconds_before = self._pool.evaluation_seconds
         return True
 
@@ -86,11 +84,12 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
             node = socket.gethostname()
             raise StorageFailure(f"node {node} does not see the folder {str(study.folder)!r}")
         messages: list[str] = []
-        runs = self._runs or ConfigurationRuns.open(
-            study, tuple(job["id"]), job["configuration"], messages.append
-        )
-        if self._spent_before is None:
-            self._spent_before = runs.tally.cost
+        if self._runs is None:
+            config_id = tuple(job["id"])
+            self._runs = ConfigurationRuns.open(
+                study, config_id, job["configuration"], messages.append
+            )
+        runs = self._runs
         record, run, before = None, 0, 0
         while record is None and not runs.spent(job["budget"]):
             generations = runs.generations
@@ -99,23 +98,15 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
                 record = state.records[-1]
                 run = next(i for i, other in enumerate(runs.states) if other is state)
                 before = sum(earlier.generation for earlier in runs.states[:run])
-        self._runs = runs
         return TrialReport(
             runs.tally,
             runs.spent(job["budget"]),
             record,
             run,
             before,
-            runs.tally.cost - self._spent_before,
             self._pool.evaluation_seconds - self._evaluation_seconds_before,
             tuple(messages),
         )
-
-    def save_checkpoint(self, checkpoint_dir: str) -> None:
-        """Do nothing: the state is in the study's folder."""
-
-    def load_checkpoint(self, checkpoint: Any) -> None:
-        """Do nothing: the state is in the study's folder."""
 
     def cleanup(self) -> None:
         """Stop the pool."""
