@@ -2,7 +2,6 @@
 
 import json
 import time
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -10,7 +9,6 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from bilevel.errors import InvalidInput
-from bilevel.nes import NESState
 from bilevel.synthetic_env import se_bytes
 from cluster.bohb.results import pictures
 from cluster.bohb.results.importance import importance, unit_values
@@ -137,11 +135,18 @@ class StudyViews:
             document = Document(BEST_FILE, f"generation {runs.generations}", lambda: se_bytes(best))
             title = f"{study.name}, {name}"
             documents += run_documents(runs.states, runs.run(0), title, document)
-        points = _generations(runs.states)
+        points: list[Point] = []
+        for number, state in enumerate(runs.states):
+            before = len(points)
+            points += [Point.of(record, before, run=number) for record in state.records]
         started = self.identity.began if results else time.time()
         if points:
             started = points[0].time - points[0].values["generation_seconds"]
-        points += [_result(line) for line in results if line.loss is not None]
+        for result in results:
+            if result.loss is not None:
+                tally = {name: float(result.info[name]) for name in TALLIED if name in result.info}
+                values = {"objective": result.loss, "budget": float(result.budget), **tally}
+                points.append(Point(values, result.budget, result.finished))
         ended = max([started, *(p.time for p in points), *(r.finished for r in results)])
         status = "RUNNING" if running else _status(results, runs.tally.cost)
         return RunView(
@@ -182,13 +187,10 @@ def hyperparameter_picture(study: Study, summary: StudySummary) -> Figure:
     InvalidInput if the file of the search space is damaged."""
     space, journal = study.stored_space(), summary.journal
     values = {line.id: unit_values(space, line.configuration) for line in journal.configs}
-    leaders = [line.id for _, line in summary.leaders()]
-    incumbent = summary.incumbent
-    if incumbent is not None and incumbent.id != leaders[-1]:
-        leaders.append(incumbent.id)  # the winner of the validation
+    leaders = [values[line.id] for _, line in summary.leaders()]
     return pictures.hyperparameters(
         np.array([values[config_id] for config_id in summary.ranked]).reshape(-1, len(space)),
-        np.array([values[config_id] for config_id in leaders]).reshape(-1, len(space)),
+        np.array(leaders).reshape(-1, len(space)),
         unit_values(space, study.of_recipe),
         tuple(space),
         importance(space, journal),
@@ -248,21 +250,6 @@ def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Documen
             Document.of_text(RECIPE_FILE, study.recipe_text(incumbent.id, values)),
         ]
     return documents
-
-
-def _generations(states: Sequence[NESState]) -> list[Point]:
-    """One point per generation of consecutive runs."""
-    points: list[Point] = []
-    for number, state in enumerate(states):
-        before = len(points)
-        points += [Point.of(record, before, run=number) for record in state.records]
-    return points
-
-
-def _result(line: ResultLine) -> Point:
-    tally = {name: float(line.info[name]) for name in TALLIED if name in line.info}
-    values = {"objective": line.objective, "budget": float(line.budget), **tally}
-    return Point(values, line.budget, line.finished)
 
 
 def _status(results: list[ResultLine], cost: float) -> Status:

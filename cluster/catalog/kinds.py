@@ -19,10 +19,8 @@ from cluster.tracking import Progress, Views
 
 @dataclass(frozen=True)
 class Kind:
-    """Readers of run folders of one kind.
-
-    Both functions raise InvalidInput for a damaged folder. `progress` also takes the run's target.
-    """
+    """Readers of run folders of one kind, which raise InvalidInput for a damaged folder. `progress`
+    also takes the run's target."""
 
     views: Callable[[Path], Views]
     progress: Callable[[Path, int], Progress]
