@@ -174,7 +174,7 @@ class _Runner:
             require_server_for_nodes(command.context.tracking_uri)  # a node may have joined
             return command.trials
 
-        searcher = BohbSearcher(self.search, trials, deadline, command.workers_per_trial)
+        searcher = BohbSearcher(self.search, trials, deadline)
         report = StudyReport(
             self.brackets, deadline, self.journal, searcher, views, mirror, self.terminal
         )
@@ -186,6 +186,4 @@ class _Runner:
             raise searcher.stopped_by
         if searcher.time_is_up and not self.search.finished:
             log("the search has reached its time limit; run the same command again to resume it")
-        if searcher.core_utilisation > 0:
-            log(f"core utilisation by evaluations: {searcher.core_utilisation:.0%}")
         mirror.mark([views.parent])

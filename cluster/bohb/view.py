@@ -24,6 +24,9 @@ from cluster.session.terminal import last_line
 from cluster.storage.run_folder import BEST_FILE, Lifetime, RunIdentity, Status, finals
 from cluster.tracking import Document, Point, Progress, RunView
 
+#: Settings that are parameters of the MLflow run.
+_PARAMS = ("seed", "method", "prior", "budgets", "cycle", "base")
+
 
 @dataclass(frozen=True)
 class StudyViews:
@@ -81,21 +84,16 @@ class StudyViews:
         study, ends = self.study, finals(self.study.folder)
         lifetime = Lifetime.of(study.folder, self.identity.began, self.live)
         summary = StudySummary.of(journal, study.schedule.brackets(lifetime.target))
-        incumbent, budgets = summary.incumbent, list(study.schedule.budgets)
+        incumbent, settings = summary.incumbent, study.settings()
         name = "" if incumbent is None else configuration_name(incumbent.id)
         return RunView(
             self.parent,
             study.name,
             lifetime,
             {
+                **{name: settings[name] for name in _PARAMS},
                 "task": study.task.id,
-                "seed": study.seed,
                 "space": study.space.name,
-                "budgets": budgets,
-                "cycle": study.schedule.cycle,
-                "method": study.method,
-                "prior": study.prior,
-                "base": study.base.to_dict(),
             },
             {"bilevel.kind": KIND, "bilevel.incumbent": name},
             (*study_points(summary), *(Point.of_final(end) for end in ends)),
@@ -105,7 +103,7 @@ class StudyViews:
             description=(
                 f"{study.method_name} over NES on **{study.task.id}**, recipe "
                 f"`{study.base.recipe}`, {study.start}rule `{study.base.nes.update}`: search space "
-                f"`{study.space.name}`, budgets {budgets} core seconds, seed {study.seed}. Each "
+                f"`{study.space.name}`, budgets {settings['budgets']} core seconds. Each "
                 "nested run is one configuration. `objective` is the expected number of core "
                 "seconds until fresh agents confirm an SE (lower is better)."
             ),
@@ -171,10 +169,9 @@ def study_points(summary: StudySummary) -> list[Point]:
     ]
     best: dict[int, float] = {}
     for number, line in enumerate(summary.journal.results, start=1):
-        values = {k: v for k, v in line.info.items() if k == "core_utilisation"}
         if line.loss is not None and line.loss < best.get(line.budget, np.inf):
-            best[line.budget] = values[f"best_at_{line.budget}"] = line.loss
-        points += [Point({name: values[name]}, number, line.finished) for name in values]
+            best[line.budget] = line.loss
+            points.append(Point({f"best_at_{line.budget}": line.loss}, number, line.finished))
     if summary.validation is not None:
         winner = summary.validation.winner
         values = {"validated_objective": winner.objective}

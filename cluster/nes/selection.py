@@ -31,11 +31,6 @@ class FinalScore:
     train_steps: NDArray[np.int64]
     solved_reward: float
 
-    @property
-    def solved(self) -> bool:
-        """Whether the agents solve the task on average."""
-        return bool(self.scores.mean() >= self.solved_reward)
-
     def metrics(self) -> dict[str, float]:
         """Return metrics for MLflow."""
         return {
@@ -47,7 +42,7 @@ class FinalScore:
 
     def __str__(self) -> str:
         solving = int((self.scores >= self.solved_reward).sum())
-        verdict = "solved" if self.solved else "not solved"
+        verdict = "solved" if self.scores.mean() >= self.solved_reward else "not solved"
         return (
             f"{self.scores.size} fresh agents trained on the best SE score "
             f"{self.scores.mean():.1f} ± {self.scores.std():.1f} on the real task "

@@ -39,9 +39,9 @@ def run_documents(
 def registered(folder: Path, task_id: str, last: Final) -> RegisteredSE:
     """The best SE of a finished run for the model registry. Its tags are the scores in its file,
     which may be newer than `last`. Raises InvalidInput if the file cannot be read."""
-    content, info = Document.of_file(folder / BEST_FILE).content(), load_se(folder / BEST_FILE).info
+    file, info = Document.of_file(folder / BEST_FILE), load_se(folder / BEST_FILE).info
     tags = {name: f"{info.get(name, value):.6g}" for name, value in last.metrics.items()}
-    return RegisteredSE(content, task_id, last.time, tags)
+    return RegisteredSE(file, task_id, last.time, tags)
 
 
 @dataclass(frozen=True)

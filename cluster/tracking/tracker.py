@@ -15,7 +15,7 @@ import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -27,7 +27,7 @@ from cluster.tracking.view import Document, Point, RunView
 
 #: Tags with the run's key, and with the versions of its documents as JSON.
 KEY, _DOCUMENTS = "bilevel.key", "bilevel.documents"
-#: MLflow's documented tag for the description of an experiment or a run.
+#: MLflow's documented tag for the description of a run.
 _NOTE = "mlflow.note.content"
 #: Points per request: a generation has about 20 metrics, and MLflow accepts 1000.
 _BATCH = 40
@@ -200,14 +200,16 @@ class Tracker:
 
     def _write_documents(self, run: _Run, view: RunView) -> None:
         """Upload the documents and the model that the run lacks, or has in another version."""
-        before = dict(run.documents)
+        before, se = dict(run.documents), view.model
         for document in view.documents:
             if run.documents.get(document.path) != document.version:
                 self._upload(run.id, document, view.name)
                 run.documents[document.path] = document.version
-        if view.model is not None and run.documents.get("model") != view.model.version:
-            register_se(self._client, run.id, view.model)
-            run.documents["model"] = view.model.version
+        if se is not None and run.documents.get("model") != se.file.version:
+            path = f"{se.folder}/{se.file.path}"
+            self._upload(run.id, replace(se.file, path=path), view.name)
+            register_se(self._client, run.id, se)
+            run.documents["model"] = se.file.version
         if run.documents != before:
             self._client.set_tag(run.id, _DOCUMENTS, json.dumps(run.documents))
 
@@ -233,12 +235,8 @@ def _experiment(client: Any, task_id: str, location: str | None) -> str:
 
     found = client.get_experiment_by_name(task_id)
     if found is None:
-        note = (
-            f"Synthetic environments (SEs) for {task_id}, learned by natural evolution strategies. "
-            "docs/tracking.md explains runs and metrics."
-        )
         with suppress(MlflowException):  # another client may have created it
-            return str(client.create_experiment(task_id, location, {_NOTE: note}))
+            return str(client.create_experiment(task_id, location))
         found = client.get_experiment_by_name(task_id)
     if found is None or found.lifecycle_stage == "deleted":
         raise InvalidInput(

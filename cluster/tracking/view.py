@@ -68,34 +68,34 @@ class Document:
         """Return a document with the content of a small file. Raises InvalidInput if it cannot be
         read."""
         try:
-            return cls.of_bytes(folder + path.name, path.read_bytes())
+            return cls.of(folder + path.name, path.read_bytes())
         except OSError as error:
             raise InvalidInput(f"cannot read {str(path)!r}: {error.strerror}") from None
 
     @classmethod
-    def of_text(cls, path: str, text: str) -> "Document":
-        """Return a document with that text."""
-        return cls.of_bytes(path, text.encode())
-
-    @classmethod
-    def of_bytes(cls, path: str, content: bytes) -> "Document":
+    def of(cls, path: str, content: bytes) -> "Document":
         """Return a document with that content."""
         return cls(path, hashlib.sha256(content).hexdigest(), lambda: content)
+
+    @classmethod
+    def of_text(cls, path: str, text: str) -> "Document":
+        """Return a document with that text."""
+        return cls.of(path, text.encode())
 
 
 @dataclass(frozen=True)
 class RegisteredSE:
     """SE for the model registry."""
 
-    content: bytes  # of its file
+    file: Document
     task_id: str
     time: float  # unix time in seconds when the SE was saved
     tags: Mapping[str, str]
 
     @property
-    def version(self) -> str:
-        """SHA-256 checksum of the file."""
-        return hashlib.sha256(self.content).hexdigest()
+    def folder(self) -> str:
+        """Folder of the run's artifacts with this version of the file."""
+        return f"model-{self.file.version[:12]}"
 
 
 @dataclass(frozen=True)

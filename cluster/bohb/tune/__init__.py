@@ -6,10 +6,7 @@ Disabled features of Tune:
 - retries (`max_failures`): Tune fails a trial at once if a reused actor dies before its first step.
   `BohbSearcher` suggests the job again;
 - `max_concurrent_trials`: the number of trials follows the size of the cluster;
-- checkpoints: every generation is on disk before it is reported, and the journal is the state of
-  the search;
-- log files, progress output and automatic callbacks: `StudyReport` prints and feeds MLflow;
-- signal handling: `InterruptGuard` stops the trials in order.
+- checkpoints, log files, progress output and signal handling: other modules do this.
 
 This module imports nothing, so that the processes of trials do not load hpbandster.
 """

@@ -66,8 +66,6 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     ) -> None:
         """Show a finished generation."""
         report: TrialReport = result[REPORT]
-        for line in report.messages:
-            self._terminal.log(line)
         if report.record is not None and report.tally is not None:
             job = self._jobs[trial.trial_id]
             name = configuration_name(job.id)

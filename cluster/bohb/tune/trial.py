@@ -41,8 +41,6 @@ class TrialReport:
     record: GenerationRecord | None = None  # of the generation that the step completed
     run: int = 0  # number of the record's NES run
     before: int = 0  # generations of earlier NES runs
-    evaluation_seconds: float = 0.0  # measured, of this job so far
-    messages: tuple[str, ...] = ()  # for the terminal
     error: StorageFailure | Mistake | StepFailed | None = None  # ends the job
 
 
@@ -59,7 +57,6 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         """Take the next job and reuse the pool."""
         self._job = new_config[JOB]
         self._runs: ConfigurationRuns | None = None
-        self._evaluation_seconds_before = self._pool.evaluation_seconds
         return True
 
     def step(self) -> dict[str, Any]:
@@ -83,12 +80,8 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         if not (study.folder / SETTINGS_FILE).exists():
             node = socket.gethostname()
             raise StorageFailure(f"node {node} does not see the folder {str(study.folder)!r}")
-        messages: list[str] = []
         if self._runs is None:
-            config_id = tuple(job["id"])
-            self._runs = ConfigurationRuns.open(
-                study, config_id, job["configuration"], messages.append
-            )
+            self._runs = ConfigurationRuns.open(study, tuple(job["id"]), job["configuration"])
         runs = self._runs
         record, run, before = None, 0, 0
         while record is None and not runs.spent(job["budget"]):
@@ -104,8 +97,6 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
             record,
             run,
             before,
-            self._pool.evaluation_seconds - self._evaluation_seconds_before,
-            tuple(messages),
         )
 
     def cleanup(self) -> None:
