@@ -92,8 +92,9 @@ class NESRun:
     def ended(self) -> bool:
         """Whether a process has finished the run with its current number of generations."""
         status = RunStatus.load(self.folder)
-        finished = status is not None and status.status == "FINISHED"
-        return finished and status.target >= self.hp.nes.generations
+        if status is None or status.status != "FINISHED":
+            return False
+        return status.target >= self.hp.nes.generations
 
     @property
     def state_file(self) -> Path:
