@@ -2,7 +2,7 @@
 
 import json
 import time
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +13,7 @@ from bilevel.synthetic_env import se_bytes
 from cluster.bohb.results import pictures
 from cluster.bohb.results.importance import importance, unit_values
 from cluster.bohb.results.summary import StudySummary
-from cluster.bohb.results.tables import TALLIED, leaders_csv, results_csv
+from cluster.bohb.results.tables import TALLIED, results_csv
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.study.journal import ConfigLine, Journal, ResultLine
@@ -156,7 +156,7 @@ class StudyViews:
             tuple(points),
             tuple(documents),
             parent=self.parent,
-            identity=replace(self.identity, code={}),  # unknown: the study may have run several
+            identity=self.identity,
             description=f"Configuration {name} of the study `{study.name}`.",
         )
 
@@ -220,29 +220,24 @@ def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Documen
     if summary.validation is not None:
         version += f", {summary.validation.results} validated"
         documents.append(Document.of_text("validation.md", summary.validation_table()))
+
+    def objectives() -> Figure:
+        points, validated = summary.points(), summary.validated_points()
+        return pictures.objective_against_cost(points, validated, study.task, study.name)
+
     documents += [
-        Document(
-            "objective_against_cost.png",
-            version,
-            lambda: png(
-                pictures.objective_against_cost(
-                    summary.points(), summary.validated_points(), study.task, study.name
-                )
-            ),
-        ),
+        Document("objective_against_cost.png", version, lambda: png(objectives())),
         Document.of_text("brackets.md", summary.bracket_table()),
         Document.of_text("results.csv", results_csv(summary)),
-        Document.of_text("leaders.csv", leaders_csv(summary)),
         *(Document.of_file(path, "journal/") for path in journal.paths),
     ]
     if incumbent is not None:
         values = summary.configuration(incumbent.id)
+        picture = Document(
+            "hyperparameters.png", version, lambda: png(hyperparameter_picture(study, summary))
+        )
         documents += [
-            Document(
-                "hyperparameters.png",
-                version,
-                lambda: png(hyperparameter_picture(study, summary)),
-            ),
+            picture,
             Document.of_text("incumbent.json", json.dumps(values, indent=2)),
             Document.of_text(RECIPE_FILE, study.recipe_text(incumbent.id, values)),
         ]

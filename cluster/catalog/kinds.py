@@ -36,8 +36,7 @@ KINDS = {
 
 
 def kind_of(folder: Path) -> str:
-    """Name of the kind of run in a folder. Raises InvalidInput for a damaged folder or an unknown
-    kind."""
+    """Name of the kind of run in a folder. Raises InvalidInput for a damaged folder."""
     kind = str(read_settings(folder).get("kind"))
     if kind not in KINDS:
         raise one_of("kind of run", kind, KINDS)

@@ -42,10 +42,6 @@ def runs_page(experiment_id: str, run_id: str | None = None) -> str:
     return f"/#/experiments/{experiment_id}/runs{run}?{_WORKFLOW}"
 
 
-class Incomplete(InvalidInput):
-    """MLflow rejects a run, or a document of it cannot be created."""
-
-
 @dataclass
 class _Run:
     """The points and documents of a run in MLflow."""
@@ -92,8 +88,8 @@ class Tracker:
     def show(self, view: RunView) -> None:
         """Write the parts of the view that MLflow lacks.
 
-        Raises Incomplete, and MLflow's exceptions if it is unreachable; repeating the call
-        completes the run.
+        Raises InvalidInput if MLflow rejects the run or a document cannot be created, and MLflow's
+        exceptions if it is unreachable. Repeating the call completes the run.
         """
         from mlflow.exceptions import MlflowException
 
@@ -106,7 +102,7 @@ class Tracker:
             if not _rejected(error):
                 raise
             reason = without_password(first_line(error))
-            raise Incomplete(f"{view.name}: MLflow rejects the run ({reason})") from None
+            raise InvalidInput(f"{view.name}: MLflow rejects the run ({reason})") from None
 
     def append(self, key: str, points: Sequence[Point]) -> bool:
         """Add new points to a run that this tracker has shown; return whether that was possible.
@@ -217,7 +213,7 @@ class Tracker:
         try:
             content = document.content()
         except Exception as error:  # a picture or a file, not MLflow
-            raise Incomplete(f"{name}: no {document.path} ({first_line(error)})") from None
+            raise InvalidInput(f"{name}: no {document.path} ({first_line(error)})") from None
         parent, _, file = document.path.rpartition("/")
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / file

@@ -2,8 +2,8 @@
 
 Tune places the trial and its pool in one placement group: an empty bundle for the trial itself,
 which mostly waits, and a core for each worker. The job of a trial whose process or node dies is
-suggested again and resumes from its checkpoints. An error in the run is retried here and then
-reported, so that the searcher can distinguish it from a crash.
+suggested again and resumes from its checkpoints. An error in the run is reported as a result, so
+that the searcher can distinguish it from a crash.
 """
 
 import socket
@@ -24,12 +24,10 @@ from cluster.storage.run_folder import SETTINGS_FILE
 
 #: Key of a trial's job in its configuration, and of the `TrialReport` in its results.
 JOB, REPORT = "job", "report"
-#: Errors of one step after which the configuration counts as failed.
-_ATTEMPTS = 3
 
 
 class StepFailed(Exception):
-    """The step of a trial failed repeatedly; the message is the traceback."""
+    """The step of a trial failed; the message is the traceback."""
 
 
 @dataclass(frozen=True)
@@ -61,19 +59,13 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
 
     def step(self) -> dict[str, Any]:
         """Run one generation and return its report."""
-        report = self._attempt()
+        try:
+            report = self._generation()
+        except (StorageFailure, Mistake) as error:
+            report = TrialReport(error=error)
+        except Exception:
+            report = TrialReport(error=StepFailed(traceback.format_exc()))
         return {REPORT: report, "done": report.budget_reached or report.error is not None}
-
-    def _attempt(self) -> TrialReport:
-        for _ in range(_ATTEMPTS):
-            try:
-                return self._generation()
-            except (StorageFailure, Mistake) as error:
-                return TrialReport(error=error)
-            except Exception:
-                failure = StepFailed(traceback.format_exc())
-                self._runs = None
-        return TrialReport(error=failure)
 
     def _generation(self) -> TrialReport:
         study, job = self._study, self._job
@@ -91,13 +83,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
                 record = state.records[-1]
                 run = next(i for i, other in enumerate(runs.states) if other is state)
                 before = sum(earlier.generation for earlier in runs.states[:run])
-        return TrialReport(
-            runs.tally,
-            runs.spent(job["budget"]),
-            record,
-            run,
-            before,
-        )
+        return TrialReport(runs.tally, runs.spent(job["budget"]), record, run, before)
 
     def cleanup(self) -> None:
         """Stop the pool."""
