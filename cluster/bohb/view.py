@@ -128,7 +128,7 @@ class StudyViews:
         if failure is not None:
             tags["bilevel.error"] = last_line(failure)[:250]
             documents.append(Document.of_text("error.txt", failure))
-        best = runs.best
+        best = runs.best if runs.states else None
         if best is not None and not running:
             document = Document(BEST_FILE, f"generation {runs.generations}", lambda: se_bytes(best))
             title = f"{study.name}, {name}"

@@ -19,7 +19,6 @@ from cluster.bohb.view import StudyViews
 from cluster.catalog.kinds import views_of
 from cluster.catalog.sync import sync
 from cluster.session.context import RunContext
-from cluster.session.session import shown_at
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
 from cluster.storage.run_folder import held
@@ -72,19 +71,6 @@ def wait_for(condition: Callable[[], bool]) -> None:
     while not condition():
         assert time.monotonic() < deadline, "timeout"
         time.sleep(0.05)
-
-
-def test_the_address_of_a_database_outside_of_the_home_is_its_uri(
-    home: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """`bilevel ui` would show the home's database instead."""
-    monkeypatch.chdir(tmp_path)
-    tracker = Tracker("sqlite:///mine.db", "CartPole-v0", home.artifacts)
-    assert (tmp_path / "mine.db").exists()
-    assert shown_at(home, tracker) == f"sqlite:///mine.db, experiment {tracker.experiment_id}"
-    tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
-    page = f"http://127.0.0.1:5000/#/experiments/{tracker.experiment_id}/runs?"
-    assert shown_at(home, tracker).startswith(page)
 
 
 def test_sync_rebuilds_a_study_in_an_empty_database(home: Home, folder: Path) -> None:
