@@ -16,6 +16,8 @@ from cluster.tracking.view import Point, RunView
 
 #: First and longest delay in seconds between attempts to reach MLflow; the delay doubles.
 _FIRST_RETRY, _LAST_RETRY = 1.0, 30.0
+#: Seconds for which `close` waits if MLflow answers, and if it is unreachable.
+_TIMEOUTS = (120.0, 10.0)
 
 
 class Mirror:
@@ -23,20 +25,14 @@ class Mirror:
 
     `view_of` builds the complete view of a run from disk, in the mirror's thread. `log` gets a line
     when MLflow becomes unreachable or reachable again, and for runs that cannot be shown.
-    `timeouts` limit the wait in `close`, in seconds: if MLflow answers, and if it is unreachable.
     """
 
     def __init__(
-        self,
-        tracker: Tracker,
-        view_of: Callable[[str], RunView],
-        log: Callable[[str], None],
-        timeouts: tuple[float, float] = (120.0, 10.0),
+        self, tracker: Tracker, view_of: Callable[[str], RunView], log: Callable[[str], None]
     ) -> None:
         self.tracker = tracker
         self._view_of = view_of
         self._log = log
-        self._timeouts = timeouts
         #: New points by key, in order; None for a complete view.
         self._pending: dict[str, list[Point] | None] = {}
         self._writing: set[str] = set()
@@ -69,7 +65,7 @@ class Mirror:
         while self._thread.is_alive() and not self._timed_out:
             self._thread.join(0.1)
             waited = time.monotonic() - started
-            self._timed_out = waited > self._timeouts[self._unreachable]
+            self._timed_out = waited > _TIMEOUTS[self._unreachable]
         return len({*self.waiting, *self._failed})
 
     @property

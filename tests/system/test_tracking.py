@@ -57,13 +57,11 @@ def client_of(home: Home) -> mlflow.MlflowClient:
     return mlflow.MlflowClient(home.database_uri, registry_uri=home.database_uri)
 
 
-def mirror_of(
-    folder: Path, uri: str, log: Callable[[str], None], unreachable: float = 10.0
-) -> tuple[Mirror, list[str]]:
+def mirror_of(folder: Path, uri: str, log: Callable[[str], None]) -> tuple[Mirror, list[str]]:
     """A mirror of a study, and the keys of its runs."""
     views = StudyViews.of(folder)
     tracker = Tracker(uri, "CartPole-v0", folder.parents[1] / "artifacts")
-    return Mirror(tracker, views.view, log, (120.0, unreachable)), views.keys()
+    return Mirror(tracker, views.view, log), views.keys()
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
@@ -173,18 +171,6 @@ def test_a_restarted_server_gets_everything_once(folder: Path, server: Server) -
 
 
 def test_sync_writes_the_runs_that_an_unreachable_server_missed(
-    home: Home, folder: Path, server: Server
-) -> None:
-    mirror, keys = mirror_of(folder, server.uri, print, unreachable=1.0)
-    server.kill()
-    mirror.mark(keys)
-    assert mirror.close() == len(keys)
-    server.start()
-    sync(folder, home, server.uri, Terminal())
-    assert disagreements(folder, server.uri) == []
-
-
-def test_the_command_for_a_later_sync_names_the_tracking_uri(
     home: Home, folder: Path, server: Server, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = json.loads((folder / "settings.json").read_text())
@@ -197,6 +183,8 @@ def test_the_command_for_a_later_sync_names_the_tracking_uri(
     out = " ".join(capsys.readouterr().out.split())
     options = f"--tracking-uri {server.uri} --home {home.folder}"
     assert f"sync CartPole-v0/made {options}` writes" in out
+    sync(folder, home, server.uri, Terminal())
+    assert disagreements(folder, server.uri) == []
 
 
 def test_later_runs_of_a_command_start_while_mlflow_is_unreachable(
