@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -99,10 +100,11 @@ def choose_best(
     halving = Halving.between(range(len(contenders)), rounds)
     while halving.winner is None and not (halving.round and is_late()):
         for i in halving.left:
-            vary, tested = contenders[i].hp.vary_agent, len(results[i])
-            numbers = range(tested, tested + halving.agents)
+            vary, first = contenders[i].hp.vary_agent, len(results[i])
+            numbers = range(first, first + halving.agents)
             agents = _fresh_agents(contenders[i].hp, vary, numbers, Purpose.RETEST, seed)
-            results[i] += _test(task, contenders[i].se, agents, pool, on_test)
+            tested = pool.run(task, contenders[i].se.se, agents, lambda result: on_test())
+            results[i] += sorted(tested, key=attrgetter("index"))
         halving = halving.after(_ranking([results[i] for i in halving.left]))
     return contenders[halving.left[0]]
 
@@ -129,7 +131,7 @@ def evaluate_holdout(
     vary = "no" if hp.vary_agent == "no" else "all"
     impatient = replace(hp, nes=replace(hp.nes, patient_episodes=0))
     requests = _fresh_agents(impatient, vary, range(agents), Purpose.FINAL, seed)
-    results = _test(task, contender.se, requests, pool)
+    results = sorted(pool.run(task, contender.se.se, requests), key=attrgetter("index"))
     steps = np.array([result.train_steps for result in results])
     return FinalScore(scores_of(results), steps, task.solved_reward)
 
@@ -145,18 +147,6 @@ def _fresh_agents(
         agent = with_patience(agent, hp.nes, number)
         requests.append(EvaluationRequest(index, trial_seed, agent))
     return requests
-
-
-def _test(
-    task: Task,
-    se: StoredSE,
-    agents: Sequence[EvaluationRequest],
-    pool: EvaluationPool,
-    on_test: Callable[[], None] = lambda: None,
-) -> list[EvaluationResult]:
-    """Return the results of these agents, in order."""
-    results = pool.run(task, se.se, agents, lambda result: on_test())
-    return sorted(results, key=lambda result: result.index)
 
 
 def export_best(

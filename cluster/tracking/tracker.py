@@ -105,21 +105,12 @@ class Tracker:
             raise InvalidInput(f"{view.name}: MLflow rejects the run ({reason})") from None
 
     def append(self, key: str, points: Sequence[Point]) -> bool:
-        """Add new points to a run that this tracker has shown; return whether that was possible.
-        If not, `show` is needed."""
-        from mlflow.exceptions import MlflowException
-
-        run = self._runs.pop(key, None)
-        if run is None:
-            return False
-        try:
+        """Add new points to a run that this tracker has shown. Return False if `show` is needed.
+        Raises MLflow's exceptions."""
+        run = self._runs.get(key)
+        if run is not None:
             self._add(run, points)
-        except MlflowException as error:
-            if not _rejected(error):
-                raise
-            return False  # the run was deleted in the UI
-        self._runs[key] = run
-        return True
+        return run is not None
 
     def forget(self) -> None:
         """Compare all runs with MLflow again: it was unreachable and may have lost data."""
