@@ -5,8 +5,6 @@ from pathlib import Path
 
 import pytest
 
-from cluster.bohb.study.definition import configuration_name
-from cluster.bohb.study.journal import Journal
 from cluster.catalog.kinds import views_of
 from cluster.storage.run_folder import RunIdentity, RunStatus
 from cluster.tracking import RunView
@@ -23,13 +21,6 @@ def views(folder: Path) -> list[RunView]:
     """Views of the study and of its configurations."""
     source = views_of(folder)
     return [source.view(key) for key in source.keys()]  # noqa: SIM118
-
-
-def test_the_parameters_of_a_configuration_are_the_tuned_ones(folder: Path) -> None:
-    _, *children = views(folder)
-    lines = Journal(folder).configs
-    assert [child.name for child in children] == [configuration_name(line.id) for line in lines]
-    assert [child.params for child in children] == [line.configuration for line in lines]
 
 
 def test_notes_contain_the_command_and_whether_it_resumes_the_run(folder: Path) -> None:
