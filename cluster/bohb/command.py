@@ -15,7 +15,6 @@ from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import Journal
 from cluster.bohb.tune.report import StudyReport
 from cluster.bohb.tune.searcher import BohbSearcher
-from cluster.bohb.tune.stopping import StudyStopper
 from cluster.bohb.tune.tuner import run_trials
 from cluster.bohb.view import StudyViews
 from cluster.ray.connection import Capacity, require_server_for_nodes, scaled_to
@@ -175,18 +174,16 @@ class _Runner:
             require_server_for_nodes(command.context.tracking_uri)  # a node may have joined
             return command.trials
 
-        searcher = BohbSearcher(self.search, trials, deadline, command.workers_per_trial)
+        searcher = BohbSearcher(self.search, trials, deadline)
         report = StudyReport(
             self.brackets, deadline, self.journal, searcher, views, mirror, self.terminal
         )
-        stopper = StudyStopper(searcher, self.session.guard)
-        with self.session.guard.orderly():
-            run_trials(command.study, command.workers_per_trial, searcher, stopper, report)
-        self.session.guard.check()
+        guard = self.session.guard
+        with guard.orderly():
+            run_trials(command.study, command.workers_per_trial, searcher, guard, report)
+        guard.check()
         if searcher.stopped_by is not None:
             raise searcher.stopped_by
         if searcher.time_is_up and not self.search.finished:
             log("the search has reached its time limit; run the same command again to resume it")
-        if searcher.core_utilisation > 0:
-            log(f"core utilisation by evaluations: {searcher.core_utilisation:.0%}")
         mirror.mark([views.parent])
