@@ -15,7 +15,7 @@ from ray import tune
 
 from bilevel.errors import StorageFailure
 from bilevel.nes import GenerationRecord
-from bilevel.user_code import Mistake
+from bilevel.user_code import UserCodeError
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import Study
@@ -39,7 +39,7 @@ class TrialReport:
     record: GenerationRecord | None = None  # of the generation that the step completed
     run: int = 0  # number of the record's NES run
     before: int = 0  # generations of earlier NES runs
-    error: StorageFailure | Mistake | StepFailed | None = None  # ends the job
+    error: StorageFailure | UserCodeError | StepFailed | None = None  # ends the job
 
 
 class NESTrial(tune.Trainable):  # type: ignore[misc]
@@ -61,7 +61,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         """Run one generation and return its report."""
         try:
             report = self._generation()
-        except (StorageFailure, Mistake) as error:
+        except (StorageFailure, UserCodeError) as error:
             report = TrialReport(error=error)
         except Exception:
             report = TrialReport(error=StepFailed(traceback.format_exc()))
