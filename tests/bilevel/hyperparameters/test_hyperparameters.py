@@ -4,7 +4,12 @@ from dataclasses import replace
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.hyperparameters import DDQNHyperparameters, SEHyperparameters
+from bilevel.hyperparameters import (
+    AgentHyperparameters,
+    DDQNHyperparameters,
+    SEHyperparameters,
+)
+from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.recipes import load_recipe
 from tests.conftest import restored
 
@@ -73,3 +78,11 @@ def test_agents_that_never_learn_are_rejected() -> None:
         replace(hp, nes=replace(hp.nes, patient_episodes=patient))
     with pytest.raises(InvalidInput, match=r"ddqn\.init_episodes must be .*nes\.patient"):
         replace(hp, nes=replace(hp.nes, patient_episodes=ddqn.init_episodes))
+
+
+def test_attributes_without_a_type_are_rejected() -> None:
+    with pytest.raises(InvalidInput, match=r"Untyped.max_episodes needs a type annotation"):
+
+        @hyperparameters
+        class Untyped(AgentHyperparameters):
+            max_episodes = 11
