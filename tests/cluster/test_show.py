@@ -4,11 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from gymnasium.envs.registration import EnvSpec
 from matplotlib.contour import ContourSet
 
 from bilevel.synthetic_env import SE, load_se, save_se
@@ -57,27 +55,6 @@ def test_states_in_which_episodes_end_are_hatched(kind: str, cartpole: Task) -> 
         se = replace(se, se=SE(se.architecture, psi))
     on_se = picture(Portrait.of(se), "title").axes[0]
     assert any(isinstance(one, ContourSet) for one in on_se.collections) is (kind != "never")
-
-
-class Line(gymnasium.Env[Any, Any]):
-    """An environment with one observation."""
-
-    observation_space = gymnasium.spaces.Box(-9, 9, (1,), np.float32)
-    action_space = gymnasium.spaces.Discrete(2)
-
-    def reset(self, *, seed: int | None = None, options: Any = None) -> Any:
-        super().reset(seed=seed)
-        return self.np_random.standard_normal(1).astype(np.float32), {}
-
-    def step(self, action: Any) -> Any:
-        state = self.np_random.standard_normal(1).astype(np.float32)
-        return state, float(action), False, False, {}
-
-
-def test_a_task_with_one_observation(monkeypatch: pytest.MonkeyPatch) -> None:
-    spec = EnvSpec("test/Line-v0", lambda **_: Line(), reward_threshold=9.0, max_episode_steps=9)
-    monkeypatch.setitem(gymnasium.registry, spec.id, spec)
-    assert picture(Portrait.of(make_se(get_task(spec.id))), "Line").axes
 
 
 def test_the_command(se_file: Path, tmp_path: Path) -> None:
