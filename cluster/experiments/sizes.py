@@ -1,6 +1,7 @@
 """Sizes of experiments: numbers of SEs, agents and NES runs."""
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 
@@ -35,7 +36,7 @@ class Size:
     def changed(self, ses: int | None, agents: int | None, real_agents: int | None) -> "Size":
         """Return the size with other numbers of SEs per condition, of agents on each SE, and of
         agents on the real task."""
-        given = {
+        given: dict[str, Any] = {
             **dict.fromkeys(("ses", "runs", "authors_runs", "curve_ses"), ses),
             **dict.fromkeys(
                 ("agents", "curve_agents", "varied_agents", "behaviour_agents"), agents
