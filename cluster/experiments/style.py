@@ -29,9 +29,6 @@ SERIES = ("#1f4e9c", "#e0872e", "#a5d3b6", "#6e6e6e")
 
 _STYLE: dict[Any, Any] = {
     "font.size": 7,
-    "axes.titlesize": 8,
-    "figure.titlesize": 8,
-    "figure.labelsize": 7,
     "axes.spines.top": False,
     "axes.spines.right": False,
     "legend.frameon": False,

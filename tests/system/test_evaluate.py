@@ -8,11 +8,10 @@ import time
 from pathlib import Path
 from typing import Any
 
-import click
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
-from bilevel.errors import InvalidInput
 from bilevel.synthetic_env import load_se
 from cluster.cli.program import cli
 from cluster.storage.run_folder import BEST_FILE
@@ -172,6 +171,7 @@ def test_invalid_input(
     arguments: tuple[str, ...], message: str, tmp_path: Path, se_file: Path
 ) -> None:
     given = [str(se_file) if argument == "SE" else argument for argument in arguments]
-    with pytest.raises((InvalidInput, click.ClickException), match=re.escape(message)):
-        cli.main(["evaluate", *given, "--home", str(tmp_path / "home")], standalone_mode=False)
+    result = CliRunner().invoke(cli, ["evaluate", *given, "--home", str(tmp_path / "home")])
+    assert result.exit_code == 2
+    assert message in result.stderr
     assert not (tmp_path / "home").exists()
