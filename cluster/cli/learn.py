@@ -6,9 +6,8 @@ from typing import Any
 
 import click
 
-from cluster.cli.decorators import run_options, workers_option
-from cluster.cli.options import RunOptions
-from cluster.cli.parameters import POSITIVE, Duration
+from cluster.cli.options import POSITIVE, run_options, seconds, workers_option
+from cluster.cli.run_options import RunOptions
 from cluster.storage.home import plain_name
 
 
@@ -41,7 +40,7 @@ def nes(
     task = common.the_task()
     hp = common.the_hyperparameters(task, generations=generations, solved_for=solved_for)
     # Recipes that never stop early have no confirming agents.
-    if solved_for and "nes.confirming_agents" not in dict(common.settings):
+    if solved_for and "nes.confirming_agents" not in common.replaced:
         confirming = hp.nes.confirming_agents or CONFIRMING_AGENTS
         hp = replace(hp, nes=replace(hp.nes, confirming_agents=confirming))
     name = name or plain_name(f"nes{common.suffix(hp.recipe)}-seed{common.seed}")
@@ -76,7 +75,8 @@ def nes(
 @click.option("--brackets", type=click.IntRange(1, 1000), help="Number (default: the profile's).")
 @click.option(
     "--time-budget",
-    type=Duration(),
+    type=seconds,
+    metavar="DURATION",
     help="Time limit of this call: 90s, 45m, 2h or seconds (default: the profile's).",
 )
 @click.option(
@@ -85,15 +85,14 @@ def nes(
     help="Actors per trial (default: 1, or more if there are more cores than configurations).",
 )
 @click.option(
-    "--concurrent-trials",
-    type=POSITIVE,
-    help="Default: all that fit into this study's share of the cores.",
+    "--concurrent-trials", type=POSITIVE, help="Number (default: all that fit into the cluster)."
 )
 @click.option(
     "--method",
+    type=click.Choice(["bohb", "hyperband", "random"]),
     default="bohb",
     show_default=True,
-    help="bohb, hyperband (brackets without a model) or random (search at the largest budget).",
+    help="hyperband runs brackets without a model, random searches at the largest budget.",
 )
 @click.option(
     "--prior",
@@ -112,18 +111,19 @@ def bohb(
     **options: Any,
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
-    from cluster.bohb.study.profiles import get_method, get_profile, sized
+    from cluster.bohb.study.profiles import get_profile, sized
     from cluster.bohb.study.rules import searched_space
     from search_spaces.space import Space
 
     changes = {name: options.pop(name) for name in ("space", "brackets", "time_budget", "prior")}
     common = RunOptions(**options)
     task = common.the_task()
-    get_method(method)
     size = get_profile(profile)
     size = replace(size, **{name: value for name, value in changes.items() if value is not None})
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
-    searched = searched_space(Space.of(size.space), task, hp, common.replaced, size.prior)
+    searched = searched_space(
+        Space.of(size.space), task, hp, [*common.replaced.items()], size.prior
+    )
     context = common.the_context()
     default = f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"
     folder = context.home.run_folder(task.id, study or plain_name(default))

@@ -1,13 +1,34 @@
-"""The command `zoo`."""
+"""The commands `recipe` and `zoo`: what comes with this package."""
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cluster.cli.decorators import address_option, home_option, tracking_option, workers_option
-from cluster.cli.options import the_context
-from cluster.cli.parameters import POSITIVE
+from cluster.cli.options import (
+    POSITIVE,
+    address_option,
+    home_option,
+    tracking_option,
+    workers_option,
+)
+from cluster.cli.run_options import the_context
+
+if TYPE_CHECKING:
+    from bilevel.zoo import Card
+
+
+@click.command()
+@click.argument("name")
+@click.option(
+    "--task", default="CartPole-v0", show_default=True, help="Task for which the recipe is used."
+)
+def recipe(name: str, task: str) -> None:
+    """Print all hyperparameters of the recipe NAME (default, paper, authors or a file, *.toml)."""
+    from bilevel.recipes import complete_recipe
+
+    click.echo(complete_recipe(name, task), nl=False)
 
 
 @click.group(invoke_without_command=True)
@@ -17,9 +38,8 @@ def zoo(context: click.Context) -> None:
     if context.invoked_subcommand is not None:
         return
     from bilevel.zoo import ENTRIES, card
-    from cluster.zoo.table import print_zoo
 
-    print_zoo(card(name) for name in ENTRIES)
+    _print_zoo(card(name) for name in ENTRIES)
     click.echo('use one with `import bilevel, gymnasium; gymnasium.make("bilevel/Synthetic-...")`')
 
 
@@ -52,9 +72,28 @@ def build(name: str, folder: Path, agents: int, workers: int | None, **where: An
 
     entry, context = get_entry(name), the_context(**where)
 
-    from cluster.zoo.build import BuildCommand
     from cluster.zoo.build import build as make
-    from cluster.zoo.table import print_zoo
 
-    print_zoo([make(BuildCommand(entry, context, folder, agents, workers))])
+    _print_zoo([make(entry, context, folder, agents, workers)])
     click.echo(f"written: {folder / name}.safetensors and its card, .json")
+
+
+def _print_zoo(cards: Iterable["Card"]) -> None:
+    """Print one row for each SE and kind of agents trained on it."""
+    from rich.console import Console
+    from rich.table import Table
+
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    table.add_column("gymnasium id", no_wrap=True)
+    for title in ("agents", "mean return", "solved", "train steps"):
+        table.add_column(title, justify="right", no_wrap=True)
+    for card in cards:
+        for row in card.taught:
+            table.add_row(
+                card.env_id,
+                f"{row.agents} {row.agent}",
+                f"{row.mean_return:.1f}",
+                f"{row.solved_fraction:.0%}",
+                f"{row.train_steps:.0f}",
+            )
+    Console(highlight=False).print(table)

@@ -4,44 +4,36 @@ import linecache
 import os
 import sys
 from contextlib import suppress
-from importlib.abc import SourceLoader
+from dataclasses import dataclass
 from importlib.machinery import PathFinder
-from importlib.util import module_from_spec, spec_from_loader
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from bilevel.agents import registered_agents
 from bilevel.errors import InvalidInput
 
 
-class AgentFile(SourceLoader):
-    """Import one file with the content that the driver has read.
+@dataclass(frozen=True)
+class AgentFile:
+    """A file with the content that the driver has read, for actors that start later or on machines
+    without the file."""
 
-    Pickled copies give the same version to actors that start later or on machines without the file.
-    """
-
-    def __init__(self, file: Path) -> None:
-        self.name, self.path = file.stem, str(file.resolve())
-        self.source = file.read_bytes()
-
-    def get_filename(self, fullname: str) -> str:
-        return self.path
-
-    def get_data(self, path: str | bytes) -> bytes:
-        return self.source
+    path: Path
+    source: bytes
 
     def load(self) -> None:
         """Import the file. Other modules in its folder become importable."""
+        name, path = self.path.stem, str(self.path)
         lines = self.source.decode().splitlines(keepends=True)
-        linecache.cache[self.path] = (len(self.source), None, lines, self.path)  # for tracebacks
-        sys.path.insert(0, str(Path(self.path).parent))
-        spec = spec_from_loader(self.name, self)
-        assert spec is not None
-        module = sys.modules[self.name] = module_from_spec(spec)
+        linecache.cache[path] = (len(self.source), None, lines, path)  # for tracebacks
+        sys.path.insert(0, str(self.path.parent))
+        module = sys.modules[name] = ModuleType(name)
+        module.__file__ = path
         try:
-            self.exec_module(module)
+            exec(compile(self.source, path, "exec"), module.__dict__)
         except BaseException:
-            del sys.modules[self.name]
+            del sys.modules[name]
             raise
 
 
@@ -58,19 +50,17 @@ def load_agent_file(file: Path) -> tuple[str, ...]:
     """
     if not file.stem.isidentifier() or file.suffix != ".py":
         raise InvalidInput(f"agent file {str(file)!r} must be a Python file, NAME.py")
-    known, loaded = registered_agents(), sys.modules.get(file.stem)
+    path, known = file.resolve(), registered_agents()
+    origin = _origin(path)
+    if origin is not None and Path(origin).resolve() != path:
+        raise InvalidInput(
+            f"agent file {str(file)!r} has the name of another module, {origin}: rename it"
+        )
+    if file.stem in sys.modules:
+        return ()
     try:
-        elsewhere = [path for path in sys.path if Path(path).resolve() != file.resolve().parent]
-        spec = loaded.__spec__ if loaded else PathFinder.find_spec(file.stem, elsewhere)
-        origin = None if spec is None else spec.origin
-        if origin is not None and Path(origin).resolve() != file.resolve():
-            raise InvalidInput(f"it has the name of another module, {origin}: rename it")
-        if loaded:
-            return ()
-        agent_file = AgentFile(file)
+        agent_file = AgentFile(path, path.read_bytes())
         agent_file.load()
-    except InvalidInput as error:
-        raise InvalidInput(f"agent file {str(file)!r}: {error}") from None
     except (Exception, SystemExit) as error:
         raise InvalidInput(f"agent file {str(file)!r}: {type(error).__name__}: {error}") from None
     LOADED.append(agent_file)
@@ -80,6 +70,15 @@ def load_agent_file(file: Path) -> tuple[str, ...]:
             f"agent file {str(file)!r} registers no agent: end it with register_agent(...)"
         )
     return registered
+
+
+def _origin(path: Path) -> str | None:
+    """Return the file of the module that has the name of `path` outside of its folder."""
+    if path.stem in sys.modules:
+        return getattr(sys.modules[path.stem], "__file__", "built-in")
+    elsewhere = [folder for folder in sys.path if Path(folder).resolve() != path.parent]
+    spec = PathFinder.find_spec(path.stem, elsewhere)
+    return None if spec is None else spec.origin
 
 
 def runtime_env(local: bool) -> dict[str, Any] | None:

@@ -5,7 +5,7 @@ started: nodes may join and leave. The pool replaces an actor that dies and resu
 to any actor. The results stay the same, because a result depends only on its request.
 """
 
-from collections import Counter, defaultdict
+from collections import Counter, defaultdict, deque
 from collections.abc import Callable, Sequence
 from typing import Any, Self
 
@@ -16,11 +16,14 @@ from bilevel.errors import InvalidInput, first_line
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.tasks import Task
 from cluster.ray.connection import Capacity
-from cluster.ray.queue import Batch, RequestQueue
+from cluster.ray.queue import Batch, batches
 
 #: Deaths of actors in the same batch after which the pool gives up, because a request must be the
 #: cause (out of memory, for instance). Also the limit, per actor, of deaths in a row at start.
 MAX_DEATHS = 5
+
+#: Waiting batches per actor from which busy actors get their next batch early (docs/speed.md).
+EARLY = 2
 
 
 class ActorsDied(InvalidInput):
@@ -34,7 +37,7 @@ class _Worker:
         """Return once the actor has started."""
 
     def evaluate(self, task: Task, se: SESource, batch: Batch) -> list[EvaluationResult]:
-        return [evaluate(task, se, request) for request in batch.requests]
+        return [evaluate(task, se, request) for request in batch]
 
 
 class EvaluationPool:
@@ -57,16 +60,8 @@ class EvaluationPool:
 
     @classmethod
     def on_cluster(cls, workers: int | None) -> Self:
-        """Return a pool of `workers` actors, by default one per core of this run's share.
-
-        Raises InvalidInput if the cluster has fewer cores. A cluster without any core is allowed,
-        because an autoscaler may add nodes for waiting actors.
-        """
-        capacity = Capacity.of_cluster()
-        workers = workers or capacity.fair_share(1)
-        if capacity.cores:
-            capacity.require(workers)
-        return cls(workers)
+        """Return a pool of `workers` actors, by default one per core of the cluster."""
+        return cls(workers or Capacity.of_cluster().trials(1))
 
     @property
     def size(self) -> int:
@@ -99,14 +94,15 @@ class EvaluationPool:
         in the same batch, and Mistake for an error in a custom agent or task.
         """
         arguments = [ray.put(task), ray.put(se)]
-        queue = RequestQueue(requests, self.size)
+        waiting = deque(batches(requests, self.size))
         held: defaultdict[Any, list[Batch]] = defaultdict(list)  # by actor, oldest first
         running: dict[Any, tuple[Any, Batch]] = {}  # actor and batch by reference
-        deaths: Counter[int] = Counter()  # by batch
+        deaths: Counter[int] = Counter()  # by the index of a batch's first request
         results: list[EvaluationResult] = []
-        while queue or running:
+        while waiting or running:
             for actor in sorted(self._started, key=lambda actor: len(held[actor])):
-                while (batch := queue.take(held[actor])) is not None:
+                while waiting and len(held[actor]) < self._depth(len(waiting)):
+                    batch = waiting.popleft()
                     running[actor.evaluate.remote(*arguments, batch)] = actor, batch
                     held[actor].append(batch)
             (finished,), _ = ray.wait([*running, *self._starting], num_returns=1)
@@ -121,7 +117,7 @@ class EvaluationPool:
             except RayError as error:  # the actor, its node or the result was lost
                 _count_death(held[actor][0], deaths, error)
                 running = {ref: pair for ref, pair in running.items() if pair[0] != actor}
-                queue.put_back(held.pop(actor))
+                waiting.extendleft(reversed(held.pop(actor)))
                 self._replace(actor)
                 continue
             held[actor].remove(batch)
@@ -131,6 +127,11 @@ class EvaluationPool:
                 results.append(result)
                 on_result(result)
         return results
+
+    def _depth(self, waiting: int) -> int:
+        """Return how many batches an actor holds. It gets a second one early, so that it does not
+        wait for the driver, unless other actors could run out of work."""
+        return 2 if waiting >= EARLY * self.size else 1
 
     def _start_actor(self) -> None:
         actor = ray.remote(_Worker).options(num_cpus=1).remote()
@@ -158,9 +159,9 @@ class EvaluationPool:
 
 def _count_death(batch: Batch, deaths: Counter[int], error: RayError) -> None:
     """Count the death of an actor in `batch`. Raises ActorsDied at the limit."""
-    deaths[batch.index] += 1
-    if deaths[batch.index] >= MAX_DEATHS:
-        agents = sorted({request.agent.agent for request in batch.requests})
+    deaths[batch[0].index] += 1
+    if deaths[batch[0].index] >= MAX_DEATHS:
+        agents = sorted({request.agent.agent for request in batch})
         raise ActorsDied(
             f"{MAX_DEATHS} actors died in the same evaluations, of the agent "
             f"{' or '.join(agents)}: it ends its process, or needs more memory than is available "

@@ -8,8 +8,7 @@ from typing import Any
 
 import ray
 
-from cluster.ray.connection import Capacity, ray_cluster, require_server_for_nodes, sharing
-from cluster.session.hints import tracking_option
+from cluster.ray.connection import Capacity, ray_cluster, require_server_for_nodes
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.session import Session
 from cluster.session.terminal import Terminal
@@ -26,15 +25,14 @@ class RunContext:
     home: Home
     tracking_uri: str
     address: str | None = None  # of a running Ray cluster; None starts a local one
-    tracking_given: bool = False  # whether suggested commands need the tracking URI
 
     @contextlib.contextmanager
     def connected(self, workers_per_trial: int = 1, trials: int = 1) -> Iterator["Driver"]:
         """Connect to Ray and check MLflow. Nothing is written.
 
         Raises InvalidInput if the home is not writable, MLflow or the cluster is invalid or
-        unreachable, no trial fits into the cluster, all trials do not fit into a local cluster, or
-        several nodes would share an SQLite database.
+        unreachable, the trials do not fit into a local cluster, or several nodes would share an
+        SQLite database.
         """
         require_writable(self.home.folder)
         check_tracking_uri(self.tracking_uri)
@@ -46,20 +44,14 @@ class RunContext:
             ray_cluster(self.address),
             InterruptGuard(terminal) as guard,  # after Ray, which installs its own SIGTERM handler
         ):
-            capacity = Capacity.of_cluster()
-            if capacity.cores:
-                capacity.require(workers_per_trial)
             needed = workers_per_trial * trials
-            if needed > capacity.cores:
+            free = int(ray.available_resources().get("CPU", 0))
+            if needed > free:
                 terminal.log(
-                    f"{needed} cores requested, but the cluster has {capacity.cores}: waiting "
-                    "until cores become free or nodes join"
+                    f"{needed} cores requested, {free} of the cluster's cores are free: waiting"
                 )
-            elif ray.available_resources().get("CPU", 0) < 1:
-                terminal.log("all cores of the cluster are busy: waiting until one is free")
             require_server_for_nodes(self.tracking_uri)
-            with sharing():
-                yield Driver(self, terminal, guard)
+            yield Driver(self, terminal, guard)
 
     @contextlib.contextmanager
     def offline(self) -> Iterator["Driver"]:
@@ -103,5 +95,4 @@ class Driver:
         with locked_settings(folder, settings) as identity:
             if identity.mixture:
                 self.terminal.log(f"{folder.name}: {identity.mixture}")
-            options = tracking_option(tracker.uri) if self.context.tracking_given else ""
-            yield Session(home, folder, identity, tracker, self.terminal, self.guard, options)
+            yield Session(home, folder, identity, tracker, self.terminal, self.guard)

@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bilevel.errors import StorageFailure
-from cluster.session.hints import agent_options
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal, count
 from cluster.storage.author import without_password
@@ -29,8 +28,6 @@ class Session:
     tracker: Tracker
     terminal: Terminal
     guard: InterruptGuard
-    #: Options with which a suggested command finds the run's MLflow.
-    tracking_options: str = ""
     #: Status of the run if it ends without an error.
     status: Status = "FINISHED"
 
@@ -74,14 +71,18 @@ class Session:
             mirror.mark(views.keys())
             missing = mirror.close()
             if missing:
-                name = f"{self.folder.parent.name}/{self.folder.name}"
-                sync = self.home.hint(f"sync {name}{self.tracking_options}{agent_options()}")
                 self.terminal.log(
                     f"MLflow lacks the current state of {count(missing, 'run')}: once it is "
-                    f"reachable, {sync} writes them"
+                    f"reachable, {self._sync_hint()} writes them"
                 )
             elif result == "KILLED":
                 self.terminal.log(f"MLflow {self.shown_at(self.identity.uuid)}")
+
+    def _sync_hint(self) -> str:
+        command, uri = f"sync {self.folder.parent.name}/{self.folder.name}", self.tracker.uri
+        if uri != self.home.database_uri:
+            command += f" --tracking-uri {without_password(uri)}"
+        return self.home.hint(command)
 
     def _set_status(self, status: Status, target: int) -> None:
         RunStatus(status, time.time(), target).save(self.folder)
@@ -95,4 +96,4 @@ def shown_at(home: Home, tracker: Tracker, key: str | None = None) -> str:
         return without_password(tracker.server) + page
     if tracker.uri != home.database_uri:
         return f"{without_password(tracker.uri)}, experiment {tracker.experiment_id}"
-    return f"{UI_ADDRESS}{page} (after {home.hint('ui', 'ui')})"
+    return f"{UI_ADDRESS}{page} (after {home.hint('ui')})"

@@ -12,10 +12,8 @@ from typing import Self
 
 import bilevel
 
-#: User and password of a URI. A password, after a colon, may contain a slash.
-_USER = re.compile(r"(?<=://)(?:[^/@\s]+|[^/:@\s]*:(?!\d+/)[^@\s]*)@")
-#: A password among the parameters of a database URI.
-_SECRET = re.compile(r"((?:^|[?&;])(?:password|pwd|passwd|odbc_connect)=)[^&;\s]+", re.IGNORECASE)
+#: User and password of a URI.
+_USER = re.compile(r"(?<=://)[^/@\s]+@")
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ class Author:
 
 def without_password(text: str) -> str:
     """Mask users and passwords of URIs in the text."""
-    return _SECRET.sub(r"\1***", _USER.sub("***@", text))
+    return _USER.sub("***@", text)
 
 
 def commit() -> str:

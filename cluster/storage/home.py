@@ -4,12 +4,9 @@ import glob
 import os
 import re
 import shlex
-import shutil
-import sys
 import tempfile
 from pathlib import Path
 
-import bilevel
 from bilevel.errors import InvalidInput, first_line
 
 #: Default of `--home`.
@@ -45,17 +42,11 @@ class Home:
         if problem:
             raise InvalidInput(f"the folder {str(folder)!r} cannot be a home: {problem}")
 
-    def hint(self, command: str, target: str | None = None) -> str:
-        """Return how users call `bilevel COMMAND` on this home, for messages.
-
-        This is `make TARGET` if the home is the default one of the project's own folder.
-        """
+    def hint(self, command: str) -> str:
+        """Return how users call `bilevel COMMAND` on this home, for messages."""
         default = self.folder == DEFAULT_HOME.resolve()
-        if target is not None and default and Path.cwd() == Path(bilevel.__file__).parents[1]:
-            return f"`make {target}`"
-        program = "bilevel" if shutil.which("bilevel") else shlex.quote(sys.argv[0])
         option = "" if default else f" --home {shlex.quote(str(self.folder))}"
-        return f"`{program} {command}{option}`"
+        return f"`bilevel {command}{option}`"
 
     @property
     def database(self) -> Path:
@@ -80,7 +71,7 @@ class Home:
         if not _NAME.fullmatch(name):
             raise InvalidInput(
                 f"name {name!r} is not allowed: use at most {LONGEST_NAME} letters, digits, '.', "
-                "'_' and '-', starting with a letter or digit (--name; for studies --study)"
+                "'_' and '-', starting with a letter or digit"
             )
         return self.folder / _task_folder(task_id) / name
 
@@ -117,8 +108,7 @@ def require_writable(folder: Path) -> None:
     try:
         tempfile.TemporaryDirectory(prefix=".writable-", dir=nearest).cleanup()
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise InvalidInput(f"cannot write to {str(folder)!r}: {reason}") from None
+        raise InvalidInput(f"cannot write to {str(folder)!r}: {error.strerror}") from None
 
 
 def _task_folder(task_id: str) -> str:

@@ -10,7 +10,6 @@ finals.jsonl       a line per end of the run: scores of fresh agents on its best
 import contextlib
 import fcntl
 import json
-import os
 import textwrap
 import time
 import uuid
@@ -43,9 +42,6 @@ Status = Literal["RUNNING", "FINISHED", "KILLED", "FAILED"]
 #: Seconds to wait for a lock, because `is_held` takes it for a moment.
 _LOCK_TIMEOUT = 1.0
 
-#: Maximum length of a value in a message.
-_VALUE_LENGTH = 60
-
 
 @dataclass(frozen=True)
 class RunStatus:
@@ -64,11 +60,6 @@ class RunStatus:
     def save(self, folder: Path) -> None:
         """Write durably. Raises StorageFailure."""
         write_aside(folder / STATUS_FILE, json.dumps(asdict(self)).encode())
-
-    @property
-    def ended_as(self) -> Status:
-        """Status of a run that no process holds."""
-        return "KILLED" if self.status == "RUNNING" else self.status
 
 
 @dataclass(frozen=True)
@@ -90,13 +81,10 @@ class RunIdentity:
     @classmethod
     def read(cls, folder: Path) -> "RunIdentity":
         """Read the identity from a run's folder. Raises InvalidInput."""
-        return _identity(read_settings(folder), folder)
-
-
-def _identity(settings: dict[str, Any], folder: Path) -> RunIdentity:
-    names = {spec.name for spec in fields(RunIdentity)} & settings.keys()
-    where = f"damaged settings {str(folder / SETTINGS_FILE)!r}"
-    return decode(RunIdentity, {name: settings[name] for name in names}, where)
+        settings = read_settings(folder)
+        names = {spec.name for spec in fields(RunIdentity)} & settings.keys()
+        where = f"damaged settings {str(folder / SETTINGS_FILE)!r}"
+        return decode(RunIdentity, {name: settings[name] for name in names}, where)
 
 
 @dataclass(frozen=True)
@@ -115,9 +103,11 @@ class Lifetime:
         Raises InvalidInput if its status is damaged.
         """
         stored = RunStatus.load(folder) or RunStatus("KILLED", began, 0)
-        if live and stored.status == "RUNNING":
+        if stored.status != "RUNNING":
+            return cls(stored.status, began, stored.since, stored.target)
+        if live:
             return cls("RUNNING", began, None, stored.target)
-        return cls(stored.ended_as, began, stored.since, stored.target)
+        return cls("KILLED", began, stored.since, stored.target)
 
     @property
     def over(self) -> bool:
@@ -175,37 +165,34 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdent
     path = folder / SETTINGS_FILE
     with held(folder):
         if path.exists():
-            stored = _unchanged(folder, settings)
+            check_settings(folder, settings)
         else:
             identity = RunIdentity(uuid.uuid4().hex, time.time(), Author.of_this_process())
-            stored = {**asdict(identity), "format": RUN_FORMAT, **settings}
-            write_aside(path, json.dumps(stored, indent=2).encode())
-        identity = _identity(stored, folder)
+            new = {**asdict(identity), "format": RUN_FORMAT, **settings}
+            write_aside(path, json.dumps(new, indent=2).encode())
+        identity = RunIdentity.read(folder)
         code = dict(identity.code)
         for name, digests in settings.get("code", {}).items():
             code[name] = tuple(dict.fromkeys([*code.get(name, ()), *digests]))
         if code != identity.code:
             identity = replace(identity, code=code)
-            write_aside(path, json.dumps({**stored, "code": code}, indent=2).encode())
+            changed = {**read_settings(folder), "code": code}
+            write_aside(path, json.dumps(changed, indent=2).encode())
         yield identity
 
 
 def check_settings(folder: Path, settings: dict[str, Any]) -> None:
     """Raise InvalidInput if a run in the folder has other settings."""
-    if (folder / SETTINGS_FILE).exists():
-        _unchanged(folder, settings)
-
-
-def _unchanged(folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
+    if not (folder / SETTINGS_FILE).exists():
+        return
     stored = read_settings(folder)
     now = json.loads(json.dumps({k: v for k, v in settings.items() if k != "code"}))
     for name, *values in differences({name: stored.get(name) for name in now}, now):
-        before, given = (textwrap.shorten(str(value), _VALUE_LENGTH) for value in values)
+        before, given = (textwrap.shorten(str(value), 60) for value in values)
         raise InvalidInput(
             f"{folder.name!r} was begun with {name} = {before}, not {given}: use that value, or "
             "another name"
         )
-    return stored
 
 
 @contextlib.contextmanager
@@ -232,11 +219,9 @@ def held(folder: Path) -> Iterator[None]:
 
 
 def is_held(folder: Path) -> bool:
-    """Return whether a process works on the folder; False if the file system cannot tell."""
-    path = folder / ".lock"
+    """Return whether a process works on the folder; False if it cannot be written."""
     try:
-        # NFS locks only files that are open for writing.
-        with path.open("r+b" if os.access(path, os.W_OK) else "rb") as file:
+        with (folder / ".lock").open("r+b") as file:  # for writing, as NFS requires for a lock
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # as FileLock does
     except BlockingIOError:
         return True
@@ -256,7 +241,6 @@ def read_settings(folder: Path) -> dict[str, Any]:
     settings = decode_file(dict[str, Any], path, "damaged settings")
     if settings.get("format", RUN_FORMAT) != RUN_FORMAT:
         raise OtherVersion(f"{folder.name!r}", settings["format"], RUN_FORMAT)
-    _identity(settings, folder)
     return settings
 
 

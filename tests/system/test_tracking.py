@@ -256,7 +256,7 @@ def test_the_command_for_a_later_sync_names_the_tracking_uri(
     home: Home, folder: Path, server: Server, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = json.loads((folder / "settings.json").read_text())
-    context = RunContext(home, server.uri, tracking_given=True)
+    context = RunContext(home, server.uri)
     with context.offline() as driver, driver.session(folder, "CartPole-v0", settings) as session:
         server.kill()
         with session.live(StudyViews.of(folder), 1, "resume it"):
