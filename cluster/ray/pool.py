@@ -5,7 +5,7 @@ started: nodes may join and leave. The pool replaces an actor that dies and resu
 to any actor. The results stay the same, because a result depends only on its request.
 """
 
-from collections import Counter, defaultdict, deque
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import Any, Self
 
@@ -21,9 +21,6 @@ from cluster.ray.queue import Batch, batches
 #: Deaths of actors in the same batch after which the pool gives up, because a request must be the
 #: cause (out of memory, for instance). Also the limit, per actor, of deaths in a row at start.
 MAX_DEATHS = 5
-
-#: Waiting batches per actor from which busy actors get their next batch early (docs/speed.md).
-EARLY = 2
 
 
 class ActorsDied(InvalidInput):
@@ -95,16 +92,15 @@ class EvaluationPool:
         """
         arguments = [ray.put(task), ray.put(se)]
         waiting = deque(batches(requests, self.size))
-        held: defaultdict[Any, list[Batch]] = defaultdict(list)  # by actor, oldest first
         running: dict[Any, tuple[Any, Batch]] = {}  # actor and batch by reference
         deaths: Counter[int] = Counter()  # by the index of a batch's first request
         results: list[EvaluationResult] = []
         while waiting or running:
-            for actor in sorted(self._started, key=lambda actor: len(held[actor])):
-                while waiting and len(held[actor]) < self._depth(len(waiting)):
+            busy = {actor for actor, _ in running.values()}
+            for actor in [actor for actor in self._started if actor not in busy]:
+                if waiting:
                     batch = waiting.popleft()
                     running[actor.evaluate.remote(*arguments, batch)] = actor, batch
-                    held[actor].append(batch)
             (finished,), _ = ray.wait([*running, *self._starting], num_returns=1)
             if finished in self._starting:
                 self._register_start(finished)
@@ -115,23 +111,16 @@ class EvaluationPool:
             except RayTaskError as error:  # an error of the evaluation itself
                 raise (error.cause if isinstance(error.cause, InvalidInput) else error) from None
             except RayError as error:  # the actor, its node or the result was lost
-                _count_death(held[actor][0], deaths, error)
-                running = {ref: pair for ref, pair in running.items() if pair[0] != actor}
-                waiting.extendleft(reversed(held.pop(actor)))
+                _count_death(batch, deaths, error)
+                waiting.appendleft(batch)
                 self._replace(actor)
                 continue
-            held[actor].remove(batch)
             for result in answers:
                 self.evaluation_seconds += result.seconds
                 self.real_env_steps += result.real_env_steps
                 results.append(result)
                 on_result(result)
         return results
-
-    def _depth(self, waiting: int) -> int:
-        """Return how many batches an actor holds. It gets a second one early, so that it does not
-        wait for the driver, unless other actors could run out of work."""
-        return 2 if waiting >= EARLY * self.size else 1
 
     def _start_actor(self) -> None:
         actor = ray.remote(_Worker).options(num_cpus=1).remote()

@@ -8,21 +8,15 @@ import pytest
 import safetensors.numpy
 from click.testing import CliRunner
 
-from bilevel.recipes import load_recipe, recipe_text
 from bilevel.synthetic_env import save_se
 from bilevel.tasks import get_task
 from cluster.cli.program import cli
-from tests.agent_files import forgotten_afterwards
-from tests.documents import documented_agent
 from tests.ses import make_se
 
 #: Arguments and a part of the message. Files without a folder are in the folder `inputs`.
 ROWS = [
     # arguments of any command
     ("bohb", "Missing argument 'TASK'"),
-    ("nes CartPole-v0 --name ''", "--name: the value is empty"),
-    ("nes CartPole-v0 --home=", "--home: the value is empty"),
-    ("bohb CartPole-v0 --study ''", "--study: the value is empty"),
     ("nes CartPole-v0 --seed 0.5", "'--seed': '0.5' is not a valid integer"),
     ("nes CartPole-v0 --population 0", "'--population': 0 is not in the range x>=1"),
     ("bohb CartPole-v0 --brackets 99999999", "not in the range 1<=x<=1000"),
@@ -39,7 +33,6 @@ ROWS = [
     # agents
     ("nes CartPole-v0 --agent dqn", "unknown agent 'dqn': allowed are ddqn"),
     ("experiment cost CartPole-v0 --agent x", "unknown agent 'x'"),
-    ("evaluate se.safetensors --agent-file unused_agent.py", "give --agent unused"),
     # recipes and hyperparameters
     ("nes CartPole-v0 --recipe x", "unknown recipe 'x': allowed are default, paper, authors"),
     ("bohb CartPole-v0 --recipe x", "unknown recipe 'x'"),
@@ -47,28 +40,21 @@ ROWS = [
     ("recipe x", "unknown recipe 'x'"),
     ("nes CartPole-v0 --recipe none.toml", "cannot read the recipe "),
     ("nes CartPole-v0 --recipe nonsense.toml", "is not a TOML file"),
-    ("nes CartPole-v0 --recipe unknown.toml", "unknown entry 'bar'"),
-    ("evaluate se.safetensors --recipe td3.toml", "has no section [td3]"),
-    ("nes CartPole-v0 --vary-hp x", "unknown variation of agents 'x'"),
-    ("evaluate --real CartPole-v0 --vary-hp x", "unknown variation of agents 'x'"),
+    ("nes CartPole-v0 --recipe empty.toml", "empty.toml"),
+    ("nes CartPole-v0 --vary-hp x", "'--vary-hp': 'x' is not one of 'no', 'small'"),
     ("nes CartPole-v0 --set nes.std_dev", "'nes.std_dev' is not a setting"),
     ("nes CartPole-v0 --set nes.update=x", "unknown nes.update 'x'"),
     ("nes CartPole-v0 --set nes.std_dev=-1", "std_dev must be float, 1e-06 to"),
     ("bohb CartPole-v0 --set nes.std_dev=x", "float, 1e-06 to 10.0; got 'x'"),
     ("nes CartPole-v0 --set nes.price=1", "unknown hyperparameter 'nes.price'"),
     ("nes CartPole-v0 --set td3.discount=1", "td3.discount"),
-    ("nes CartPole-v0 --generations 3 --set nes.generations=4", "is given twice, as 3 and as 4"),
     ("nes CartPole-v0 --set nes.mirrored_sampling=false", "needs nes.mirrored_sampling true"),
     ("nes CartPole-v0 --population 999999", "population_size must be int, 1 to"),
     ("evaluate se.safetensors --set nes.std_dev=0.1", "unknown hyperparameter 'nes.std_dev'"),
     ("evaluate se.safetensors --set td3.batch_size=8", "td3.batch_size"),
-    (
-        "evaluate se.safetensors --max-episodes 100 --set ddqn.max_episodes=50",
-        "ddqn.max_episodes is given twice, as 100 and as 50",
-    ),
     # studies
     ("bohb CartPole-v0 --profile huge", "unknown profile 'huge': allowed are smoke"),
-    ("bohb CartPole-v0 --method luck", "unknown method 'luck': allowed are bohb, hyperband"),
+    ("bohb CartPole-v0 --method luck", "'luck' is not one of 'bohb', 'hyperband'"),
     ("bohb CartPole-v0 --space x", "unknown search space 'x': allowed are full, core"),
     ("bohb CartPole-v0 --space none.json", "cannot read the search space"),
     ("bohb CartPole-v0 --space full", "--recipe authors"),
@@ -89,17 +75,16 @@ ROWS = [
     ("evaluate se.safetensors --step-limit 9", "need --real"),
     ("evaluate se.safetensors --real Acrobot-v1", "all sources must have the same task"),
     ("show models:/SE-CartPole-v0@newest", "MLflow has no SE at 'models:/SE-CartPole-v0@newest'"),
-    ("show se.safetensors --out a.txt", "cannot draw 'a.txt': allowed are files .png"),
-    ("export se.safetensors se.txt", "cannot export to 'se.txt': allowed are *.onnx (ONNX)"),
+    ("show se.safetensors --out a.txt", "cannot write 'a.txt': allowed are *.png, *.svg"),
+    ("export se.safetensors se.txt", "cannot write 'se.txt': allowed are *.onnx, *.pt2"),
     ("export none.safetensors se.onnx", "no SE file at "),
     ("export se.safetensors none/a.onnx", "cannot write 'none/a.onnx': No such file"),
     ("export se.safetensors se.safetensors/a.pt2", "a.pt2'"),
     ("import none.pt a.safetensors", "no file at "),
     ("import se.safetensors a.safetensors", "is no SE of the paper's code"),
-    ("import se.safetensors a.pt", "cannot import to 'a.pt': allowed is *.safetensors"),
-    ("import se.safetensors se.safetensors", "to itself"),
+    ("import se.safetensors a.pt", "cannot write 'a.pt': allowed are *.safetensors"),
     # homes and names
-    ("nes CartPole-v0 --home a?b", "must have no ? and %"),
+    ("nes CartPole-v0 --home a?b", "must not contain '?' or '%'"),
     ("nes CartPole-v0 --home /proc/none", "cannot write to '/proc/none'"),
     ("bohb CartPole-v0 --dry-run --home /proc/none", "cannot write to '/proc/none'"),
     ("zoo build CartPole-v0 --folder /proc/none", "cannot write to '/proc/none'"),
@@ -130,11 +115,8 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("inputs")
     save_se(make_se(get_task("CartPole-v0")), folder / "se.safetensors")
     safetensors.numpy.save_file({"weight": np.zeros(3)}, folder / "weights.safetensors")
-    recipe = recipe_text(load_recipe("default", "CartPole-v0"), "")
     (folder / "nonsense.toml").write_text("nonsense")
-    (folder / "unknown.toml").write_text(f"bar = 3\n{recipe}")
-    (folder / "td3.toml").write_text(recipe.replace('agents = ["ddqn"]', 'agents = ["td3"]'))
-    (folder / "unused_agent.py").write_text(documented_agent().replace('"reinforce"', '"unused"'))
+    (folder / "empty.toml").write_text('agents = ["ddqn"]\n')
     return folder
 
 
@@ -150,8 +132,7 @@ def test_bad_input(
         for word in shlex.split(arguments)
     ]
     before = sorted(inputs.iterdir())
-    with forgotten_afterwards():
-        result = CliRunner().invoke(cli, words)
+    result = CliRunner().invoke(cli, words)
     assert result.exit_code == 2, result.output
     assert result.stderr.startswith("bilevel: ")
     assert result.stderr.count("\n") == 1

@@ -15,9 +15,6 @@ def author(monkeypatch: pytest.MonkeyPatch, *argv: str) -> Author:
     [
         ("postgresql://me:secret@host/runs", "postgresql://***@host/runs"),
         ("--tracking-uri=https://me:secret@host:5000", "--tracking-uri=https://***@host:5000"),
-        ("postgresql://me:sec/secret@host/runs", "postgresql://***@host/runs"),
-        ("mysql://host/runs?password=secret&ssl=1", "mysql://host/runs?password=***&ssl=1"),
-        ("mssql://?odbc_connect=DSN%3Dx%3BPWD%3Dsecret", "mssql://?odbc_connect=***"),
         ("sqlite:////home/me@host/runs.db", "sqlite:////home/me@host/runs.db"),
         ("http://host:5000/#/models/SE@best", "http://host:5000/#/models/SE@best"),
     ],

@@ -1,9 +1,7 @@
-import sys
 from pathlib import Path
 
 import pytest
 
-import bilevel
 from bilevel import InvalidInput
 from cluster.storage.home import DEFAULT_HOME, Home, require_writable
 
@@ -35,13 +33,9 @@ def test_a_run_is_found_by_its_name(tmp_path: Path) -> None:
 
 
 def test_hints_name_the_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", str(Path(sys.executable).parent))
-    assert Home(tmp_path / "a b").hint("ui", "ui") == f"`bilevel ui --home '{tmp_path}/a b'`"
+    assert Home(tmp_path / "a b").hint("ui") == f"`bilevel ui --home '{tmp_path}/a b'`"
     monkeypatch.chdir(tmp_path)
-    assert Home(DEFAULT_HOME).hint("ui", "ui") == "`bilevel ui`"
-    monkeypatch.chdir(Path(bilevel.__file__).parents[1])
-    assert Home(DEFAULT_HOME).hint("ui", "ui") == "`make ui`"
-    assert Home(DEFAULT_HOME).hint("sync one") == "`bilevel sync one`"
+    assert Home(DEFAULT_HOME).hint("ui") == "`bilevel ui`"
 
 
 @pytest.mark.parametrize("name", ["loop", "x" * 300, "file", "a?b", "a%20b"])
