@@ -14,7 +14,7 @@ from cluster.cli.options import (
     vary_option,
     workers_option,
 )
-from cluster.cli.run_options import RunOptions
+from cluster.cli.run_options import RunOptions, the_context
 from cluster.cli.ses import given_se, load_se_of
 from cluster.storage.home import LONGEST_NAME, plain_name
 
@@ -30,29 +30,16 @@ _AGENTS = click.IntRange(1, 100_000)
 @click.option("--real", metavar="TASK", help="Also train on this real task, as the baseline.")
 @task_option
 @click.option(
-    "--agents",
-    "count",
-    type=POSITIVE,
-    default=10,
-    show_default=True,
-    help="Fresh agents of each kind trained on each source.",
+    "--agents", "count", type=POSITIVE, default=10, help="Agents per kind and source (default: 10)."
 )
 @vary_option
 @set_option
 @click.option(
-    "--recipe",
-    help="Recipe of the agents' hyperparameters: paper, authors, default or a file (default: the "
-    "paper's table of default hyperparameters).",
+    "--recipe", help="Recipe of the agents (default: the paper's table of default hyperparameters)."
 )
-@click.option(
-    "--max-episodes", type=POSITIVE, help="Training episodes at most (default: the recipe's)."
-)
+@click.option("--max-episodes", type=POSITIVE, help="Maximum number of training episodes.")
 @workers_option
-@click.option(
-    "--name",
-    help="Name of the evaluation and its folder; an existing name resumes (default: from sources, "
-    "agents and seed).",
-)
+@click.option("--name", help="Name of the evaluation and its folder; an existing name resumes.")
 @common_options
 def evaluate(
     given: tuple[str, ...],
@@ -79,7 +66,7 @@ def evaluate(
     varied = "" if vary == "no" else f"-{vary}"
     suffix = f"-{'-'.join(hp.agent for hp in kinds)}{varied}-seed{common.seed}"
     name = name or f"evaluate-{'-'.join(sources)}"[: LONGEST_NAME - len(suffix)] + suffix
-    context = common.the_context()
+    context = the_context(**options)
 
     from cluster.evaluate.command import EvaluateCommand, run_evaluate
 
@@ -148,17 +135,11 @@ def _kinds(
     "size_name",
     default="local",
     show_default=True,
-    help="Numbers of NES runs and agents: smoke (a quick check), local, or paper (the paper's).",
+    help="Numbers of NES runs and agents: smoke, local, or paper.",
 )
-@click.option(
-    "--ses",
-    type=click.IntRange(1, 1000),
-    help="SEs per condition, and NES runs per recipe in success (default: the size's).",
-)
-@click.option(
-    "--agents", "per_se", type=_AGENTS, help="Fresh agents of each kind trained on each SE."
-)
-@click.option("--real-agents", type=_AGENTS, help="Agents of each kind trained on the real task.")
+@click.option("--ses", type=click.IntRange(1, 1000), help="SEs per condition.")
+@click.option("--agents", "per_se", type=_AGENTS, help="Agents of each kind on each SE.")
+@click.option("--real-agents", type=_AGENTS, help="Agents of each kind on the real task.")
 @workers_option
 @common_options
 def experiment(
@@ -182,7 +163,7 @@ def experiment(
     size = get_size(size_name).changed(ses, per_se, real_agents)
     common = RunOptions(task=task, **options)
     the_task, agents = common.the_task(), common.the_agents()
-    context = common.the_context()
+    context = the_context(**options)
 
     from cluster.experiments.command import ExperimentCommand, run_experiments
     from cluster.experiments.registry import ALL, get_experiments

@@ -7,25 +7,20 @@ from typing import Any
 import click
 
 from cluster.cli.options import POSITIVE, run_options, seconds, workers_option
-from cluster.cli.run_options import RunOptions
+from cluster.cli.run_options import RunOptions, the_context
 from cluster.storage.home import plain_name
 
 
 @click.command()
 @run_options
-@click.option("--generations", type=POSITIVE, help="Maximum number (default: the recipe's).")
+@click.option("--generations", type=POSITIVE, help="Maximum number.")
 @workers_option
 @click.option(
     "--solved-for",
     type=POSITIVE,
-    help="Stop once the mean of this many generations solves the task and fresh agents confirm it "
-    "(default: the recipe's; paper and authors never stop early).",
+    help="Stop once the mean of this many generations solves the task and fresh agents confirm it.",
 )
-@click.option(
-    "--name",
-    help="Name of the run and its folder; an existing name resumes (default: from recipe, agents "
-    "and seed, as nes-default-seed0).",
-)
+@click.option("--name", help="Name of the run and its folder; an existing name resumes.")
 def nes(
     generations: int | None,
     workers: int | None,
@@ -33,7 +28,10 @@ def nes(
     name: str | None,
     **options: Any,
 ) -> None:
-    """Learn an SE for TASK (CartPole-v0, Acrobot-v1 or another gymnasium id) by one NES run."""
+    """Learn an SE for TASK (CartPole-v0, Acrobot-v1 or another gymnasium id) by one NES run.
+
+    The options default to the values of the recipe and the task.
+    """
     from bilevel.hyperparameters import CONFIRMING_AGENTS
 
     common = RunOptions(**options)
@@ -44,7 +42,7 @@ def nes(
         confirming = hp.nes.confirming_agents or CONFIRMING_AGENTS
         hp = replace(hp, nes=replace(hp.nes, confirming_agents=confirming))
     name = name or plain_name(f"nes{common.suffix(hp.recipe)}-seed{common.seed}")
-    context = common.the_context()
+    context = the_context(**options)
     folder = context.home.run_folder(task.id, name)
 
     from cluster.nes.command import NESCommand, run_nes
@@ -56,33 +54,27 @@ def nes(
 
 @click.command()
 @run_options
-@click.option(
-    "--study",
-    help="Name of the study and its folder; an existing name resumes (default: from method, "
-    "profile, space, recipe, agents and seed, as bohb-local-core-default-seed0).",
-)
+@click.option("--study", help="Name of the study and its folder; an existing name resumes.")
 @click.option(
     "--profile",
     default="local",
     show_default=True,
-    help="Size of the search: smoke (a quick check), local (30 minutes) or paper (the paper's).",
+    help="Size of the search: smoke, local (30 minutes) or paper.",
 )
 @click.option(
     "--space",
     help="Search space: full (the paper's 18 hyperparameters), core (eight of NES and the SE), or "
-    "a file of ConfigSpace, *.json or *.yaml (default: the profile's).",
+    "a file of ConfigSpace, *.json or *.yaml.",
 )
-@click.option("--brackets", type=click.IntRange(1, 1000), help="Number (default: the profile's).")
+@click.option("--brackets", type=click.IntRange(1, 1000), help="Number of brackets.")
 @click.option(
     "--time-budget",
     type=seconds,
     metavar="DURATION",
-    help="Time limit of this call: 90s, 45m, 2h or seconds (default: the profile's).",
+    help="Time limit of this call: 90s, 45m, 2h or seconds.",
 )
 @click.option(
-    "--workers-per-trial",
-    type=POSITIVE,
-    help="Actors per trial (default: 1, or more if there are more cores than configurations).",
+    "--workers-per-trial", type=POSITIVE, help="Actors (default: 1, or more on a large cluster)."
 )
 @click.option(
     "--concurrent-trials", type=POSITIVE, help="Number (default: all that fit into the cluster)."
@@ -97,8 +89,7 @@ def nes(
 @click.option(
     "--prior",
     type=click.Choice(["none", "recipe"]),
-    help="recipe evaluates the recipe's configuration first and draws about half of the random "
-    "configurations around it (default: recipe in the profile local, else none).",
+    help="recipe draws about half of the random configurations around the recipe's.",
 )
 @click.option("--dry-run", is_flag=True, help="Only print brackets, cost and estimated time.")
 def bohb(
@@ -110,7 +101,10 @@ def bohb(
     dry_run: bool,
     **options: Any,
 ) -> None:
-    """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
+    """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters.
+
+    The options default to the values of the profile.
+    """
     from cluster.bohb.study.profiles import get_profile, sized
     from cluster.bohb.study.rules import searched_space
     from search_spaces.space import Space
@@ -124,7 +118,7 @@ def bohb(
     searched = searched_space(
         Space.of(size.space), task, hp, [*common.replaced.items()], size.prior
     )
-    context = common.the_context()
+    context = the_context(**options)
     default = f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"
     folder = context.home.run_folder(task.id, study or plain_name(default))
 

@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from typing import Any
 
@@ -42,18 +43,12 @@ def setting(text: str) -> tuple[str, Any]:
 
 def combined(*decorators: Decorator) -> Decorator:
     """Return a decorator that adds several options; help lists them in this order."""
-
-    def decorate(function: Callable[..., Any]) -> Callable[..., Any]:
-        for decorator in reversed(decorators):
-            function = decorator(function)
-        return function
-
-    return decorate
+    return lambda command: reduce(lambda f, decorator: decorator(f), decorators[::-1], command)
 
 
 home_option = click.option(
     "--home",
-    type=click.Path(path_type=Path),
+    type=click.Path(file_okay=False, path_type=Path),
     default=DEFAULT_HOME,
     show_default=True,
     help="Folder of checkpoints, journals and MLflow's database.",
@@ -82,16 +77,14 @@ set_option = click.option(
     type=setting,
     multiple=True,
     metavar="SECTION.FIELD=VALUE",
-    help="Replace a hyperparameter of the recipe, for instance nes.std_dev=0.1 or "
-    "ddqn.learning_rate=0.002; may be repeated. `evaluate` accepts only those of agents.",
+    help="Replace a hyperparameter of the recipe, for instance nes.std_dev=0.1; may be repeated.",
 )
 vary_option = click.option(
     "--vary-hp",
     "vary",
     type=click.Choice(["no", "small", "narrowed", "all"]),
-    help="Draw the agents' learning rate, batch size and network from the paper's ranges: no, "
-    "small (only cheap networks and batches), all, or narrowed (like all, with narrow networks at "
-    "the same learning pace instead of large ones) (default: the recipe's; in evaluate: no).",
+    help="Draw the agents' learning rate, batch size and network from the paper's ranges: all of "
+    "them, small and cheap ones, or narrowed, with narrow networks instead of large ones.",
 )
 workers_option = click.option(
     "--workers", type=POSITIVE, help="Actors (default: one per core of the cluster)."
@@ -110,23 +103,14 @@ common_options = combined(
         "--agent",
         "agents",
         help="Agents, comma-separated: ddqn, dueling-ddqn, td3 or custom ones. `nes` and `bohb` "
-        "draw one of them per evaluation, `evaluate` and `experiment` train each (default: the "
-        "recipe's, ddqn; in `experiment`, the experiment's).",
+        "draw one of them per evaluation, other commands train each (default: the recipe's).",
     ),
     agent_file_option,
     address_option,
     tracking_option,
     home_option,
-    click.option(
-        "--solved-reward",
-        type=float,
-        help="Mean return at which the task counts as solved (default: the task's).",
-    ),
-    click.option(
-        "--step-limit",
-        type=POSITIVE,
-        help="Maximum number of steps per episode of the real task (default: the task's).",
-    ),
+    click.option("--solved-reward", type=float, help="Mean return that solves the task."),
+    click.option("--step-limit", type=POSITIVE, help="Maximum steps per episode of the real task."),
 )
 
 #: Options of the commands that learn SEs.
@@ -134,22 +118,16 @@ run_options = combined(
     click.argument("task"),
     click.option(
         "--recipe",
-        help="All hyperparameters of a run: default, paper, authors, a recipe file (*.toml), or "
-        "the name of a study, for its incumbent's (default: default; for the profile paper: "
-        "authors).",
+        help="Hyperparameters: default, paper, authors, a recipe file (*.toml), or a study, for "
+        "its incumbent's (default: default; for the profile paper: authors).",
     ),
     set_option,
     vary_option,
-    click.option(
-        "--population",
-        type=POSITIVE,
-        help="NES members per generation, n_p (default: the recipe's).",
-    ),
+    click.option("--population", type=POSITIVE, help="NES members per generation, n_p."),
     click.option(
         "--worst-score",
         type=float,
-        help="Approximate lower bound of the mean return, which a diverged agent scores (default: "
-        "the task's).",
+        help="Approximate lower bound of the mean return, which a diverged agent scores.",
     ),
     common_options,
 )

@@ -93,11 +93,10 @@ class RunOptions:
         agents = "" if self.agents is None else "-" + self.agents.replace(",", "-").replace(" ", "")
         return f"-{recipe}{agents}" + (f"-{self.vary}" if self.vary else "")
 
-    def the_context(self) -> "RunContext":
-        return the_context(self.home, self.tracking_uri, self.address)
 
-
-def the_context(home: Path, tracking_uri: str | None, address: str | None) -> "RunContext":
+def the_context(
+    home: Path, tracking_uri: str | None, address: str | None, **_: Any
+) -> "RunContext":
     """Return home, MLflow and Ray cluster of a command."""
     from cluster.session.context import RunContext
 

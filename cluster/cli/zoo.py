@@ -6,13 +6,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from cluster.cli.options import (
-    POSITIVE,
-    address_option,
-    home_option,
-    tracking_option,
-    workers_option,
-)
+from cluster.cli import options
+from cluster.cli.options import POSITIVE
 from cluster.cli.run_options import the_context
 
 if TYPE_CHECKING:
@@ -52,17 +47,11 @@ def zoo(context: click.Context) -> None:
     show_default=True,
     help="Folder for NAME.safetensors and its card NAME.json.",
 )
-@click.option(
-    "--agents",
-    type=POSITIVE,
-    default=50,
-    show_default=True,
-    help="Fresh agents of each kind for the card.",
-)
-@workers_option
-@address_option
-@tracking_option
-@home_option
+@click.option("--agents", type=POSITIVE, default=50, help="Agents of each kind (default: 50).")
+@options.workers_option
+@options.address_option
+@options.tracking_option
+@options.home_option
 def build(name: str, folder: Path, agents: int, workers: int | None, **where: Any) -> None:
     """Recreate the SE NAME and its card by an NES run and fresh agents trained on its SE.
 

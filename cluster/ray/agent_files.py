@@ -5,7 +5,6 @@ import os
 import sys
 from contextlib import suppress
 from dataclasses import dataclass
-from importlib.machinery import PathFinder
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -51,13 +50,12 @@ def load_agent_file(file: Path) -> tuple[str, ...]:
     if not file.stem.isidentifier() or file.suffix != ".py":
         raise InvalidInput(f"agent file {str(file)!r} must be a Python file, NAME.py")
     path, known = file.resolve(), registered_agents()
-    origin = _origin(path)
-    if origin is not None and Path(origin).resolve() != path:
-        raise InvalidInput(
-            f"agent file {str(file)!r} has the name of another module, {origin}: rename it"
-        )
-    if file.stem in sys.modules:
+    if any(agent_file.path == path for agent_file in LOADED):
         return ()
+    if file.stem in {*sys.modules, *sys.stdlib_module_names}:
+        raise InvalidInput(
+            f"agent file {str(file)!r} has the name of another module, {file.stem}: rename it"
+        )
     try:
         agent_file = AgentFile(path, path.read_bytes())
         agent_file.load()
@@ -70,15 +68,6 @@ def load_agent_file(file: Path) -> tuple[str, ...]:
             f"agent file {str(file)!r} registers no agent: end it with register_agent(...)"
         )
     return registered
-
-
-def _origin(path: Path) -> str | None:
-    """Return the file of the module that has the name of `path` outside of its folder."""
-    if path.stem in sys.modules:
-        return getattr(sys.modules[path.stem], "__file__", "built-in")
-    elsewhere = [folder for folder in sys.path if Path(folder).resolve() != path.parent]
-    spec = PathFinder.find_spec(path.stem, elsewhere)
-    return None if spec is None else spec.origin
 
 
 def runtime_env(local: bool) -> dict[str, Any] | None:

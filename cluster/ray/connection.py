@@ -14,7 +14,6 @@ from loky import cpu_count
 
 from bilevel.errors import InvalidInput, first_line
 from cluster.ray.agent_files import runtime_env
-from cluster.ray.environment import environment_kept
 
 _TIMEOUT = 5.0  # seconds until an address counts as unreachable
 #: Ray gives a node 30 seconds to start, which a loaded machine may exceed.
@@ -22,6 +21,18 @@ _ATTEMPTS = 2
 #: Ray sets this variable when it starts a cluster. A child process that inherited it would send a
 #: token that the cluster of its parent does not expect.
 _AUTHENTICATION = "RAY_AUTH_MODE"
+
+
+@contextmanager
+def environment_kept(*names: str) -> Iterator[None]:
+    """Restore these environment variables after the block."""
+    before = {name: os.environ[name] for name in names if name in os.environ}
+    try:
+        yield
+    finally:
+        for name in names:
+            os.environ.pop(name, None)
+        os.environ.update(before)
 
 
 @contextmanager
@@ -44,40 +55,30 @@ def ray_cluster(address: str | None) -> Iterator[None]:
             ray.shutdown()
 
 
-@contextmanager
-def _shielded(local: bool) -> Iterator[None]:
-    """Let processes that start in the block outlive signals to the process group.
-
-    `timeout`, batch systems and closed terminals signal the whole group. The processes of a local
-    cluster inherit the blocked signals, so that this process can stop the cluster in order. Its end
-    takes four seconds longer, because Ray must send SIGKILL after SIGTERM.
-    """
+def _connect(address: str | None, attempts: int) -> None:
+    local = address is None
+    # `timeout`, batch systems and closed terminals signal the whole process group. The processes of
+    # a local cluster inherit the blocked signals, so that this process can stop the cluster in
+    # order. The end takes four seconds longer, because Ray must send SIGKILL after SIGTERM.
     blocked = {signal.SIGTERM, signal.SIGHUP} if local else set()
     previous = signal.pthread_sigmask(signal.SIG_BLOCK, blocked)
     try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, previous)
-
-
-def _connect(address: str | None, attempts: int) -> None:
-    local = address is None
-    try:
-        with _shielded(local):
-            ray.init(
-                address=address or "local",
-                num_cpus=cpu_count() if local else None,
-                include_dashboard=False if local else None,
-                log_to_driver=False,
-                logging_level=logging.ERROR,
-                runtime_env=runtime_env(local),
-            )
+        ray.init(
+            address=address or "local",
+            num_cpus=cpu_count() if local else None,
+            include_dashboard=False if local else None,
+            log_to_driver=False,
+            logging_level=logging.ERROR,
+            runtime_env=runtime_env(local),
+        )
     except Exception as error:  # Ray raises bare exceptions if a node does not start in time
         ray.shutdown()
-        if attempts > 1:
-            return _connect(address, attempts - 1)
-        failed = "cannot start Ray here" if local else f"no Ray cluster at {address!r}"
-        raise InvalidInput(f"{failed}: {first_line(error)}") from None
+        if attempts == 1:
+            failed = "cannot start Ray here" if local else f"no Ray cluster at {address!r}"
+            raise InvalidInput(f"{failed}: {first_line(error)}") from None
+        _connect(address, attempts - 1)
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, previous)
 
 
 def _require_reachable(address: str) -> None:
@@ -116,12 +117,11 @@ class Capacity:
 
     def require(self, workers: int, trials: int = 1) -> None:
         """Raise InvalidInput if the cluster has fewer cores than `trials` trials need."""
-        needed = workers * trials
-        if needed > self.cores:
-            requested = f"{workers} workers"
-            if trials > 1:
-                requested = f"{trials} concurrent trials of {requested} each"
-            raise InvalidInput(f"{requested} need {needed} cores: the cluster has {self.cores}")
+        if workers * trials > self.cores:
+            raise InvalidInput(
+                f"{trials} x {workers} workers need {trials * workers} cores: the cluster has "
+                f"{self.cores}"
+            )
 
 
 def require_server_for_nodes(tracking_uri: str) -> None:

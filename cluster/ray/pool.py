@@ -1,8 +1,9 @@
 """A pool of Ray actors that evaluates SEs.
 
-Each actor gets batches of requests, the most expensive first (`cluster.ray.queue`), once it has
-started: nodes may join and leave. The pool replaces an actor that dies and resubmits its requests
-to any actor. The results stay the same, because a result depends only on its request.
+Each actor gets batches of requests, the most expensive first, once it has started: nodes may join
+and leave. The pool replaces an actor that dies and resubmits its requests to any actor. The results
+stay the same, because a result depends only on its request. The order of the requests affects only
+the time that actors wait for the driver and, at the end, for the slowest actor.
 """
 
 from collections import Counter, deque
@@ -13,10 +14,23 @@ import ray
 from ray.exceptions import RayError, RayTaskError
 
 from bilevel.errors import InvalidInput, first_line
-from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
+from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.tasks import Task
 from cluster.ray.connection import Capacity
-from cluster.ray.queue import Batch, batches
+
+#: Requests that an actor evaluates in one call.
+Batch = tuple[EvaluationRequest, ...]
+
+#: A batch is 1 / BATCHES of an actor's share of the remaining requests (guided self-scheduling;
+#: Polychronopoulos and Kuck, 1987). The first batches are large, because a round trip takes about a
+#: millisecond and an evaluation may take five. The last batches are single requests, so that all
+#: actors finish at about the same time.
+BATCHES = 4
+
+#: Expected cost, in multiplications per training step, above which a batch takes no more requests.
+#: Eight small agents, about half a second, reach it. Results of expensive evaluations thus arrive
+#: one by one, and little is lost if the driver ends.
+LONG = 2e6
 
 #: Deaths of actors in the same batch after which the pool gives up, because a request must be the
 #: cause (out of memory, for instance). Also the limit, per actor, of deaths in a row at start.
@@ -156,3 +170,27 @@ def _count_death(batch: Batch, deaths: Counter[int], error: RayError) -> None:
             f"{' or '.join(agents)}: it ends its process, or needs more memory than is available "
             f"({first_line(error)})"
         ) from error
+
+
+def batches(requests: Sequence[EvaluationRequest], actors: int) -> list[Batch]:
+    """Return all requests in batches of decreasing cost, the most expensive requests first.
+
+    Longest processing time first avoids that an actor starts a long evaluation when the other
+    actors have finished (Graham, 1969). Only the cost of a training step is known in advance.
+    Agents on the unperturbed SE come last because they tend to stop sooner.
+    """
+    ordered = sorted(
+        requests,
+        key=lambda request: (-request.agent.step_cost, isinstance(request.on, Centre)),
+    )
+    remaining = sum(request.agent.step_cost for request in ordered)
+    divided: list[Batch] = []
+    group: list[EvaluationRequest] = []
+    for request in ordered:
+        group.append(request)
+        cost = sum(member.agent.step_cost for member in group)
+        if cost * actors * BATCHES >= remaining or cost >= LONG:
+            divided.append(tuple(group))
+            group = []
+            remaining -= cost
+    return [*divided, tuple(group)] if group else divided

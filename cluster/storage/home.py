@@ -1,13 +1,12 @@
 """The home folder, which contains one folder per run."""
 
 import glob
-import os
 import re
 import shlex
 import tempfile
 from pathlib import Path
 
-from bilevel.errors import InvalidInput, first_line
+from bilevel.errors import InvalidInput
 
 #: Default of `--home`.
 DEFAULT_HOME = Path("runs")
@@ -26,21 +25,13 @@ def plain_name(text: str) -> str:
 class Home:
     """The folder given by `--home`; it is created on the first write.
 
-    Raises InvalidInput for a path that is not a folder, or that a database URI cannot contain.
+    Raises InvalidInput for a path that a database URI cannot contain.
     """
 
     def __init__(self, folder: Path) -> None:
-        problem = ""
-        try:
-            self.folder = folder.resolve()
-            if self.folder.exists() and not self.folder.is_dir():
-                problem = "it is not a directory"
-            elif set("?%") & set(str(self.folder)):
-                problem = "its path must not contain '?' or '%'"
-        except (OSError, RuntimeError) as error:  # RuntimeError: a symlink loop
-            problem = first_line(error)
-        if problem:
-            raise InvalidInput(f"the folder {str(folder)!r} cannot be a home: {problem}")
+        self.folder = folder.resolve()
+        if set("?%") & set(str(self.folder)):
+            raise InvalidInput(f"home {str(folder)!r}: its path must not contain '?' or '%'")
 
     def hint(self, command: str) -> str:
         """Return how users call `bilevel COMMAND` on this home, for messages."""
@@ -77,8 +68,6 @@ class Home:
 
     def runs(self, task_id: str | None = None) -> list[Path]:
         """Return the folders of all runs, or of the runs on one task, sorted by task and name."""
-        if self.folder.is_dir():
-            os.scandir(self.folder).close()  # glob would treat an unreadable folder as empty
         tasks = "*" if task_id is None else glob.escape(_task_folder(task_id))
         return sorted(path.parent for path in self.folder.glob(f"{tasks}/*/settings.json"))
 

@@ -8,7 +8,6 @@ finals.jsonl       a line per end of the run: scores of fresh agents on its best
 """
 
 import contextlib
-import fcntl
 import json
 import textwrap
 import time
@@ -221,13 +220,12 @@ def held(folder: Path) -> Iterator[None]:
 def is_held(folder: Path) -> bool:
     """Return whether a process works on the folder; False if it cannot be written."""
     try:
-        with (folder / ".lock").open("r+b") as file:  # for writing, as NFS requires for a lock
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # as FileLock does
-    except BlockingIOError:
+        with FileLock(folder / ".lock", timeout=0):
+            return False
+    except Timeout:
         return True
     except OSError:
         return False
-    return False
 
 
 def read_settings(folder: Path) -> dict[str, Any]:

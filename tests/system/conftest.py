@@ -15,8 +15,7 @@ import ray
 from ray.cluster_utils import Cluster
 
 from bilevel.nes import NESState
-from cluster.ray.connection import ray_cluster
-from cluster.ray.environment import environment_kept
+from cluster.ray.connection import environment_kept, ray_cluster
 from cluster.tracking.database import database_ready
 from tests.commands import BILEVEL
 from tests.faults.outcome import TIMES

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from bilevel.evaluation import Centre, EvaluationRequest, Perturbed, TrainedOn
 from bilevel.recipes import load_recipe
-from cluster.ray.queue import BATCHES, LONG, batches
+from cluster.ray.pool import BATCHES, LONG, batches
 from tests.conftest import ddqn
 
 AGENT = ddqn(load_recipe("paper", "CartPole-v0"))
