@@ -93,6 +93,4 @@ class Driver:
         tracker = known.another() if known else Tracker(uri, task_id, home.artifacts)
         self.trackers.setdefault(task_id, tracker)
         with locked_settings(folder, settings) as identity:
-            if identity.mixture:
-                self.terminal.log(f"{folder.name}: {identity.mixture}")
             yield Session(home, folder, identity, tracker, self.terminal, self.guard)

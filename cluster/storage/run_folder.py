@@ -12,15 +12,14 @@ import json
 import textwrap
 import time
 import uuid
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from filelock import FileLock, Timeout
 from pydantic import Field, FiniteFloat, NonNegativeInt, PlainValidator
 
-from bilevel.agents import get_agent
 from bilevel.decode import decode, decode_file, differences
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
@@ -63,19 +62,11 @@ class RunStatus:
 
 @dataclass(frozen=True)
 class RunIdentity:
-    """UUID, creation time, author and code of a run. Its MLflow runs carry its UUID."""
+    """UUID, creation time and author of a run. Its MLflow runs carry its UUID."""
 
     uuid: Annotated[str, Field(pattern="^[0-9a-f]{32}$")]
     began: FiniteFloat  # unix time, seconds
     author: Author | None = None
-    #: Digests of all versions of custom code that it has run, by task and agent.
-    code: dict[str, tuple[str, ...]] = field(default_factory=dict)
-
-    @property
-    def mixture(self) -> str:
-        """A warning if it has run several versions of a custom agent or task, else ""."""
-        mixed = [f"{len(v)} versions of the {name}" for name, v in self.code.items() if len(v) > 1]
-        return f"Run with {' and '.join(mixed)}; results may differ between them" if mixed else ""
 
     @classmethod
     def read(cls, folder: Path) -> "RunIdentity":
@@ -142,22 +133,15 @@ def add_final(folder: Path, final: Final) -> None:
         log.append(asdict(final))
 
 
-def settings_of(kind: str, task: Task, seed: int, agents: Iterable[str]) -> dict[str, Any]:
-    """Return the settings that every kind of run has, without its identity.
-
-    `code` contains digests of custom code. Raises InvalidInput for an unknown agent.
-    """
-    digests = {f"task {task.id!r}": task.code_digest}
-    digests |= {f"agent {name!r}": get_agent(name).code_digest for name in agents}
-    code = {name: [digest] for name, digest in digests.items() if digest is not None}
-    return {"kind": kind, "task": asdict(task), "seed": seed, "code": code}
+def settings_of(kind: str, task: Task, seed: int) -> dict[str, Any]:
+    """Return the settings that every kind of run has, without its identity."""
+    return {"kind": kind, "task": asdict(task), "seed": seed}
 
 
 @contextlib.contextmanager
 def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdentity]:
     """Lock a run's folder, and create its settings or check that they are unchanged.
 
-    Only `code` may change, so that users can fix a bug in a custom agent; all versions are stored.
     Raises InvalidInput if another process holds the folder, or if the run has other settings;
     StorageFailure if the folder cannot be written.
     """
@@ -169,23 +153,14 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdent
             identity = RunIdentity(uuid.uuid4().hex, time.time(), Author.of_this_process())
             new = {**asdict(identity), "format": RUN_FORMAT, **settings}
             write_aside(path, json.dumps(new, indent=2).encode())
-        identity = RunIdentity.read(folder)
-        code = dict(identity.code)
-        for name, digests in settings.get("code", {}).items():
-            code[name] = tuple(dict.fromkeys([*code.get(name, ()), *digests]))
-        if code != identity.code:
-            identity = replace(identity, code=code)
-            changed = {**read_settings(folder), "code": code}
-            write_aside(path, json.dumps(changed, indent=2).encode())
-        yield identity
+        yield RunIdentity.read(folder)
 
 
 def check_settings(folder: Path, settings: dict[str, Any]) -> None:
     """Raise InvalidInput if a run in the folder has other settings."""
     if not (folder / SETTINGS_FILE).exists():
         return
-    stored = read_settings(folder)
-    now = json.loads(json.dumps({k: v for k, v in settings.items() if k != "code"}))
+    stored, now = read_settings(folder), json.loads(json.dumps(settings))
     for name, *values in differences({name: stored.get(name) for name in now}, now):
         before, given = (textwrap.shorten(str(value), 60) for value in values)
         raise InvalidInput(

@@ -115,8 +115,8 @@ class RunView:
 
     @property
     def note(self) -> str:
-        """Text of the run's page: description, command, whether the command resumes the run, and
-        whether users' code has changed."""
+        """Text of the run's page: description, command, and whether the command resumes the
+        run."""
         paragraphs = [self.description]
         if self.lifetime.status == "KILLED":
             paragraphs.insert(
@@ -124,8 +124,6 @@ class RunView:
             )
         if self.identity is not None and self.identity.author is not None:
             paragraphs.append(f"Command: `{self.identity.author.command}`")
-        if self.identity is not None and self.identity.mixture:
-            paragraphs.append(self.identity.mixture)
         return "\n\n".join(paragraphs)
 
 

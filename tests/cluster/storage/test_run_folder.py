@@ -61,19 +61,6 @@ def test_messages_name_the_setting_that_differs(
         check_settings(tmp_path / "run", SETTINGS | changes)
 
 
-def test_versions_of_custom_code_are_recorded(tmp_path: Path) -> None:
-    """Users may fix a bug in an agent and resume the run."""
-
-    def run(digest: str) -> str:
-        with locked_settings(tmp_path, {"seed": 1, "code": {"agent 'mine'": [digest]}}) as identity:
-            assert identity == RunIdentity.read(tmp_path)
-        return identity.mixture
-
-    assert [run("one"), run("one")] == ["", ""]
-    assert "2 versions of the agent 'mine'" in run("two")
-    assert "2 versions of the agent 'mine'" in run("one")
-
-
 @pytest.mark.parametrize(
     "content",
     ["", "[]", "{}", "nonsense", '{"uuid": "\' OR 1=1", "began": 0}', '{"uuid": 7}'],

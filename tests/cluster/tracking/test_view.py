@@ -1,6 +1,5 @@
 """Views of all kinds of runs."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -40,17 +39,6 @@ def test_notes_contain_the_command_and_whether_it_resumes_the_run(folder: Path) 
     assert "resume" not in views(folder)[0].note
     RunStatus("KILLED", 0.0, 4).save(folder)
     assert "run the same command again to resume." in views(folder)[0].note
-
-
-@pytest.mark.parametrize("versions", [1, 2])
-def test_changes_of_users_code_are_noted(versions: int, folder: Path) -> None:
-    settings = json.loads((folder / "settings.json").read_text())
-    settings["code"] = {"agent 'mine'": ["one", "two"][:versions]}
-    (folder / "settings.json").write_text(json.dumps(settings))
-    study, *configurations = [view.note for view in views(folder)]
-    assert ("2 versions of the agent 'mine'" in study) == (versions == 2)
-    # Unknown for a configuration, which may have run with only one of them.
-    assert not any("versions" in note for note in configurations)
 
 
 def test_a_missing_se_file_is_reported(folder: Path) -> None:
