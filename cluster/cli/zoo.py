@@ -68,21 +68,11 @@ def build(name: str, folder: Path, agents: int, workers: int | None, **where: An
 
 
 def _print_zoo(cards: Iterable["Card"]) -> None:
-    """Print one row for each SE and kind of agents trained on it."""
-    from rich.console import Console
-    from rich.table import Table
-
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    table.add_column("gymnasium id", no_wrap=True)
-    for title in ("agents", "mean return", "solved", "train steps"):
-        table.add_column(title, justify="right", no_wrap=True)
+    """Print one line for each SE and kind of agents trained on it."""
+    click.echo(f"{'gymnasium id':36}{'agents':>17}{'mean return':>13}{'solved':>8}{'steps':>8}")
     for card in cards:
         for row in card.taught:
-            table.add_row(
-                card.env_id,
-                f"{row.agents} {row.agent}",
-                f"{row.mean_return:.1f}",
-                f"{row.solved_fraction:.0%}",
-                f"{row.train_steps:.0f}",
+            click.echo(
+                f"{card.env_id:36}{f'{row.agents} {row.agent}':>17}{row.mean_return:13.1f}"
+                f"{row.solved_fraction:8.0%}{row.train_steps:8.0f}"
             )
-    Console(highlight=False).print(table)

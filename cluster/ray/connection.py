@@ -129,6 +129,6 @@ def require_server_for_nodes(tracking_uri: str) -> None:
     nodes = sum(bool(node["Alive"]) for node in ray.nodes())
     if nodes > 1 and tracking_uri.startswith("sqlite"):
         raise InvalidInput(
-            f"a cluster of {nodes} nodes cannot share {tracking_uri!r}: give an MLflow server with "
-            "--tracking-uri http://host:port (docs/cluster.md)"
+            f"a cluster of {nodes} nodes cannot be tracked in {tracking_uri!r}: give an MLflow "
+            "server with --tracking-uri http://host:port (docs/cluster.md)"
         )

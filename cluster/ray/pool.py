@@ -58,7 +58,8 @@ class EvaluationPool:
     """
 
     def __init__(self, workers: int) -> None:
-        self._workers = workers
+        #: Number of actors.
+        self.size = workers
         self._started: list[Any] = []
         self._starting: dict[Any, Any] = {}  # actors by the reference of their call of `ready`
         self._deaths_at_start = 0
@@ -73,11 +74,6 @@ class EvaluationPool:
     def on_cluster(cls, workers: int | None) -> Self:
         """Return a pool of `workers` actors, by default one per core of the cluster."""
         return cls(workers or Capacity.of_cluster().trials(1))
-
-    @property
-    def size(self) -> int:
-        """Number of actors."""
-        return self._workers
 
     def __enter__(self) -> Self:
         return self
@@ -100,9 +96,8 @@ class EvaluationPool:
     ) -> list[EvaluationResult]:
         """Evaluate all requests and return the results in no particular order.
 
-        `se` (an SE, several SEs, or a distribution that requests draw from) is sent once.
-        `on_result` is called with each result. Raises ActorsDied if actors keep dying at start or
-        in the same batch, and Mistake for an error in a custom agent or task.
+        `se` (an SE, several SEs, or a distribution that requests draw from) is sent once. Raises
+        ActorsDied if actors keep dying, and Mistake for an error in a custom agent or task.
         """
         arguments = [ray.put(task), ray.put(se)]
         waiting = deque(batches(requests, self.size))
@@ -166,9 +161,8 @@ def _count_death(batch: Batch, deaths: Counter[int], error: RayError) -> None:
     if deaths[batch[0].index] >= MAX_DEATHS:
         agents = sorted({request.agent.agent for request in batch})
         raise ActorsDied(
-            f"{MAX_DEATHS} actors died in the same evaluations, of the agent "
-            f"{' or '.join(agents)}: it ends its process, or needs more memory than is available "
-            f"({first_line(error)})"
+            f"{MAX_DEATHS} actors died in evaluations of {' or '.join(agents)}: it ends its "
+            f"process, or needs more memory than is available ({first_line(error)})"
         ) from error
 
 

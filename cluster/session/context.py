@@ -30,9 +30,8 @@ class RunContext:
     def connected(self, workers_per_trial: int = 1, trials: int = 1) -> Iterator["Driver"]:
         """Connect to Ray and check MLflow. Nothing is written.
 
-        Raises InvalidInput if the home is not writable, MLflow or the cluster is invalid or
-        unreachable, the trials do not fit into a local cluster, or several nodes would share an
-        SQLite database.
+        Raises InvalidInput if the home is not writable, MLflow or the cluster is unreachable, the
+        trials do not fit into a local cluster, or several nodes would share an SQLite database.
         """
         require_writable(self.home.folder)
         check_tracking_uri(self.tracking_uri)

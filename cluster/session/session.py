@@ -49,25 +49,22 @@ class Session:
         After Ctrl-C a message contains `resume_hint`. If MLflow is incomplete at the end, a message
         suggests how to write the missing runs.
         """
-        self._set_status("RUNNING", target)
+        RunStatus("RUNNING", time.time(), target).save(self.folder)
         mirror = Mirror(self.tracker, views.view, self.terminal.log)
         mirror.mark(views.keys())  # an earlier process may have missed some
         result: Status = "FAILED"
         try:
             yield mirror
             result = self.status
-        except StorageFailure:
+        except (StorageFailure, KeyboardInterrupt) as error:
             result = "KILLED"
-            raise
-        except KeyboardInterrupt:
-            result = "KILLED"
-            if not self.guard.explained:  # by a run within this one
-                self.guard.explained = True
+            if isinstance(error, KeyboardInterrupt) and not self.guard.explained:
+                self.guard.explained = True  # runs around this one lose no more
                 self.terminal.log(f"interrupted; {resume_hint}")
             raise
         finally:
             with contextlib.suppress(StorageFailure):
-                self._set_status(result, target)
+                RunStatus(result, time.time(), target).save(self.folder)
             mirror.mark(views.keys())
             missing = mirror.close()
             if missing:
@@ -75,17 +72,12 @@ class Session:
                     f"MLflow lacks the current state of {count(missing, 'run')}: once it is "
                     f"reachable, {self._sync_hint()} writes them"
                 )
-            elif result == "KILLED":
-                self.terminal.log(f"MLflow {self.shown_at(self.identity.uuid)}")
 
     def _sync_hint(self) -> str:
         command, uri = f"sync {self.folder.parent.name}/{self.folder.name}", self.tracker.uri
         if uri != self.home.database_uri:
             command += f" --tracking-uri {without_password(uri)}"
         return self.home.hint(command)
-
-    def _set_status(self, status: Status, target: int) -> None:
-        RunStatus(status, time.time(), target).save(self.folder)
 
 
 def shown_at(home: Home, tracker: Tracker, key: str | None = None) -> str:

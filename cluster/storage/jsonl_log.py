@@ -46,8 +46,7 @@ class JsonlLog:
 
     def damaged(self, index: int, reason: object) -> InvalidInput:
         """Return the error to raise if the value at `index` (from 0) is invalid."""
-        text = " ".join(str(reason).split()) or type(reason).__name__
-        return InvalidInput(f"{self._line(index)}: {text}")
+        return InvalidInput(f"{self._line(index)}: {' '.join(str(reason).split())}")
 
     def _line(self, index: int) -> str:
         return f"damaged file {str(self.path)!r}, line {index + 1}"

@@ -12,7 +12,6 @@ from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
 from bilevel.zoo import Card, Entry, Taught
 from cluster.evaluate.command import EvaluateCommand, run_evaluate
-from cluster.evaluate.report import Group
 from cluster.nes.command import NESCommand, run_nes
 from cluster.nes.run import NESRun
 from cluster.session.context import RunContext
@@ -54,19 +53,18 @@ def build(
         ),
         int(se.info["real_env_steps"]),
         hashlib.sha256(content).hexdigest(),
-        tuple(map(_agents_row, groups)),
+        tuple(
+            Taught(
+                group.agent,
+                len(group.results),
+                round(float(group.scores.mean()), 1),
+                round(float(group.scores.std()), 1),
+                round(group.summary()["solved_fraction"], 2),
+                round(float(group.train_steps.mean())),
+            )
+            for group in groups
+        ),
     )
     write_aside(path, content)
     write_aside(path.with_suffix(".json"), (json.dumps(asdict(card), indent=2) + "\n").encode())
     return card
-
-
-def _agents_row(group: Group) -> Taught:
-    return Taught(
-        group.agent,
-        len(group.results),
-        round(float(group.scores.mean()), 1),
-        round(float(group.scores.std()), 1),
-        round(group.summary()["solved_fraction"], 2),
-        round(float(group.train_steps.mean())),
-    )

@@ -113,7 +113,7 @@ def test_a_request_that_kills_every_actor_ends_the_run(nes: NES) -> None:
     se = unchecked(nes.distribution(state).centre, nes.distribution(state).centre.psi.view(Poison))
     with (
         EvaluationPool(1) as pool,
-        pytest.raises(ActorsDied, match=r"^5 actors died .* agent ddqn: [^\n]*$"),
+        pytest.raises(ActorsDied, match=r"^5 actors died .* of ddqn: [^\n]*$"),
     ):
         pool.run(nes.task, se, nes.ask(state)[:1])
 

@@ -71,7 +71,6 @@ ROWS = [
     # SEs
     ("evaluate", "nothing to train on"),
     ("evaluate weights.safetensors", "weights.safetensors"),
-    ("evaluate se.safetensors --task Acrobot-v1", "is an SE for CartPole-v0"),
     ("evaluate se.safetensors --step-limit 9", "need --real"),
     ("evaluate se.safetensors --real Acrobot-v1", "all sources must have the same task"),
     ("show models:/SE-CartPole-v0@newest", "MLflow has no SE at 'models:/SE-CartPole-v0@newest'"),
