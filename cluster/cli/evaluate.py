@@ -6,14 +6,7 @@ import click
 
 from bilevel.errors import InvalidInput
 from bilevel.tasks import Task
-from cluster.cli.options import (
-    POSITIVE,
-    common_options,
-    set_option,
-    task_option,
-    vary_option,
-    workers_option,
-)
+from cluster.cli.options import POSITIVE, common_options, hp_options, task_option, workers_option
 from cluster.cli.run_options import RunOptions, the_context
 from cluster.cli.ses import given_se, load_se_of
 from cluster.storage.home import LONGEST_NAME, plain_name
@@ -32,8 +25,7 @@ _AGENTS = click.IntRange(1, 100_000)
 @click.option(
     "--agents", "count", type=POSITIVE, default=10, help="Agents per kind and source (default: 10)."
 )
-@vary_option
-@set_option
+@hp_options
 @click.option(
     "--recipe", help="Recipe of the agents (default: the paper's table of default hyperparameters)."
 )

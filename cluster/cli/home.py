@@ -77,7 +77,7 @@ def ui(home: Path, host: str, port: int) -> None:
         socket.create_server((host, port)).close()
     except OSError as error:
         raise InvalidInput(f"cannot serve on {host}:{port}: {error.strerror}") from None
-    server = f"http://{'127.0.0.1' if host == '0.0.0.0' else host}:{port}"
+    server = f"http://{host}:{port}"
     click.echo(f"MLflow UI: {server}{HOME_PAGE} (Ctrl-C stops it)")
     for number, task_id in tasks.items():
         click.echo(f"{task_id}: {server}{runs_page(number)}")
@@ -103,8 +103,7 @@ def ui(home: Path, host: str, port: int) -> None:
 def _mlflow_server(home: Home, host: str, port: int) -> list[str]:
     """Return the command of an MLflow server on a home.
 
-    Clients of the server write artifacts to the locations in the database, so that the database can
-    be used with and without the server.
+    Clients write artifacts directly, so that the database can be used without the server.
     """
     command = [sys.executable, "-m", "mlflow", "server", "--host", host, "--port", str(port)]
     command += ["--workers", "1", "--uvicorn-opts", "--log-level error"]

@@ -71,20 +71,23 @@ agent_file_option = click.option(
     multiple=True,
     help="Python file that registers an agent for --agent (docs/agents.md); may be repeated.",
 )
-set_option = click.option(
-    "--set",
-    "settings",
-    type=setting,
-    multiple=True,
-    metavar="SECTION.FIELD=VALUE",
-    help="Replace a hyperparameter of the recipe, for instance nes.std_dev=0.1; may be repeated.",
-)
-vary_option = click.option(
-    "--vary-hp",
-    "vary",
-    type=click.Choice(["no", "small", "narrowed", "all"]),
-    help="Draw the agents' learning rate, batch size and network from the paper's ranges: all of "
-    "them, small and cheap ones, or narrowed, with narrow networks instead of large ones.",
+#: Options that change hyperparameters.
+hp_options = combined(
+    click.option(
+        "--set",
+        "settings",
+        type=setting,
+        multiple=True,
+        metavar="SECTION.FIELD=VALUE",
+        help="Replace a hyperparameter of the recipe, as in nes.std_dev=0.1; may be repeated.",
+    ),
+    click.option(
+        "--vary-hp",
+        "vary",
+        type=click.Choice(["no", "small", "narrowed", "all"]),
+        help="Draw the agents' learning rate, batch size and network from the paper's ranges: all "
+        "of them, small and cheap ones, or narrowed, with narrow networks instead of large ones.",
+    ),
 )
 workers_option = click.option(
     "--workers", type=POSITIVE, help="Actors (default: one per core of the cluster)."
@@ -121,8 +124,7 @@ run_options = combined(
         help="Hyperparameters: default, paper, authors, a recipe file (*.toml), or a study, for "
         "its incumbent's (default: default; for the profile paper: authors).",
     ),
-    set_option,
-    vary_option,
+    hp_options,
     click.option("--population", type=POSITIVE, help="NES members per generation, n_p."),
     click.option(
         "--worst-score",

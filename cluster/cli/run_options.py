@@ -58,10 +58,8 @@ class RunOptions:
         sized: Callable[["Hyperparameters"], "Hyperparameters"] = lambda hp: hp,
         **nes: Any,
     ) -> "Hyperparameters":
-        """Return the recipe's hyperparameters, changed by `sized` and then by the options.
-
-        `nes` contains fields of NES from options of a single command; None keeps a value.
-        """
+        """Return the recipe's hyperparameters, changed by `sized`, by `nes` (fields of NES; None
+        keeps a value) and by the options."""
         from bilevel.recipes import load_recipe
         from search_spaces.translation import to_hyperparameters
 

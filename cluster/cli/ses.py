@@ -25,10 +25,7 @@ class GivenSE:
 
 
 def given_se(address: str, home: Path, tracking_uri: str | None) -> GivenSE:
-    """Return the file of an SE at a path, a name in the zoo, or an address in MLflow.
-
-    Raises InvalidInput if there is no SE at the address, or MLflow is not reachable.
-    """
+    """Return the file of an SE at a path, a name in the zoo, or an address in MLflow."""
     from bilevel.synthetic_env.source import is_of_mlflow, pinned, se_file
     from bilevel.zoo import ENTRIES, label
 
@@ -51,11 +48,11 @@ def given_se(address: str, home: Path, tracking_uri: str | None) -> GivenSE:
 def _label(path: Path) -> str:
     """Return `NAME-VERSION` for models:/NAME/VERSION, the run for a file that every run has, else
     the file's name."""
-    from cluster.storage.run_folder import USUAL_FILES
+    from cluster.storage.run_folder import BEST_FILE, LAST_FILE
 
     if path.parts[0] == "models:":
         return "-".join(path.parts[1:])
-    return path.parent.name if path.name in USUAL_FILES else path.stem
+    return path.parent.name if path.name in (BEST_FILE, LAST_FILE) else path.stem
 
 
 def load_se_of(path: Path, task: str | None) -> "StoredSE":

@@ -41,14 +41,10 @@ LOADED: list[AgentFile] = []
 
 
 def load_agent_file(file: Path) -> tuple[str, ...]:
-    """Import a file that registers agents, also in actors that start later, and return the names of
-    the agents. The result is empty if this process has already imported the file.
+    """Import a file that registers agents, also in actors that start later.
 
-    Raises InvalidInput if the file cannot be imported, registers no agent, or shares its name with
-    another module.
+    Return the names of its agents, or nothing if it is already imported. Raises InvalidInput.
     """
-    if not file.stem.isidentifier() or file.suffix != ".py":
-        raise InvalidInput(f"agent file {str(file)!r} must be a Python file, NAME.py")
     path, known = file.resolve(), registered_agents()
     if any(agent_file.path == path for agent_file in LOADED):
         return ()
@@ -71,10 +67,9 @@ def load_agent_file(file: Path) -> tuple[str, ...]:
 
 
 def runtime_env(local: bool) -> dict[str, Any] | None:
-    """Return the `runtime_env` with which Ray's workers import what this process imports, or None.
+    """Return the `runtime_env` with which Ray's workers import the loaded agent files, or None.
 
-    Workers import the loaded agent files. On a cluster that was joined, they also search the
-    folders in PYTHONPATH; workers of a `local` cluster inherit the variable.
+    On a cluster that was joined, workers do not inherit PYTHONPATH and get its folders too.
     """
     files = [*LOADED]
     paths = [] if local else os.environ.get("PYTHONPATH", "").split(os.pathsep)

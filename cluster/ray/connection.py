@@ -16,8 +16,6 @@ from bilevel.errors import InvalidInput, first_line
 from cluster.ray.agent_files import runtime_env
 
 _TIMEOUT = 5.0  # seconds until an address counts as unreachable
-#: Ray gives a node 30 seconds to start, which a loaded machine may exceed.
-_ATTEMPTS = 2
 #: Ray sets this variable when it starts a cluster. A child process that inherited it would send a
 #: token that the cluster of its parent does not expect.
 _AUTHENTICATION = "RAY_AUTH_MODE"
@@ -37,25 +35,24 @@ def environment_kept(*names: str) -> Iterator[None]:
 
 @contextmanager
 def ray_cluster(address: str | None) -> Iterator[None]:
-    """Connect this process to a Ray cluster for the block.
+    """Connect this process to a Ray cluster for the block. Raises InvalidInput.
 
     `address` is a running cluster that has a node on this machine (`host:port` or `auto`). None
-    starts a local cluster, which ends with the block. Raises InvalidInput if the cluster cannot be
-    started or reached.
+    starts a local cluster, which ends with the block.
     """
     if address == "auto":
         address = os.environ.get("RAY_ADDRESS", address)
     if address not in (None, "auto"):
         _require_reachable(address)
     with environment_kept(_AUTHENTICATION):
-        _connect(address, 1 if address else _ATTEMPTS)
+        _connect(address)
         try:
             yield
         finally:
             ray.shutdown()
 
 
-def _connect(address: str | None, attempts: int) -> None:
+def _connect(address: str | None) -> None:
     local = address is None
     # `timeout`, batch systems and closed terminals signal the whole process group. The processes of
     # a local cluster inherit the blocked signals, so that this process can stop the cluster in
@@ -73,10 +70,8 @@ def _connect(address: str | None, attempts: int) -> None:
         )
     except Exception as error:  # Ray raises bare exceptions if a node does not start in time
         ray.shutdown()
-        if attempts == 1:
-            failed = "cannot start Ray here" if local else f"no Ray cluster at {address!r}"
-            raise InvalidInput(f"{failed}: {first_line(error)}") from None
-        _connect(address, attempts - 1)
+        failed = "cannot start Ray here" if local else f"no Ray cluster at {address!r}"
+        raise InvalidInput(f"{failed}: {first_line(error)}") from None
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, previous)
 

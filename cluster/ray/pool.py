@@ -2,8 +2,7 @@
 
 Each actor gets batches of requests, the most expensive first, once it has started: nodes may join
 and leave. The pool replaces an actor that dies and resubmits its requests to any actor. The results
-stay the same, because a result depends only on its request. The order of the requests affects only
-the time that actors wait for the driver and, at the end, for the slowest actor.
+stay the same, because a result depends only on its request.
 """
 
 from collections import Counter, deque

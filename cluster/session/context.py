@@ -30,8 +30,7 @@ class RunContext:
     def connected(self, workers_per_trial: int = 1, trials: int = 1) -> Iterator["Driver"]:
         """Connect to Ray and check MLflow. Nothing is written.
 
-        Raises InvalidInput if the home is not writable, MLflow or the cluster is unreachable, the
-        trials do not fit into a local cluster, or several nodes would share an SQLite database.
+        Raises InvalidInput if one of them, the home or the number of workers is not usable.
         """
         require_writable(self.home.folder)
         check_tracking_uri(self.tracking_uri)
@@ -81,11 +80,8 @@ class Driver:
 
     @contextlib.contextmanager
     def session(self, folder: Path, task_id: str, settings: dict[str, Any]) -> Iterator[Session]:
-        """Hold the lock of the run in `folder` during the block.
-
-        Raises InvalidInput if the home is not writable, another process holds the lock, or the run
-        was started with other settings.
-        """
+        """Hold the lock of the run in `folder` during the block. Raises InvalidInput if it is held
+        by another process or was started with other settings."""
         home, uri = self.context.home, self.context.tracking_uri
         home.prepare()
         known = self.trackers.get(task_id)

@@ -43,11 +43,10 @@ class Session:
 
     @contextlib.contextmanager
     def live(self, views: Views, target: int, resume_hint: str) -> Iterator[Mirror]:
-        """Set the run's status to RUNNING with `target`, and mirror views that are marked as
-        changed to MLflow, during the block. At the end both record how the block ended.
+        """Set the run's status to RUNNING with `target`, and mirror changed views to MLflow, during
+        the block. At the end record how the block ended.
 
-        After Ctrl-C a message contains `resume_hint`. If MLflow is incomplete at the end, a message
-        suggests how to write the missing runs.
+        Messages suggest how to resume after Ctrl-C and how to complete MLflow.
         """
         RunStatus("RUNNING", time.time(), target).save(self.folder)
         mirror = Mirror(self.tracker, views.view, self.terminal.log)

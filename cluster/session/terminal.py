@@ -41,8 +41,7 @@ class _Output(Console):
 class Terminal:
     """Print lines, above a progress bar if the output is a terminal.
 
-    Errors of the output (a lost ssh connection, for instance) are ignored, because a signal then
-    stops the command in order.
+    Errors of the output, such as a lost connection, are ignored: a signal stops the command.
     """
 
     def __init__(self, console: Console | None = None) -> None:

@@ -1,7 +1,6 @@
 """Provenance of a run: user, command line and source commit."""
 
 import getpass
-import itertools
 import re
 import shlex
 import subprocess
@@ -23,12 +22,6 @@ class Author:
     user: str
     command: str
     commit: str  # of the source, as `commit` returns it
-
-    @property
-    def program(self) -> str:
-        """The command without options and paths."""
-        words = itertools.takewhile(lambda w: not w.startswith("-"), shlex.split(self.command))
-        return " ".join(word for word in words if "/" not in word)
 
     @classmethod
     def of_this_process(cls) -> Self:

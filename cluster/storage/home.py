@@ -1,6 +1,5 @@
 """The home folder, which contains one folder per run."""
 
-import glob
 import re
 import shlex
 import tempfile
@@ -23,10 +22,7 @@ def plain_name(text: str) -> str:
 
 
 class Home:
-    """The folder given by `--home`; it is created on the first write.
-
-    Raises InvalidInput for a path that a database URI cannot contain.
-    """
+    """The folder given by `--home`; it is created on the first write."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder.resolve()
@@ -55,27 +51,21 @@ class Home:
         return self.folder / "artifacts"
 
     def run_folder(self, task_id: str, name: str) -> Path:
-        """Return the folder of a named run.
-
-        Raises InvalidInput for a name that is not allowed, such as one that leaves the home.
-        """
+        """Return the folder of a named run. Raises InvalidInput for a name that is not allowed."""
         if not _NAME.fullmatch(name):
             raise InvalidInput(
                 f"name {name!r} is not allowed: use at most {LONGEST_NAME} letters, digits, '.', "
                 "'_' and '-', starting with a letter or digit"
             )
-        return self.folder / _task_folder(task_id) / name
+        return self.folder / task_id.replace("/", "_") / name  # the id may have a namespace
 
-    def runs(self, task_id: str | None = None) -> list[Path]:
-        """Return the folders of all runs, or of the runs on one task, sorted by task and name."""
-        tasks = "*" if task_id is None else glob.escape(_task_folder(task_id))
-        return sorted(path.parent for path in self.folder.glob(f"{tasks}/*/settings.json"))
+    def runs(self) -> list[Path]:
+        """Return the folders of all runs, sorted by task and name."""
+        return sorted(path.parent for path in self.folder.glob("*/*/settings.json"))
 
     def find(self, name: str) -> Path:
-        """Return the folder of the run `name`, or `task/name` if several tasks have that name.
-
-        Raises InvalidInput unless exactly one run matches.
-        """
+        """Return the folder of the run `name` or `task/name`. Raises InvalidInput unless exactly
+        one run matches."""
         names = {folder: f"{folder.parent.name}/{folder.name}" for folder in self.runs()}
         found = [folder for folder in names if name in (folder.name, names[folder])]
         if len(found) == 1:
@@ -98,7 +88,3 @@ def require_writable(folder: Path) -> None:
         tempfile.TemporaryDirectory(prefix=".writable-", dir=nearest).cleanup()
     except OSError as error:
         raise InvalidInput(f"cannot write to {str(folder)!r}: {error.strerror}") from None
-
-
-def _task_folder(task_id: str) -> str:
-    return task_id.replace("/", "_")  # a gymnasium id may have a namespace

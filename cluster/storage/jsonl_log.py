@@ -20,8 +20,7 @@ _T = TypeVar("_T")
 class JsonlLog:
     """A JSON lines file. `values` are the values read at the start and those appended since.
 
-    Raises InvalidInput for a complete line that is not JSON. Reading does not change the file,
-    so other processes may read while one process writes.
+    Raises InvalidInput for a complete line that is not JSON. Reading does not change the file.
     """
 
     def __init__(self, path: Path) -> None:

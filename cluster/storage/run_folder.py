@@ -32,7 +32,6 @@ SETTINGS_FILE, STATUS_FILE, FINALS_FILE = "settings.json", "status.json", "final
 
 #: The result of a run, and the last SE of an NES run. Artifacts in MLflow have the same names.
 BEST_FILE, LAST_FILE = "best_se.safetensors", "last_se.safetensors"
-USUAL_FILES = {BEST_FILE, LAST_FILE}
 
 #: Status of a run, with MLflow's names.
 Status = Literal["RUNNING", "FINISHED", "KILLED", "FAILED"]
@@ -88,10 +87,7 @@ class Lifetime:
 
     @classmethod
     def of(cls, folder: Path, began: float, live: bool) -> "Lifetime":
-        """Return the lifetime of the run in a folder; `live` is whether this process works on it.
-
-        Raises InvalidInput if its status is damaged.
-        """
+        """Return the lifetime of a run. `live`: this process works on it. Raises InvalidInput."""
         stored = RunStatus.load(folder) or RunStatus("KILLED", began, 0)
         if stored.status != "RUNNING":
             return cls(stored.status, began, stored.since, stored.target)
@@ -142,8 +138,7 @@ def settings_of(kind: str, task: Task, seed: int) -> dict[str, Any]:
 def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdentity]:
     """Lock a run's folder, and create its settings or check that they are unchanged.
 
-    Raises InvalidInput if another process holds the folder, or if the run has other settings;
-    StorageFailure if the folder cannot be written.
+    Raises InvalidInput if another process holds the folder, or if the run has other settings.
     """
     path = folder / SETTINGS_FILE
     with held(folder):
@@ -171,10 +166,8 @@ def check_settings(folder: Path, settings: dict[str, Any]) -> None:
 
 @contextlib.contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Lock a folder for this process; the kernel releases the lock when the process dies.
-
-    Raises InvalidInput if another process holds it, StorageFailure if it cannot be written.
-    """
+    """Lock a folder for this process; the kernel releases the lock when the process dies. Raises
+    InvalidInput if another process holds it."""
     lock = FileLock(folder / ".lock")
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -204,10 +197,7 @@ def is_held(folder: Path) -> bool:
 
 
 def read_settings(folder: Path) -> dict[str, Any]:
-    """Read a run's settings.
-
-    Raises InvalidInput if they are missing or damaged, OtherVersion if they have another format.
-    """
+    """Read a run's settings. Raises InvalidInput, and OtherVersion for another format."""
     path = folder / SETTINGS_FILE
     if not path.exists():
         raise InvalidInput(f"no run in {str(folder)!r}")
@@ -218,10 +208,8 @@ def read_settings(folder: Path) -> dict[str, Any]:
 
 
 def stored_task(facts: Any) -> Task:
-    """Return the task of a run from its settings, without asking gymnasium.
-
-    gymnasium could import a module that the file names. Raises InvalidInput.
-    """
+    """Return the task of a run from its settings, without gymnasium, which could import a module
+    that the file names. Raises InvalidInput."""
     task = decode(Task, facts, "task")
     if ".." in task.id:
         raise InvalidInput(f"task id {task.id!r} is not allowed")

@@ -154,7 +154,7 @@ def _authorship(identity: RunIdentity | None) -> dict[str, str]:
     author = identity.author
     tags = {
         "mlflow.user": author.user,
-        "mlflow.source.name": author.program,
+        "mlflow.source.name": author.command,
         "mlflow.source.type": "LOCAL",
         "mlflow.source.git.commit": author.commit,
     }

@@ -26,9 +26,7 @@ def build(
     entry: Entry, context: RunContext, folder: Path, agents: int = 50, workers: int | None = None
 ) -> Card:
     """Build an SE and its card with `agents` agents of each kind, and write both to `folder`.
-
-    The same call resumes an interrupted build. Raises InvalidInput before anything is written.
-    """
+    The same call resumes. Raises InvalidInput before anything is written."""
     task, hp = get_task(entry.task), load_recipe(entry.recipe, entry.task)
     require_writable(folder)
     run_folder = context.home.run_folder(task.id, f"zoo-{entry.name}")

@@ -19,5 +19,5 @@ def test_trials_that_fit() -> None:
     capacity = Capacity(12)
     assert [capacity.trials(workers) for workers in (1, 5, 24)] == [12, 2, 1]
     capacity.require(4, 3)
-    with pytest.raises(InvalidInput, match="5 workers each need 15 cores: the cluster has 12"):
+    with pytest.raises(InvalidInput, match="3 x 5 workers need 15 cores: the cluster has 12"):
         capacity.require(5, 3)

@@ -23,9 +23,3 @@ def test_passwords_are_masked(argument: str, stored: str, monkeypatch: pytest.Mo
     found = author(monkeypatch, "/usr/bin/bilevel", "bohb", "CartPole-v0", argument)
     assert shlex.split(found.command) == ["bilevel", "bohb", "CartPole-v0", stored]
     assert found.commit == commit()
-
-
-def test_the_program_has_no_options_and_paths(monkeypatch: pytest.MonkeyPatch) -> None:
-    found = author(monkeypatch, "/usr/bin/bilevel", "nes", "CartPole-v0", "--home", "/a/b")
-    assert found.program == "bilevel nes CartPole-v0"
-    assert author(monkeypatch, "bilevel", "sync", "/a/b").program == "bilevel sync"
