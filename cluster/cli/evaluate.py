@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from bilevel.hyperparameters import AgentHyperparameters
     from bilevel.synthetic_env import StoredSE
 
-_AGENTS = click.IntRange(1, 100_000)
-
 
 @click.command()
 @click.argument("given", metavar="[SE]...", nargs=-1)
@@ -80,11 +78,11 @@ def _sources(
     tasks = [] if real is None else [RunOptions(task=real, **options).the_task()]
     sources: dict[str, StoredSE | None] = {}
     for address in given:
-        se = given_se(address, options["home"], options["tracking_uri"])
-        label = plain_name(se.label)
+        path, label = given_se(address, options["home"], options["tracking_uri"])
+        label = plain_name(label)
         if label in (*sources, "real"):
-            raise InvalidInput(f"two sources are called {label!r}: rename {str(se.path)!r}")
-        stored = sources[label] = load_se_of(se.path, se_task)
+            raise InvalidInput(f"two sources are called {label!r}: rename {str(path)!r}")
+        stored = sources[label] = load_se_of(path, se_task)
         tasks.append(stored.task())
     if real is not None:
         sources["real"] = None
@@ -130,8 +128,8 @@ def _kinds(
     help="Numbers of NES runs and agents: smoke, local, or paper.",
 )
 @click.option("--ses", type=click.IntRange(1, 1000), help="SEs per condition.")
-@click.option("--agents", "per_se", type=_AGENTS, help="Agents of each kind on each SE.")
-@click.option("--real-agents", type=_AGENTS, help="Agents of each kind on the real task.")
+@click.option("--agents", "per_se", type=POSITIVE, help="Agents of each kind on each SE.")
+@click.option("--real-agents", type=POSITIVE, help="Agents of each kind on the real task.")
 @workers_option
 @common_options
 def experiment(

@@ -1,7 +1,6 @@
 """SEs on the command line, and the commands `show`, `export` and `import`."""
 
 import io
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,24 +15,16 @@ if TYPE_CHECKING:
     from bilevel.synthetic_env import StoredSE
 
 
-@dataclass(frozen=True)
-class GivenSE:
-    """The file of an SE that the command line names."""
-
-    path: Path
-    label: str  # in tables, names and pictures
-
-
-def given_se(address: str, home: Path, tracking_uri: str | None) -> GivenSE:
-    """Return the file of an SE at a path, a name in the zoo, or an address in MLflow."""
+def given_se(address: str, home: Path, tracking_uri: str | None) -> tuple[Path, str]:
+    """Return the file and label of an SE at a path, a name in the zoo, or an address in MLflow."""
     from bilevel.synthetic_env.source import is_of_mlflow, pinned, se_file
     from bilevel.zoo import ENTRIES, label
 
     if address in ENTRIES:
-        return GivenSE(se_file(address), label(address))
+        return se_file(address), label(address)
     if not is_of_mlflow(address):
         path = se_file(address)
-        return GivenSE(path, _label(path.resolve()))
+        return path, _label(path.resolve())
     from cluster.tracking.connection import connected
 
     place = Home(home)
@@ -42,7 +33,7 @@ def given_se(address: str, home: Path, tracking_uri: str | None) -> GivenSE:
         raise InvalidInput(f"MLflow has no SE at {address!r}: no runs in {str(place.folder)!r}")
     with connected(uri):
         version = pinned(address, uri)
-        return GivenSE(se_file(version, uri), _label(Path(version)))
+        return se_file(version, uri), _label(Path(version))
 
 
 def _label(path: Path) -> str:
@@ -88,15 +79,15 @@ def show(
     """
     if out is not None:
         _require_ending(out, ".png", ".svg", ".pdf")
-    given = given_se(se, home, tracking_uri)
-    out = out or Path(f"{given.label}.png")
-    stored = load_se_of(given.path, se_task)
+    path, label = given_se(se, home, tracking_uri)
+    out = out or Path(f"{label}.png")
+    stored = load_se_of(path, se_task)
 
     from cluster.show.picture import picture
     from cluster.show.portrait import Portrait
 
     portrait = Portrait.of(stored)
-    drawn = picture(portrait, f"{given.label}: a synthetic environment for {stored.task_id}")
+    drawn = picture(portrait, f"{label}: a synthetic environment for {stored.task_id}")
     content = io.BytesIO()
     drawn.savefig(content, format=out.suffix[1:], dpi=150)
     write_file(out, content.getvalue())
@@ -120,7 +111,7 @@ def export_se(se: str, out: Path, home: Path, tracking_uri: str | None) -> None:
     _require_ending(out, ".onnx", ".pt2")
     from bilevel.synthetic_env import load_se
 
-    stored, content = load_se(given_se(se, home, tracking_uri).path), io.BytesIO()
+    stored, content = load_se(given_se(se, home, tracking_uri)[0]), io.BytesIO()
     if out.suffix == ".onnx":
         try:
             from bilevel.interop.onnx import onnx_model

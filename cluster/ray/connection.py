@@ -101,11 +101,6 @@ class Capacity:
         """Return the current capacity of the connected cluster."""
         return cls(int(ray.cluster_resources().get("CPU", 0)))
 
-    @classmethod
-    def of_own(cls) -> Self:
-        """Return the capacity of a local cluster: all cores that this process may use."""
-        return cls(cpu_count())
-
     def trials(self, workers: int) -> int:
         """Return how many trials of `workers` cores run at a time, at least 1."""
         return max(self.cores // workers, 1)

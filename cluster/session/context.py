@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import ray
+from loky import cpu_count
 
 from cluster.ray.connection import Capacity, ray_cluster, require_server_for_nodes
 from cluster.session.interrupts import InterruptGuard
@@ -35,7 +36,7 @@ class RunContext:
         require_writable(self.home.folder)
         check_tracking_uri(self.tracking_uri)
         if self.address is None:  # check before the start, which takes seconds
-            Capacity.of_own().require(workers_per_trial, trials)
+            Capacity(cpu_count()).require(workers_per_trial, trials)
         with (
             Terminal() as terminal,
             mlflow_imported_meanwhile(),
@@ -63,7 +64,7 @@ class RunContext:
         InvalidInput like `connected`."""
         if self.address is None:
             check_tracking_uri(self.tracking_uri)
-            return Capacity.of_own()
+            return Capacity(cpu_count())
         with self.connected():
             return Capacity.of_cluster()
 

@@ -14,9 +14,6 @@ from cluster.storage.home import Home
 from cluster.storage.run_folder import RunIdentity, RunStatus, Status
 from cluster.tracking import Mirror, Tracker, Views
 
-#: Default address of `bilevel ui`.
-UI_ADDRESS = "http://127.0.0.1:5000"
-
 
 @dataclass
 class Session:
@@ -87,4 +84,4 @@ def shown_at(home: Home, tracker: Tracker, key: str | None = None) -> str:
         return without_password(tracker.server) + page
     if tracker.uri != home.database_uri:
         return f"{without_password(tracker.uri)}, experiment {tracker.experiment_id}"
-    return f"{UI_ADDRESS}{page} (after {home.hint('ui')})"
+    return f"http://127.0.0.1:5000{page} (after {home.hint('ui')})"

@@ -1,6 +1,6 @@
 """Provenance of a run: user, command line and source commit."""
 
-import getpass
+import os
 import re
 import shlex
 import subprocess
@@ -26,13 +26,9 @@ class Author:
     @classmethod
     def of_this_process(cls) -> Self:
         """Return the author of runs that this process creates."""
-        try:
-            user = getpass.getuser()
-        except (KeyError, OSError):  # a container user without an entry in the password file
-            user = ""
         program, *arguments = sys.argv
         words = [Path(program).name, *map(without_password, arguments)]
-        return cls(user, shlex.join(words), commit())
+        return cls(os.environ.get("USER", ""), shlex.join(words), commit())
 
 
 def without_password(text: str) -> str:

@@ -10,7 +10,7 @@ from click.testing import CliRunner
 
 from bilevel.synthetic_env import load_se
 from cluster.cli.program import cli
-from cluster.cli.ses import GivenSE, given_se
+from cluster.cli.ses import given_se
 from tests.bilevel.interop.test_paper_code import Saved, chosen, settings
 
 
@@ -23,7 +23,7 @@ def test_label_is_the_name_of_the_file_or_its_run(file: str, label: str, tmp_pat
     path = tmp_path / file
     path.parent.mkdir(exist_ok=True)
     path.touch()
-    assert given_se(str(path), tmp_path, None) == GivenSE(path, label)
+    assert given_se(str(path), tmp_path, None) == (path, label)
 
 
 def test_export(se_file: Path, tmp_path: Path) -> None:

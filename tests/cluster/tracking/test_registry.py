@@ -83,8 +83,8 @@ def test_the_label_of_an_se_does_not_change(home: Home, content: bytes) -> None:
         ("models:/SE-CartPole-v0/1", "SE-CartPole-v0-1"),
         (f"runs:/{version.run_id}/best_se.safetensors", version.run_id),
     ):
-        found = given_se(address, home.folder, None)
-        assert (found.label, found.path.read_bytes()) == (label, content)
+        path, found = given_se(address, home.folder, None)
+        assert (found, path.read_bytes()) == (label, content)
 
 
 def test_a_variant_of_the_task_is_never_the_best(home: Home, cartpole: Task) -> None:
