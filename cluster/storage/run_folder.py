@@ -36,9 +36,6 @@ BEST_FILE, LAST_FILE = "best_se.safetensors", "last_se.safetensors"
 #: Status of a run, with MLflow's names.
 Status = Literal["RUNNING", "FINISHED", "KILLED", "FAILED"]
 
-#: Seconds to wait for a lock, because `is_held` takes it for a moment.
-_LOCK_TIMEOUT = 1.0
-
 
 @dataclass(frozen=True)
 class RunStatus:
@@ -171,7 +168,7 @@ def held(folder: Path) -> Iterator[None]:
     lock = FileLock(folder / ".lock")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock.acquire(timeout=_LOCK_TIMEOUT)
+        lock.acquire(timeout=1.0)  # `is_held` takes it for a moment
     except Timeout:
         raise InvalidInput(f"{folder.name!r} is being run by another process") from None
     except OSError as error:

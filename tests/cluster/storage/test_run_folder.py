@@ -43,7 +43,6 @@ def test_unchanged_settings_keep_the_identity(tmp_path: Path) -> None:
             "'run' was begun with nes.population_size = 32, not 16: use that value, or another",
         ),
         ({"agents": {"td3": {}}}, "agents.ddqn = {'discount': 1}, not None:"),
-        ({"seed": 2}, "seed = 1, not 2:"),
         ({"prior": "none"}, "prior = None, not none:"),
     ],
 )
@@ -111,10 +110,8 @@ def test_status_round_trip(tmp_path: Path) -> None:
     "content",
     [
         "",
-        '{"status": "RUNNING"}',
-        '{"status": "ASLEEP", "since": 1, "target": 1}',
         '{"status": "RUNNING", "since": NaN, "target": 1}',
-        '{"status": "RUNNING", "since": 1, "target": "all"}',
+        '{"status": "ASLEEP", "since": 1, "target": 1}',
     ],
 )
 def test_a_damaged_status_is_refused(content: str, tmp_path: Path) -> None:
@@ -133,13 +130,6 @@ def test_an_end_is_recorded_once(tmp_path: Path) -> None:
         (8, 3.0),
         (8, 4.0),
     ]
-
-
-@pytest.mark.parametrize("line", ["7", "{}", '{"step": 1, "time": 1, "metrics": {"a": null}}'])
-def test_damaged_finals_are_refused(line: str, tmp_path: Path) -> None:
-    (tmp_path / "finals.jsonl").write_text(line + "\n")
-    with pytest.raises(InvalidInput, match=r"finals.jsonl', line 1: "):
-        finals(tmp_path)
 
 
 def test_temporary_files_of_a_killed_process_are_removed(tmp_path: Path) -> None:
