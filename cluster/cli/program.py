@@ -28,8 +28,6 @@ class _Program(click.Group):
             message = error.format_message()
         except InvalidInput as error:
             message = str(error)
-        except PermissionError as error:
-            message = f"no permission to use {str(error.filename)!r}"
         except click.Abort:
             sys.exit(130)
         click.echo(f"bilevel: {' '.join(message.split())}", err=True)

@@ -15,7 +15,6 @@ from loky import cpu_count
 from bilevel.errors import InvalidInput, first_line
 from cluster.ray.agent_files import runtime_env
 
-_TIMEOUT = 5.0  # seconds until an address counts as unreachable
 #: Ray sets this variable when it starts a cluster. A child process that inherited it would send a
 #: token that the cluster of its parent does not expect.
 _AUTHENTICATION = "RAY_AUTH_MODE"
@@ -85,7 +84,7 @@ def _require_reachable(address: str) -> None:
             "the cluster (docs/cluster.md)"
         )
     try:
-        socket.create_connection((host, int(port)), _TIMEOUT).close()
+        socket.create_connection((host, int(port)), timeout=5).close()
     except (OSError, OverflowError) as error:
         raise InvalidInput(f"no Ray cluster at {address!r}: {error}") from None
 

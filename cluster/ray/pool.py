@@ -21,14 +21,12 @@ from cluster.ray.connection import Capacity
 Batch = tuple[EvaluationRequest, ...]
 
 #: A batch is 1 / BATCHES of an actor's share of the remaining requests (guided self-scheduling;
-#: Polychronopoulos and Kuck, 1987). The first batches are large, because a round trip takes about a
-#: millisecond and an evaluation may take five. The last batches are single requests, so that all
-#: actors finish at about the same time.
+#: Polychronopoulos and Kuck, 1987): first large, because a round trip takes about a millisecond and
+#: an evaluation may take five, and at last single, so that actors finish at about the same time.
 BATCHES = 4
 
-#: Expected cost, in multiplications per training step, above which a batch takes no more requests.
-#: Eight small agents, about half a second, reach it. Results of expensive evaluations thus arrive
-#: one by one, and little is lost if the driver ends.
+#: Expected cost, in multiplications per training step, above which a batch takes no more requests,
+#: so that little is lost if the driver ends. Eight small agents, about half a second, reach it.
 LONG = 2e6
 
 #: Deaths of actors in the same batch after which the pool gives up, because a request must be the
@@ -51,10 +49,7 @@ class _Worker:
 
 
 class EvaluationPool:
-    """A pool of `workers` actors with one core each. The context manager ends them.
-
-    If fewer cores are free, the actors that have a core do all the work.
-    """
+    """A pool of `workers` actors with one core each, of which those with a core do all the work."""
 
     def __init__(self, workers: int) -> None:
         #: Number of actors.
@@ -168,9 +163,8 @@ def _count_death(batch: Batch, deaths: Counter[int], error: RayError) -> None:
 def batches(requests: Sequence[EvaluationRequest], actors: int) -> list[Batch]:
     """Return all requests in batches of decreasing cost, the most expensive requests first.
 
-    Longest processing time first avoids that an actor starts a long evaluation when the other
-    actors have finished (Graham, 1969). Only the cost of a training step is known in advance.
-    Agents on the unperturbed SE come last because they tend to stop sooner.
+    Longest processing time first avoids that an actor starts a long evaluation at the end (Graham,
+    1969). Agents on the unperturbed SE come last because they tend to stop sooner.
     """
     ordered = sorted(
         requests,

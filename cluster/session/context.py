@@ -60,8 +60,7 @@ class RunContext:
             yield Driver(self, terminal, guard)
 
     def capacity(self) -> Capacity:
-        """Return the cores that a run could use, without starting a local cluster. Raises
-        InvalidInput like `connected`."""
+        """Return the cores that a run could use. Raises InvalidInput like `connected`."""
         if self.address is None:
             check_tracking_uri(self.tracking_uri)
             return Capacity(cpu_count())

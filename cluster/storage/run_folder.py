@@ -156,7 +156,7 @@ def check_settings(folder: Path, settings: dict[str, Any]) -> None:
     for name, *values in differences({name: stored.get(name) for name in now}, now):
         before, given = (textwrap.shorten(str(value), 60) for value in values)
         raise InvalidInput(
-            f"{folder.name!r} was begun with {name} = {before}, not {given}: use that value, or "
+            f"{folder.name!r} was started with {name} = {before}, not {given}: use that value, or "
             "another name"
         )
 

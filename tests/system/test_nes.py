@@ -64,7 +64,7 @@ def test_a_run_in_mlflow_and_after_a_resume(
 
     refused = run_bilevel(*joined, "--set", "nes.update=paper")
     assert refused.returncode == 2
-    assert "'run' was begun with nes." in refused.stderr
+    assert "'run' was started with nes." in refused.stderr
     assert refused.stderr.count("\n") == 1
 
     mlflow_client = client(tmp_home)

@@ -40,7 +40,7 @@ def test_unchanged_settings_keep_the_identity(tmp_path: Path) -> None:
     [
         (
             {"nes": {"population_size": 16, "step_size": 1.0}},
-            "'run' was begun with nes.population_size = 32, not 16: use that value, or another",
+            "'run' was started with nes.population_size = 32, not 16: use that value, or another",
         ),
         ({"agents": {"td3": {}}}, "agents.ddqn = {'discount': 1}, not None:"),
         ({"prior": "none"}, "prior = None, not none:"),
