@@ -167,8 +167,7 @@ def batches(requests: Sequence[EvaluationRequest], actors: int) -> list[Batch]:
     1969). Agents on the unperturbed SE come last because they tend to stop sooner.
     """
     ordered = sorted(
-        requests,
-        key=lambda request: (-request.agent.step_cost, isinstance(request.on, Centre)),
+        requests, key=lambda request: (-request.agent.step_cost, isinstance(request.on, Centre))
     )
     remaining = sum(request.agent.step_cost for request in ordered)
     divided: list[Batch] = []

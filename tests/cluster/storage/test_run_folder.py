@@ -61,8 +61,7 @@ def test_messages_name_the_setting_that_differs(
 
 
 @pytest.mark.parametrize(
-    "content",
-    ["", "[]", "{}", "nonsense", '{"uuid": "\' OR 1=1", "began": 0}', '{"uuid": 7}'],
+    "content", ["", "[]", "{}", "nonsense", '{"uuid": "\' OR 1=1", "began": 0}', '{"uuid": 7}']
 )
 def test_damaged_settings_are_refused(content: str, tmp_path: Path) -> None:
     (tmp_path / "settings.json").write_text(content)
