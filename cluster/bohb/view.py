@@ -3,7 +3,7 @@
 import json
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -166,7 +166,7 @@ class StudyViews:
             tuple(points),
             tuple(documents),
             parent=self.parent,
-            identity=replace(self.identity, code={}),  # unknown: the study may have run several
+            identity=self.identity,
             description=f"Configuration {name} of the study `{study.name}`.",
         )
 
