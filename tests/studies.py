@@ -43,10 +43,7 @@ class MadeUpPool(EvaluationPool):
 
     def __init__(self) -> None:
         super().__init__(0)
-
-    @property
-    def size(self) -> int:
-        return 1
+        self.size = 1
 
     def run(
         self,

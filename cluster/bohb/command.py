@@ -17,7 +17,7 @@ from cluster.bohb.tune.report import StudyReport
 from cluster.bohb.tune.searcher import BohbSearcher
 from cluster.bohb.tune.tuner import run_trials
 from cluster.bohb.view import StudyViews
-from cluster.ray.connection import Capacity, require_server_for_nodes, scaled_to
+from cluster.ray.connection import Capacity, require_server_for_nodes
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext
 from cluster.session.session import Session
@@ -46,13 +46,6 @@ class StudyCommand:
         """Number of concurrent trials on the cluster's current nodes."""
         return self.trials_on(Capacity.of_cluster())
 
-    @property
-    def cores_wanted(self) -> int:
-        """Cores that the study can use while it starts one cycle of brackets."""
-        rungs = self.study.schedule.brackets(min(self.brackets, self.study.schedule.cycle))
-        trials = self.concurrent_trials or initial_configurations(rungs)
-        return trials * max(self.workers_per_trial, 1)
-
     def placed(self, capacity: Capacity) -> Self:
         """Choose the workers per trial unless they are given: 1, or more if the study has fewer
         configurations than there are cores."""
@@ -60,12 +53,12 @@ class StudyCommand:
             return self
         started = initial_configurations(self.study.schedule.brackets(self.brackets))
         trials = min(self.concurrent_trials or started, started)
-        workers = min(capacity.fair_share(trials), _largest_generation(self.study))
+        workers = min(capacity.trials(trials), _largest_generation(self.study))
         return replace(self, workers_per_trial=workers)
 
     def trials_on(self, capacity: Capacity) -> int:
         """Return the number of concurrent trials on a cluster."""
-        return self.concurrent_trials or capacity.fair_share(self.workers_per_trial)
+        return self.concurrent_trials or capacity.trials(self.workers_per_trial)
 
 
 def _largest_generation(study: Study) -> int:
@@ -104,7 +97,6 @@ def run_study(command: StudyCommand) -> int:
     study.prior_configuration()  # raises InvalidInput
     with (
         command.context.connected(workers, command.concurrent_trials or 1) as driver,
-        scaled_to(command.cores_wanted, command.context.address),
         driver.session(study.folder, study.task.id, study.settings()) as session,
     ):
         return _Runner(command.placed(Capacity.of_cluster()), session).run()

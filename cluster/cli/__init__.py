@@ -7,8 +7,8 @@ def main() -> None:
     """Run the console script. Invalid input prints one line and exits with code 2. An interruption,
     also during imports, exits with code 130."""
     try:
-        from cluster.cli.program import run
+        from cluster.cli.program import cli
 
-        run()
+        cli.main()
     except KeyboardInterrupt:
         sys.exit(130)

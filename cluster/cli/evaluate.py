@@ -1,16 +1,14 @@
-"""The command `evaluate`."""
+"""The commands `evaluate` and `experiment`: fresh agents on SEs and on the real task."""
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from bilevel.errors import InvalidInput, unknown_value
+from bilevel.errors import InvalidInput
 from bilevel.tasks import Task
-from cluster.cli.decorators import common_options, set_option, vary_option, workers_option
-from cluster.cli.options import RunOptions, once
-from cluster.cli.parameters import POSITIVE
-from cluster.cli.ses import GivenSE, SEAddress, load_se_of, task_option
+from cluster.cli.options import POSITIVE, common_options, hp_options, task_option, workers_option
+from cluster.cli.run_options import RunOptions, the_context
+from cluster.cli.ses import given_se, load_se_of
 from cluster.storage.home import LONGEST_NAME, plain_name
 
 if TYPE_CHECKING:
@@ -19,36 +17,22 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("given", metavar="[SE]...", nargs=-1, type=SEAddress())
+@click.argument("given", metavar="[SE]...", nargs=-1)
 @click.option("--real", metavar="TASK", help="Also train on this real task, as the baseline.")
 @task_option
 @click.option(
-    "--agents",
-    "count",
-    type=POSITIVE,
-    default=10,
-    show_default=True,
-    help="Fresh agents of each kind trained on each source.",
+    "--agents", "count", type=POSITIVE, default=10, help="Agents per kind and source (default: 10)."
 )
-@vary_option
-@set_option
+@hp_options
 @click.option(
-    "--recipe",
-    help="Recipe of the agents' hyperparameters: paper, authors, default or a file (default: the "
-    "paper's table of default hyperparameters).",
+    "--recipe", help="Recipe of the agents (default: the paper's table of default hyperparameters)."
 )
-@click.option(
-    "--max-episodes", type=POSITIVE, help="Training episodes at most (default: the recipe's)."
-)
+@click.option("--max-episodes", type=POSITIVE, help="Maximum number of training episodes.")
 @workers_option
-@click.option(
-    "--name",
-    help="Name of the evaluation and its folder; an existing name resumes (default: from sources, "
-    "agents and seed).",
-)
+@click.option("--name", help="Name of the evaluation and its folder; an existing name resumes.")
 @common_options
 def evaluate(
-    given: tuple[GivenSE, ...],
+    given: tuple[str, ...],
     real: str | None,
     se_task: str | None,
     count: int,
@@ -65,18 +49,14 @@ def evaluate(
     An SE is a file, a name in the zoo, or an address in MLflow (runs:/..., models:/...). Each of
     several kinds (--agent ddqn,td3) is trained --agents times.
     """
-    from bilevel.hyperparameters import VARIATIONS
-
     task, sources = _sources(given, real, se_task, options)
     common = RunOptions(task=task.id, recipe=recipe, **options)
     kinds = _kinds(common, max_episodes, settings)
     vary = vary or "no"
-    if vary not in VARIATIONS:
-        raise unknown_value("variation of agents", vary, VARIATIONS)
     varied = "" if vary == "no" else f"-{vary}"
     suffix = f"-{'-'.join(hp.agent for hp in kinds)}{varied}-seed{common.seed}"
     name = name or f"evaluate-{'-'.join(sources)}"[: LONGEST_NAME - len(suffix)] + suffix
-    context = common.the_context()
+    context = the_context(**options)
 
     from cluster.evaluate.command import EvaluateCommand, run_evaluate
 
@@ -86,7 +66,7 @@ def evaluate(
 
 
 def _sources(
-    given: tuple[GivenSE, ...], real: str | None, se_task: str | None, options: dict[str, Any]
+    given: tuple[str, ...], real: str | None, se_task: str | None, options: dict[str, Any]
 ) -> tuple[Task, dict[str, "StoredSE | None"]]:
     """Return the common task of all sources, and the SEs by label, None for the real task. Raises
     InvalidInput."""
@@ -95,25 +75,26 @@ def _sources(
             "--solved-reward and --step-limit need --real: an SE file contains its own values"
         )
     # Import the task's module before reading an SE of the task.
-    real_task = None if real is None else RunOptions(task=real, **options).the_task()
-    sources: dict[str, StoredSE | None] = {
-        label: load_se_of(file, se_task) for label, file in labelled(given).items()
-    }
-    tasks = {se.task() for se in sources.values() if se is not None}
-    if real_task is not None:
+    tasks = [] if real is None else [RunOptions(task=real, **options).the_task()]
+    sources: dict[str, StoredSE | None] = {}
+    for address in given:
+        path, label = given_se(address, options["home"], options["tracking_uri"])
+        label = plain_name(label)
+        if label in (*sources, "real"):
+            raise InvalidInput(f"two sources are called {label!r}: rename {str(path)!r}")
+        stored = sources[label] = load_se_of(path, se_task)
+        tasks.append(stored.task())
+    if real is not None:
         sources["real"] = None
-        tasks.add(real_task)
     if not tasks:
         raise InvalidInput("nothing to train on: give SE files, or --real TASK")
-    if len(tasks) > 1:
+    if len(set(tasks)) > 1:
         described = sorted(
-            f"{t.id} ({t.step_limit} steps, solved at {t.solved_reward:g})" for t in tasks
+            f"{t.id} ({t.step_limit} steps, solved at {t.solved_reward:g})" for t in {*tasks}
         )
         raise InvalidInput(f"all sources must have the same task; got {', '.join(described)}")
-    (task,) = tasks
-    if real_task is None:  # else already tried out
-        task.try_out()
-    return task, sources
+    tasks[0].try_out()
+    return tasks[0], sources
 
 
 def _kinds(
@@ -129,23 +110,66 @@ def _kinds(
         kinds = default_agents(names or ("ddqn",))
     else:
         kinds = load_recipe(common.recipe, common.task, names).agents
-    if max_episodes is not None:
-        settings = (*((f"{hp.agent}.max_episodes", max_episodes) for hp in kinds), *settings)
-    kinds = tuple(changed({hp.agent: hp for hp in kinds}, once(settings)).values())
+    own = {f"{hp.agent}.max_episodes": max_episodes for hp in kinds if max_episodes is not None}
+    kinds = tuple(changed({hp.agent: hp for hp in kinds}, own | dict(settings)).values())
     for hp in kinds:
         hp.require_learning()
     return kinds
 
 
-def labelled(given: tuple[GivenSE, ...]) -> dict[str, Path]:
-    """Return the files by their labels in tables, names and metrics. Equal labels get the name of
-    their folder. Raises InvalidInput for equal labels in equal folders."""
-    files: dict[str, Path] = {}
-    for se in given:
-        label = plain_name(se.label)
-        if label in files:
-            label = plain_name(f"{se.path.resolve().parent.name}-{label}")
-        if label in files or label == "real":
-            raise InvalidInput(f"two sources are called {label!r}: rename {str(se.path)!r}")
-        files[label] = se.path
-    return files
+#: Experiments, all of them with the report, and the report.
+_NAMES = (
+    *("success", "transfer", "behaviour", "sample-efficiency", "sensitivity", "cost"),
+    *("all", "report"),
+)
+
+
+@click.command()
+@click.argument("name", type=click.Choice(_NAMES))
+@click.argument("task")
+@click.option(
+    "--size",
+    "size_name",
+    type=click.Choice(["smoke", "local", "paper"]),
+    default="local",
+    show_default=True,
+    help="Numbers of NES runs and agents: smoke, local, or paper.",
+)
+@click.option("--ses", type=click.IntRange(1, 1000), help="SEs per condition.")
+@click.option("--agents", "per_se", type=POSITIVE, help="Agents of each kind on each SE.")
+@click.option("--real-agents", type=POSITIVE, help="Agents of each kind on the real task.")
+@workers_option
+@common_options
+def experiment(
+    name: str,
+    task: str,
+    size_name: str,
+    ses: int | None,
+    per_se: int | None,
+    real_agents: int | None,
+    workers: int | None,
+    **options: Any,
+) -> None:
+    """Run the paper's experiment NAME on TASK, or write a report of all finished experiments.
+
+    NAME is success, transfer, behaviour, sample-efficiency, sensitivity, cost, all or report. NES
+    runs in the same home learn the SEs, and all experiments of a task share them. The same command
+    resumes, and a larger size extends earlier results (docs/experiments.md).
+    """
+    from cluster.experiments.sizes import SIZES
+
+    size = SIZES[size_name].changed(ses, per_se, real_agents)
+    common = RunOptions(task=task, **options)
+    the_task, agents = common.the_task(), common.the_agents()
+    context = the_context(**options)
+
+    from cluster.experiments.command import ExperimentCommand, run_experiments
+    from cluster.experiments.figures import EXPERIMENTS
+    from cluster.experiments.report import write_report
+
+    experiments = [found for found in EXPERIMENTS.values() if name in (found.name, "all")]
+    command = ExperimentCommand(the_task, size, common.seed, context, agents, workers)
+    if experiments:
+        run_experiments(command, experiments)
+    if name in ("all", "report"):
+        write_report(command)

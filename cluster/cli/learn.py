@@ -6,27 +6,21 @@ from typing import Any
 
 import click
 
-from cluster.cli.decorators import run_options, workers_option
-from cluster.cli.options import RunOptions
-from cluster.cli.parameters import POSITIVE, Duration
+from cluster.cli.options import POSITIVE, run_options, seconds, workers_option
+from cluster.cli.run_options import RunOptions, the_context
 from cluster.storage.home import plain_name
 
 
 @click.command()
 @run_options
-@click.option("--generations", type=POSITIVE, help="Maximum number (default: the recipe's).")
+@click.option("--generations", type=POSITIVE, help="Maximum number.")
 @workers_option
 @click.option(
     "--solved-for",
     type=POSITIVE,
-    help="Stop once the mean of this many generations solves the task and fresh agents confirm it "
-    "(default: the recipe's; paper and authors never stop early).",
+    help="Stop once the mean of this many generations solves the task and fresh agents confirm it.",
 )
-@click.option(
-    "--name",
-    help="Name of the run and its folder; an existing name resumes (default: from recipe, agents "
-    "and seed, as nes-default-seed0).",
-)
+@click.option("--name", help="Name of the run and its folder; an existing name resumes.")
 def nes(
     generations: int | None,
     workers: int | None,
@@ -34,18 +28,21 @@ def nes(
     name: str | None,
     **options: Any,
 ) -> None:
-    """Learn an SE for TASK (CartPole-v0, Acrobot-v1 or another gymnasium id) by one NES run."""
+    """Learn an SE for TASK (CartPole-v0, Acrobot-v1 or another gymnasium id) by one NES run.
+
+    The options default to the values of the recipe and the task.
+    """
     from bilevel.hyperparameters import CONFIRMING_AGENTS
 
     common = RunOptions(**options)
     task = common.the_task()
     hp = common.the_hyperparameters(task, generations=generations, solved_for=solved_for)
     # Recipes that never stop early have no confirming agents.
-    if solved_for and "nes.confirming_agents" not in dict(common.settings):
+    if solved_for and "nes.confirming_agents" not in common.replaced:
         confirming = hp.nes.confirming_agents or CONFIRMING_AGENTS
         hp = replace(hp, nes=replace(hp.nes, confirming_agents=confirming))
     name = name or plain_name(f"nes{common.suffix(hp.recipe)}-seed{common.seed}")
-    context = common.the_context()
+    context = the_context(**options)
     folder = context.home.run_folder(task.id, name)
 
     from cluster.nes.command import NESCommand, run_nes
@@ -57,49 +54,42 @@ def nes(
 
 @click.command()
 @run_options
-@click.option(
-    "--study",
-    help="Name of the study and its folder; an existing name resumes (default: from method, "
-    "profile, space, recipe, agents and seed, as bohb-local-core-default-seed0).",
-)
+@click.option("--study", help="Name of the study and its folder; an existing name resumes.")
 @click.option(
     "--profile",
     default="local",
     show_default=True,
-    help="Size of the search: smoke (a quick check), local (30 minutes) or paper (the paper's).",
+    help="Size of the search: smoke, local (30 minutes) or paper.",
 )
 @click.option(
     "--space",
     help="Search space: full (the paper's 18 hyperparameters), core (eight of NES and the SE), or "
-    "a file of ConfigSpace, *.json or *.yaml (default: the profile's).",
+    "a file of ConfigSpace, *.json or *.yaml.",
 )
-@click.option("--brackets", type=click.IntRange(1, 1000), help="Number (default: the profile's).")
+@click.option("--brackets", type=click.IntRange(1, 1000), help="Number of brackets.")
 @click.option(
     "--time-budget",
-    type=Duration(),
-    help="Time limit of this call: 90s, 45m, 2h or seconds (default: the profile's).",
+    type=seconds,
+    metavar="DURATION",
+    help="Time limit of this call: 90s, 45m, 2h or seconds.",
 )
 @click.option(
-    "--workers-per-trial",
-    type=POSITIVE,
-    help="Actors per trial (default: 1, or more if there are more cores than configurations).",
+    "--workers-per-trial", type=POSITIVE, help="Actors (default: 1, or more on a large cluster)."
 )
 @click.option(
-    "--concurrent-trials",
-    type=POSITIVE,
-    help="Default: all that fit into this study's share of the cores.",
+    "--concurrent-trials", type=POSITIVE, help="Number (default: all that fit into the cluster)."
 )
 @click.option(
     "--method",
+    type=click.Choice(["bohb", "hyperband", "random"]),
     default="bohb",
     show_default=True,
-    help="bohb, hyperband (brackets without a model) or random (search at the largest budget).",
+    help="hyperband runs brackets without a model, random searches at the largest budget.",
 )
 @click.option(
     "--prior",
     type=click.Choice(["none", "recipe"]),
-    help="recipe evaluates the recipe's configuration first and draws about half of the random "
-    "configurations around it (default: recipe in the profile local, else none).",
+    help="recipe draws about half of the random configurations around the recipe's.",
 )
 @click.option("--dry-run", is_flag=True, help="Only print brackets, cost and estimated time.")
 def bohb(
@@ -111,20 +101,24 @@ def bohb(
     dry_run: bool,
     **options: Any,
 ) -> None:
-    """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
-    from cluster.bohb.study.profiles import get_method, get_profile, sized
+    """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters.
+
+    The options default to the values of the profile.
+    """
+    from cluster.bohb.study.profiles import get_profile, sized
     from cluster.bohb.study.rules import searched_space
     from search_spaces.space import Space
 
     changes = {name: options.pop(name) for name in ("space", "brackets", "time_budget", "prior")}
     common = RunOptions(**options)
     task = common.the_task()
-    get_method(method)
     size = get_profile(profile)
     size = replace(size, **{name: value for name, value in changes.items() if value is not None})
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
-    searched = searched_space(Space.of(size.space), task, hp, common.replaced, size.prior)
-    context = common.the_context()
+    searched = searched_space(
+        Space.of(size.space), task, hp, [*common.replaced.items()], size.prior
+    )
+    context = the_context(**options)
     default = f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"
     folder = context.home.run_folder(task.id, study or plain_name(default))
 

@@ -1,137 +1,135 @@
-"""Objects that commands build from their shared options."""
+"""Options that several commands share, and their types."""
 
-from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+import json
+import re
+from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from bilevel.errors import InvalidInput, unknown_value
-from bilevel.tasks import Task
-from cluster.storage.home import Home
+import click
 
-if TYPE_CHECKING:
-    from bilevel.hyperparameters import Hyperparameters
-    from cluster.session.context import RunContext
+from cluster.storage.home import DEFAULT_HOME
 
+Decorator = Callable[[Callable[..., Any]], Callable[..., Any]]
 
-def once(settings: Iterable[tuple[str, Any]]) -> dict[str, Any]:
-    """Return hyperparameters by name. Raises InvalidInput for a name that is given twice."""
-    values: dict[str, Any] = {}
-    for name, value in settings:
-        if name in values:
-            raise InvalidInput(
-                f"{name} is given twice, as {values[name]} and as {value}: give one value"
-            )
-        values[name] = value
-    return values
+#: A number of at least 1.
+POSITIVE = click.IntRange(min=1)
+
+#: A file that a command writes, or reads itself.
+FILE = click.Path(path_type=Path, dir_okay=False)
+
+_SECONDS = {"": 1.0, "s": 1.0, "m": 60.0, "h": 3600.0}
 
 
-@dataclass(frozen=True)
-class RunOptions:
-    """Values of the shared options. Not all commands have the options with a default."""
-
-    task: str
-    seed: int
-    agents: str | None
-    agent_files: tuple[Path, ...]
-    address: str | None
-    tracking_uri: str | None
-    home: Path
-    solved_reward: float | None
-    step_limit: int | None
-    population: int | None = None
-    recipe: str | None = None
-    settings: tuple[tuple[str, Any], ...] = ()
-    vary: str | None = None
-    worst_score: float | None = None
-
-    def the_task(self) -> Task:
-        from bilevel.tasks import get_task
-
-        task = get_task(self.task, self.solved_reward, self.step_limit, self.worst_score)
-        task.try_out()
-        return task
-
-    def the_agents(self) -> tuple[str, ...] | None:
-        """Load the agent files and return the names of the agents, or None for the recipe's.
-
-        Raises InvalidInput for an unknown agent, and for a file whose agents are not used.
-        """
-        from bilevel.agents import get_agent
-        from cluster.ray.agent_files import load_agent_file
-
-        names = () if self.agents is None else tuple(map(str.strip, self.agents.split(",")))
-        for file in self.agent_files:
-            registered = load_agent_file(file)
-            if registered and self.recipe is None and not {*registered} & {*names}:
-                raise InvalidInput(
-                    f"agent file {str(file)!r} registers {' and '.join(registered)}, which this "
-                    f"command does not use: give --agent {','.join(registered)}"
-                )
-        for name in names:
-            get_agent(name)
-        return names or None
-
-    def the_hyperparameters(
-        self,
-        task: Task,
-        default_recipe: str = "default",
-        sized: Callable[["Hyperparameters"], "Hyperparameters"] = lambda hp: hp,
-        **nes: Any,
-    ) -> "Hyperparameters":
-        """Return the recipe's hyperparameters, changed by `sized` and then by the options.
-
-        `nes` contains fields of NES from options of a single command; None keeps a value. Raises
-        InvalidInput, also for a hyperparameter that is given twice.
-        """
-        from bilevel.recipes import load_recipe
-        from search_spaces.translation import to_hyperparameters
-
-        name, file = self._recipe(task, default_recipe)
-        hp = sized(replace(load_recipe(file, task.id, self.the_agents()), recipe=name))
-        vary: Any = self.vary or hp.vary_agent  # checked by Hyperparameters
-        own = [(f"nes.{field}", value) for field, value in nes.items() if value is not None]
-        return to_hyperparameters(replace(hp, vary_agent=vary), once([*own, *self.replaced]))
-
-    @property
-    def replaced(self) -> list[tuple[str, Any]]:
-        """Hyperparameters that the options replace, with their values."""
-        own = [] if self.population is None else [("nes.population_size", self.population)]
-        return [*own, *self.settings]
-
-    def _recipe(self, task: Task, default: str) -> tuple[str, str]:
-        """Return the recipe's name, and the name or file for `load_recipe`: the incumbent's file if
-        the recipe is a study on the task. Raises InvalidInput."""
-        from bilevel.recipes import RECIPES
-
-        given = self.recipe or default
-        if given in RECIPES or given.endswith(".toml"):
-            return Path(given).stem, given
-
-        from cluster.bohb.study.definition import RECIPE_FILE
-
-        runs = {folder.name: folder for folder in Home(self.home).runs(task.id)}
-        studies = [name for name, folder in runs.items() if (folder / RECIPE_FILE).exists()]
-        if given in studies:
-            return given, str(runs[given] / RECIPE_FILE)
-        if given in runs:
-            raise InvalidInput(f"{given!r} on {task.id} has no recipe: give a finished study")
-        finished = f"finished studies on {task.id} ({', '.join(studies) or 'none yet'})"
-        raise unknown_value("recipe", given, (*RECIPES, "recipe files (*.toml)", finished))
-
-    def suffix(self, recipe: str) -> str:
-        """Return the part of a default name that states recipe, agents and variation."""
-        agents = "" if self.agents is None else "-" + self.agents.replace(",", "-").replace(" ", "")
-        return f"-{recipe}{agents}" + (f"-{self.vary}" if self.vary else "")
-
-    def the_context(self) -> "RunContext":
-        return the_context(self.home, self.tracking_uri, self.address)
+def seconds(text: str) -> float:
+    """Parse `90s`, `45m`, `2h` or plain seconds."""
+    match = re.fullmatch(r"(\d+(?:\.\d+)?)([smh]?)", text)
+    if match is None or float(match[1]) == 0:
+        raise click.BadParameter(f"{text!r} is not a duration such as 90s, 45m or 2h")
+    return float(match[1]) * _SECONDS[match[2]]
 
 
-def the_context(home: Path, tracking_uri: str | None, address: str | None) -> "RunContext":
-    """Return home, MLflow and Ray cluster of a command."""
-    from cluster.session.context import RunContext
+def setting(text: str) -> tuple[str, Any]:
+    """Parse `section.field=value` into the name and a number, bool or string."""
+    name, _, value = text.partition("=")
+    if not (name and value):
+        raise click.BadParameter(f"{text!r} is not a setting such as nes.std_dev=0.03")
+    try:
+        return name, json.loads(value)
+    except ValueError:
+        return name, value
 
-    place = Home(home)
-    uri = tracking_uri or place.database_uri
-    return RunContext(place, uri, None if address == "local" else address, tracking_uri is not None)
+
+def combined(*decorators: Decorator) -> Decorator:
+    """Return a decorator that adds several options; help lists them in this order."""
+    return lambda command: reduce(lambda f, decorator: decorator(f), decorators[::-1], command)
+
+
+home_option = click.option(
+    "--home",
+    type=click.Path(file_okay=False, path_type=Path),
+    default=DEFAULT_HOME,
+    show_default=True,
+    help="Folder of checkpoints, journals and MLflow's database.",
+)
+tracking_option = click.option(
+    "--tracking-uri",
+    envvar="MLFLOW_TRACKING_URI",
+    help="MLflow server or database (default: $MLFLOW_TRACKING_URI, else SQLite in --home).",
+)
+address_option = click.option(
+    "--address",
+    envvar="RAY_ADDRESS",
+    help="Ray cluster with a node on this machine: host:port, auto, or local for a new one "
+    "(default: $RAY_ADDRESS, else local).",
+)
+agent_file_option = click.option(
+    "--agent-file",
+    "agent_files",
+    type=click.Path(exists=True, dir_okay=False, path_type=Path),
+    multiple=True,
+    help="Python file that registers an agent for --agent (docs/agents.md); may be repeated.",
+)
+#: Options that change hyperparameters.
+hp_options = combined(
+    click.option(
+        "--set",
+        "settings",
+        type=setting,
+        multiple=True,
+        metavar="SECTION.FIELD=VALUE",
+        help="Replace a hyperparameter of the recipe, as in nes.std_dev=0.1; may be repeated.",
+    ),
+    click.option(
+        "--vary-hp",
+        "vary",
+        type=click.Choice(["no", "small", "narrowed", "all"]),
+        help="Draw the agents' learning rate, batch size and network from the paper's ranges: all "
+        "of them, small and cheap ones, or narrowed, with narrow networks instead of large ones.",
+    ),
+)
+workers_option = click.option(
+    "--workers", type=POSITIVE, help="Actors (default: one per core of the cluster)."
+)
+task_option = click.option(
+    "--task",
+    "se_task",
+    metavar="MODULE:ID",
+    help="Task of the SE, as given to `nes`, if a custom module registers it.",
+)
+
+#: Options of all commands that train agents.
+common_options = combined(
+    click.option("--seed", type=click.IntRange(min=0), default=0, show_default=True, help="Seed."),
+    click.option(
+        "--agent",
+        "agents",
+        help="Agents, comma-separated: ddqn, dueling-ddqn, td3 or custom ones. `nes` and `bohb` "
+        "draw one of them per evaluation, other commands train each (default: the recipe's).",
+    ),
+    agent_file_option,
+    address_option,
+    tracking_option,
+    home_option,
+    click.option("--solved-reward", type=float, help="Mean return that solves the task."),
+    click.option("--step-limit", type=POSITIVE, help="Maximum steps per episode of the real task."),
+)
+
+#: Options of the commands that learn SEs.
+run_options = combined(
+    click.argument("task"),
+    click.option(
+        "--recipe",
+        help="Hyperparameters: default, paper, authors, a recipe file (*.toml), or a study, for "
+        "its incumbent's (default: default; for the profile paper: authors).",
+    ),
+    hp_options,
+    click.option("--population", type=POSITIVE, help="NES members per generation, n_p."),
+    click.option(
+        "--worst-score",
+        type=float,
+        help="Approximate lower bound of the mean return, which a diverged agent scores.",
+    ),
+    common_options,
+)

@@ -1,33 +1,20 @@
 """All commands of `bilevel`."""
 
-import io
-import re
 import sys
 from typing import Any, NoReturn
 
 import click
 
 from bilevel.errors import InvalidInput
-from cluster.cli.evaluate import evaluate
-from cluster.cli.experiment import experiment
-from cluster.cli.files import export_se
+from cluster.cli.evaluate import evaluate, experiment
+from cluster.cli.home import runs, sync, ui
 from cluster.cli.learn import bohb, nes
-from cluster.cli.runs import runs, sync
-from cluster.cli.show import recipe, show
-from cluster.cli.ui import ui
-from cluster.cli.zoo import zoo
+from cluster.cli.ses import export_se, show
+from cluster.cli.zoo import recipe, zoo
 
 
 class _Program(click.Group):
     """Group that reports all invalid input as one line and exit code 2."""
-
-    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Parse, but reject empty values, such as unset shell variables."""
-        for option, value in zip(["", *args], args, strict=False):
-            if value == "" or re.fullmatch("--[a-z-]+=", value):
-                name = value.rstrip("=") or option
-                raise click.UsageError(f"{name}: the value is empty: give one, or omit the option")
-        return super().parse_args(ctx, args)
 
     def main(self, *args: Any, **options: Any) -> NoReturn:
         """Run the command and exit."""
@@ -38,13 +25,13 @@ class _Program(click.Group):
             click.echo(error.format_message(), err=True)
             sys.exit(2)
         except click.ClickException as error:
-            _fail(error.format_message())
+            message = error.format_message()
         except InvalidInput as error:
-            _fail(str(error))
-        except PermissionError as error:
-            _fail(f"no permission to use {str(error.filename)!r}")
+            message = str(error)
         except click.Abort:
             sys.exit(130)
+        click.echo(f"bilevel: {' '.join(message.split())}", err=True)
+        sys.exit(2)
 
 
 @click.group(
@@ -57,20 +44,7 @@ def cli() -> None:
 
 for command in (
     *(nes, bohb, evaluate, experiment),
-    *(show, recipe, zoo, export_se),
+    *(show, recipe, zoo, export_se, import_se),
     *(runs, sync, ui),
 ):
     cli.add_command(command)
-
-
-def run() -> None:
-    """Run the command that the arguments of this process name, and exit."""
-    for stream in (sys.stdout, sys.stderr):
-        if isinstance(stream, io.TextIOWrapper):
-            stream.reconfigure(errors="replace")  # for characters that the encoding lacks
-    cli.main()
-
-
-def _fail(message: str) -> NoReturn:
-    click.echo(f"bilevel: {' '.join(message.split())}", err=True)
-    sys.exit(2)

@@ -1,13 +1,29 @@
-"""The command `zoo`."""
+"""The commands `recipe` and `zoo`: what comes with this package."""
 
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
-from cluster.cli.decorators import address_option, home_option, tracking_option, workers_option
-from cluster.cli.options import the_context
-from cluster.cli.parameters import POSITIVE
+from cluster.cli import options
+from cluster.cli.options import POSITIVE
+from cluster.cli.run_options import the_context
+
+if TYPE_CHECKING:
+    from bilevel.zoo import Card
+
+
+@click.command()
+@click.argument("name")
+@click.option(
+    "--task", default="CartPole-v0", show_default=True, help="Task for which the recipe is used."
+)
+def recipe(name: str, task: str) -> None:
+    """Print all hyperparameters of the recipe NAME (default, paper, authors or a file, *.toml)."""
+    from bilevel.recipes import complete_recipe
+
+    click.echo(complete_recipe(name, task), nl=False)
 
 
 @click.group(invoke_without_command=True)
@@ -17,9 +33,8 @@ def zoo(context: click.Context) -> None:
     if context.invoked_subcommand is not None:
         return
     from bilevel.zoo import ENTRIES, card
-    from cluster.zoo.table import print_zoo
 
-    print_zoo(card(name) for name in ENTRIES)
+    _print_zoo(card(name) for name in ENTRIES)
     click.echo('use one with `import bilevel, gymnasium; gymnasium.make("bilevel/Synthetic-...")`')
 
 
@@ -32,17 +47,11 @@ def zoo(context: click.Context) -> None:
     show_default=True,
     help="Folder for NAME.safetensors and its card NAME.json.",
 )
-@click.option(
-    "--agents",
-    type=POSITIVE,
-    default=50,
-    show_default=True,
-    help="Fresh agents of each kind for the card.",
-)
-@workers_option
-@address_option
-@tracking_option
-@home_option
+@click.option("--agents", type=POSITIVE, default=50, help="Agents of each kind (default: 50).")
+@options.workers_option
+@options.address_option
+@options.tracking_option
+@options.home_option
 def build(name: str, folder: Path, agents: int, workers: int | None, **where: Any) -> None:
     """Recreate the SE NAME and its card by an NES run and fresh agents trained on its SE.
 
@@ -52,9 +61,18 @@ def build(name: str, folder: Path, agents: int, workers: int | None, **where: An
 
     entry, context = get_entry(name), the_context(**where)
 
-    from cluster.zoo.build import BuildCommand
     from cluster.zoo.build import build as make
-    from cluster.zoo.table import print_zoo
 
-    print_zoo([make(BuildCommand(entry, context, folder, agents, workers))])
+    _print_zoo([make(entry, context, folder, agents, workers)])
     click.echo(f"written: {folder / name}.safetensors and its card, .json")
+
+
+def _print_zoo(cards: Iterable["Card"]) -> None:
+    """Print one line for each SE and kind of agents trained on it."""
+    click.echo(f"{'gymnasium id':36}{'agents':>17}{'mean return':>13}{'solved':>8}{'steps':>8}")
+    for card in cards:
+        for row in card.taught:
+            click.echo(
+                f"{card.env_id:36}{f'{row.agents} {row.agent}':>17}{row.mean_return:13.1f}"
+                f"{row.solved_fraction:8.0%}{row.train_steps:8.0f}"
+            )

@@ -50,7 +50,7 @@ class EvaluateCommand:
     def settings(self) -> dict[str, Any]:
         """Return the settings that must stay the same on a resume, which may add agents."""
         return {
-            **settings_of(KIND, self.task, self.seed, [hp.agent for hp in self.kinds]),
+            **settings_of(KIND, self.task, self.seed),
             "vary": self.vary,
             "sources": {
                 label: "real" if se is None else se.se.digest for label, se in self.sources.items()

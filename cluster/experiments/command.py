@@ -72,7 +72,7 @@ class ExperimentCommand:
 
     def settings(self, experiment: str, kinds: Mapping[str, Any]) -> dict[str, Any]:
         """Return what must stay the same on a resume; the size may change."""
-        settings = settings_of(KIND, self.task, self.seed, kinds)
+        settings = settings_of(KIND, self.task, self.seed)
         return {**settings, "experiment": experiment, "kinds": kinds}
 
 

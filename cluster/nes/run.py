@@ -68,8 +68,7 @@ class NESRun:
         """Return the settings that must not change on resume, without `nes.generations`."""
         hp = self.hp.to_dict()
         del hp["nes"]["generations"]
-        agents = [agent.agent for agent in self.hp.agents]
-        return {**settings_of(KIND, self.task, self.seed, agents), **hp}
+        return {**settings_of(KIND, self.task, self.seed), **hp}
 
     @classmethod
     def read(cls, folder: Path) -> "NESRun":

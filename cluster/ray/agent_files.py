@@ -4,44 +4,35 @@ import linecache
 import os
 import sys
 from contextlib import suppress
-from importlib.abc import SourceLoader
-from importlib.machinery import PathFinder
-from importlib.util import module_from_spec, spec_from_loader
+from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from bilevel.agents import registered_agents
 from bilevel.errors import InvalidInput
 
 
-class AgentFile(SourceLoader):
-    """Import one file with the content that the driver has read.
+@dataclass(frozen=True)
+class AgentFile:
+    """A file with the content that the driver has read, for actors that start later or on machines
+    without the file."""
 
-    Pickled copies give the same version to actors that start later or on machines without the file.
-    """
-
-    def __init__(self, file: Path) -> None:
-        self.name, self.path = file.stem, str(file.resolve())
-        self.source = file.read_bytes()
-
-    def get_filename(self, fullname: str) -> str:
-        return self.path
-
-    def get_data(self, path: str | bytes) -> bytes:
-        return self.source
+    path: Path
+    source: bytes
 
     def load(self) -> None:
         """Import the file. Other modules in its folder become importable."""
+        name, path = self.path.stem, str(self.path)
         lines = self.source.decode().splitlines(keepends=True)
-        linecache.cache[self.path] = (len(self.source), None, lines, self.path)  # for tracebacks
-        sys.path.insert(0, str(Path(self.path).parent))
-        spec = spec_from_loader(self.name, self)
-        assert spec is not None
-        module = sys.modules[self.name] = module_from_spec(spec)
+        linecache.cache[path] = (len(self.source), None, lines, path)  # for tracebacks
+        sys.path.insert(0, str(self.path.parent))
+        module = sys.modules[name] = ModuleType(name)
+        module.__file__ = path
         try:
-            self.exec_module(module)
+            exec(compile(self.source, path, "exec"), module.__dict__)
         except BaseException:
-            del sys.modules[self.name]
+            del sys.modules[name]
             raise
 
 
@@ -50,27 +41,20 @@ LOADED: list[AgentFile] = []
 
 
 def load_agent_file(file: Path) -> tuple[str, ...]:
-    """Import a file that registers agents, also in actors that start later, and return the names of
-    the agents. The result is empty if this process has already imported the file.
+    """Import a file that registers agents, also in actors that start later.
 
-    Raises InvalidInput if the file cannot be imported, registers no agent, or shares its name with
-    another module.
+    Return the names of its agents, or nothing if it is already imported. Raises InvalidInput.
     """
-    if not file.stem.isidentifier() or file.suffix != ".py":
-        raise InvalidInput(f"agent file {str(file)!r} must be a Python file, NAME.py")
-    known, loaded = registered_agents(), sys.modules.get(file.stem)
+    path, known = file.resolve(), registered_agents()
+    if any(agent_file.path == path for agent_file in LOADED):
+        return ()
+    if file.stem in {*sys.modules, *sys.stdlib_module_names}:
+        raise InvalidInput(
+            f"agent file {str(file)!r} has the name of another module, {file.stem}: rename it"
+        )
     try:
-        elsewhere = [path for path in sys.path if Path(path).resolve() != file.resolve().parent]
-        spec = loaded.__spec__ if loaded else PathFinder.find_spec(file.stem, elsewhere)
-        origin = None if spec is None else spec.origin
-        if origin is not None and Path(origin).resolve() != file.resolve():
-            raise InvalidInput(f"it has the name of another module, {origin}: rename it")
-        if loaded:
-            return ()
-        agent_file = AgentFile(file)
+        agent_file = AgentFile(path, path.read_bytes())
         agent_file.load()
-    except InvalidInput as error:
-        raise InvalidInput(f"agent file {str(file)!r}: {error}") from None
     except (Exception, SystemExit) as error:
         raise InvalidInput(f"agent file {str(file)!r}: {type(error).__name__}: {error}") from None
     LOADED.append(agent_file)
@@ -83,10 +67,9 @@ def load_agent_file(file: Path) -> tuple[str, ...]:
 
 
 def runtime_env(local: bool) -> dict[str, Any] | None:
-    """Return the `runtime_env` with which Ray's workers import what this process imports, or None.
+    """Return the `runtime_env` with which Ray's workers import the loaded agent files, or None.
 
-    Workers import the loaded agent files. On a cluster that was joined, they also search the
-    folders in PYTHONPATH; workers of a `local` cluster inherit the variable.
+    On a cluster that was joined, workers do not inherit PYTHONPATH and get its folders too.
     """
     files = [*LOADED]
     paths = [] if local else os.environ.get("PYTHONPATH", "").split(os.pathsep)

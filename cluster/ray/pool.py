@@ -1,11 +1,11 @@
 """A pool of Ray actors that evaluates SEs.
 
-Each actor gets batches of requests, the most expensive first (`cluster.ray.queue`), once it has
-started: nodes may join and leave. The pool replaces an actor that dies and resubmits its requests
-to any actor. The results stay the same, because a result depends only on its request.
+Each actor gets batches of requests, the most expensive first, once it has started: nodes may join
+and leave. The pool replaces an actor that dies and resubmits its requests to any actor. The results
+stay the same, because a result depends only on its request.
 """
 
-from collections import Counter, defaultdict
+from collections import Counter, deque
 from collections.abc import Callable, Sequence
 from typing import Any, Self
 
@@ -13,10 +13,21 @@ import ray
 from ray.exceptions import RayError, RayTaskError
 
 from bilevel.errors import InvalidInput, first_line
-from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource, evaluate
+from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.tasks import Task
 from cluster.ray.connection import Capacity
-from cluster.ray.queue import Batch, RequestQueue
+
+#: Requests that an actor evaluates in one call.
+Batch = tuple[EvaluationRequest, ...]
+
+#: A batch is 1 / BATCHES of an actor's share of the remaining requests (guided self-scheduling;
+#: Polychronopoulos and Kuck, 1987): first large, because a round trip takes about a millisecond and
+#: an evaluation may take five, and at last single, so that actors finish at about the same time.
+BATCHES = 4
+
+#: Expected cost, in multiplications per training step, above which a batch takes no more requests,
+#: so that little is lost if the driver ends. Eight small agents, about half a second, reach it.
+LONG = 2e6
 
 #: Deaths of actors in the same batch after which the pool gives up, because a request must be the
 #: cause (out of memory, for instance). Also the limit, per actor, of deaths in a row at start.
@@ -34,17 +45,15 @@ class _Worker:
         """Return once the actor has started."""
 
     def evaluate(self, task: Task, se: SESource, batch: Batch) -> list[EvaluationResult]:
-        return [evaluate(task, se, request) for request in batch.requests]
+        return [evaluate(task, se, request) for request in batch]
 
 
 class EvaluationPool:
-    """A pool of `workers` actors with one core each. The context manager ends them.
-
-    If fewer cores are free, the actors that have a core do all the work.
-    """
+    """A pool of `workers` actors with one core each, of which those with a core do all the work."""
 
     def __init__(self, workers: int) -> None:
-        self._workers = workers
+        #: Number of actors.
+        self.size = workers
         self._started: list[Any] = []
         self._starting: dict[Any, Any] = {}  # actors by the reference of their call of `ready`
         self._deaths_at_start = 0
@@ -57,21 +66,8 @@ class EvaluationPool:
 
     @classmethod
     def on_cluster(cls, workers: int | None) -> Self:
-        """Return a pool of `workers` actors, by default one per core of this run's share.
-
-        Raises InvalidInput if the cluster has fewer cores. A cluster without any core is allowed,
-        because an autoscaler may add nodes for waiting actors.
-        """
-        capacity = Capacity.of_cluster()
-        workers = workers or capacity.fair_share(1)
-        if capacity.cores:
-            capacity.require(workers)
-        return cls(workers)
-
-    @property
-    def size(self) -> int:
-        """Number of actors."""
-        return self._workers
+        """Return a pool of `workers` actors, by default one per core of the cluster."""
+        return cls(workers or Capacity.of_cluster().trials(1))
 
     def __enter__(self) -> Self:
         return self
@@ -94,21 +90,20 @@ class EvaluationPool:
     ) -> list[EvaluationResult]:
         """Evaluate all requests and return the results in no particular order.
 
-        `se` (an SE, several SEs, or a distribution that requests draw from) is sent once.
-        `on_result` is called with each result. Raises ActorsDied if actors keep dying at start or
-        in the same batch, and UserCodeError for an error in a custom agent or task.
+        `se` (an SE, several SEs, or a distribution that requests draw from) is sent once. Raises
+        ActorsDied if actors keep dying, and Mistake for an error in a custom agent or task.
         """
         arguments = [ray.put(task), ray.put(se)]
-        queue = RequestQueue(requests, self.size)
-        held: defaultdict[Any, list[Batch]] = defaultdict(list)  # by actor, oldest first
+        waiting = deque(batches(requests, self.size))
         running: dict[Any, tuple[Any, Batch]] = {}  # actor and batch by reference
-        deaths: Counter[int] = Counter()  # by batch
+        deaths: Counter[int] = Counter()  # by the index of a batch's first request
         results: list[EvaluationResult] = []
-        while queue or running:
-            for actor in sorted(self._started, key=lambda actor: len(held[actor])):
-                while (batch := queue.take(held[actor])) is not None:
+        while waiting or running:
+            busy = {actor for actor, _ in running.values()}
+            for actor in [actor for actor in self._started if actor not in busy]:
+                if waiting:
+                    batch = waiting.popleft()
                     running[actor.evaluate.remote(*arguments, batch)] = actor, batch
-                    held[actor].append(batch)
             (finished,), _ = ray.wait([*running, *self._starting], num_returns=1)
             if finished in self._starting:
                 self._register_start(finished)
@@ -119,12 +114,10 @@ class EvaluationPool:
             except RayTaskError as error:  # an error of the evaluation itself
                 raise (error.cause if isinstance(error.cause, InvalidInput) else error) from None
             except RayError as error:  # the actor, its node or the result was lost
-                _count_death(held[actor][0], deaths, error)
-                running = {ref: pair for ref, pair in running.items() if pair[0] != actor}
-                queue.put_back(held.pop(actor))
+                _count_death(batch, deaths, error)
+                waiting.appendleft(batch)
                 self._replace(actor)
                 continue
-            held[actor].remove(batch)
             for result in answers:
                 self.evaluation_seconds += result.seconds
                 self.real_env_steps += result.real_env_steps
@@ -158,11 +151,32 @@ class EvaluationPool:
 
 def _count_death(batch: Batch, deaths: Counter[int], error: RayError) -> None:
     """Count the death of an actor in `batch`. Raises ActorsDied at the limit."""
-    deaths[batch.index] += 1
-    if deaths[batch.index] >= MAX_DEATHS:
-        agents = sorted({request.agent.agent for request in batch.requests})
+    deaths[batch[0].index] += 1
+    if deaths[batch[0].index] >= MAX_DEATHS:
+        agents = sorted({request.agent.agent for request in batch})
         raise ActorsDied(
-            f"{MAX_DEATHS} actors died in the same evaluations, of the agent "
-            f"{' or '.join(agents)}: it ends its process, or needs more memory than is available "
-            f"({first_line(error)})"
+            f"{MAX_DEATHS} actors died in evaluations of {' or '.join(agents)}: it ends its "
+            f"process, or needs more memory than is available ({first_line(error)})"
         ) from error
+
+
+def batches(requests: Sequence[EvaluationRequest], actors: int) -> list[Batch]:
+    """Return all requests in batches of decreasing cost, the most expensive requests first.
+
+    Longest processing time first avoids that an actor starts a long evaluation at the end (Graham,
+    1969). Agents on the unperturbed SE come last because they tend to stop sooner.
+    """
+    ordered = sorted(
+        requests, key=lambda request: (-request.agent.step_cost, isinstance(request.on, Centre))
+    )
+    remaining = sum(request.agent.step_cost for request in ordered)
+    divided: list[Batch] = []
+    group: list[EvaluationRequest] = []
+    for request in ordered:
+        group.append(request)
+        cost = sum(member.agent.step_cost for member in group)
+        if cost * actors * BATCHES >= remaining or cost >= LONG:
+            divided.append(tuple(group))
+            group = []
+            remaining -= cost
+    return [*divided, tuple(group)] if group else divided

@@ -7,16 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from bilevel.errors import StorageFailure
-from cluster.session.hints import agent_options
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal, count
 from cluster.storage.author import without_password
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunIdentity, RunStatus, Status
 from cluster.tracking import Mirror, Tracker, Views
-
-#: Default address of `bilevel ui`.
-UI_ADDRESS = "http://127.0.0.1:5000"
 
 
 @dataclass
@@ -29,8 +25,6 @@ class Session:
     tracker: Tracker
     terminal: Terminal
     guard: InterruptGuard
-    #: Options with which a suggested command finds the run's MLflow.
-    tracking_options: str = ""
     #: Status of the run if it ends without an error.
     status: Status = "FINISHED"
 
@@ -46,45 +40,40 @@ class Session:
 
     @contextlib.contextmanager
     def live(self, views: Views, target: int, resume_hint: str) -> Iterator[Mirror]:
-        """Set the run's status to RUNNING with `target`, and mirror views that are marked as
-        changed to MLflow, during the block. At the end both record how the block ended.
+        """Set the run's status to RUNNING with `target`, and mirror changed views to MLflow, during
+        the block. At the end record how the block ended.
 
-        After Ctrl-C a message contains `resume_hint`. If MLflow is incomplete at the end, a message
-        suggests how to write the missing runs.
+        Messages suggest how to resume after Ctrl-C and how to complete MLflow.
         """
-        self._set_status("RUNNING", target)
+        RunStatus("RUNNING", time.time(), target).save(self.folder)
         mirror = Mirror(self.tracker, views.view, self.terminal.log)
         mirror.mark(views.keys())  # an earlier process may have missed some
         result: Status = "FAILED"
         try:
             yield mirror
             result = self.status
-        except StorageFailure:
+        except (StorageFailure, KeyboardInterrupt) as error:
             result = "KILLED"
-            raise
-        except KeyboardInterrupt:
-            result = "KILLED"
-            if not self.guard.explained:  # by a run within this one
-                self.guard.explained = True
+            if isinstance(error, KeyboardInterrupt) and not self.guard.explained:
+                self.guard.explained = True  # runs around this one lose no more
                 self.terminal.log(f"interrupted; {resume_hint}")
             raise
         finally:
             with contextlib.suppress(StorageFailure):
-                self._set_status(result, target)
+                RunStatus(result, time.time(), target).save(self.folder)
             mirror.mark(views.keys())
             missing = mirror.close()
             if missing:
-                name = f"{self.folder.parent.name}/{self.folder.name}"
-                sync = self.home.hint(f"sync {name}{self.tracking_options}{agent_options()}")
                 self.terminal.log(
                     f"MLflow lacks the current state of {count(missing, 'run')}: once it is "
-                    f"reachable, {sync} writes them"
+                    f"reachable, {self._sync_hint()} writes them"
                 )
-            elif result == "KILLED":
-                self.terminal.log(f"MLflow {self.shown_at(self.identity.uuid)}")
 
-    def _set_status(self, status: Status, target: int) -> None:
-        RunStatus(status, time.time(), target).save(self.folder)
+    def _sync_hint(self) -> str:
+        command, uri = f"sync {self.folder.parent.name}/{self.folder.name}", self.tracker.uri
+        if uri != self.home.database_uri:
+            command += f" --tracking-uri {without_password(uri)}"
+        return self.home.hint(command)
 
 
 def shown_at(home: Home, tracker: Tracker, key: str | None = None) -> str:
@@ -95,4 +84,4 @@ def shown_at(home: Home, tracker: Tracker, key: str | None = None) -> str:
         return without_password(tracker.server) + page
     if tracker.uri != home.database_uri:
         return f"{without_password(tracker.uri)}, experiment {tracker.experiment_id}"
-    return f"{UI_ADDRESS}{page} (after {home.hint('ui', 'ui')})"
+    return f"http://127.0.0.1:5000{page} (after {home.hint('ui')})"

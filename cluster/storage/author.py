@@ -1,7 +1,6 @@
 """Provenance of a run: user, command line and source commit."""
 
-import getpass
-import itertools
+import os
 import re
 import shlex
 import subprocess
@@ -12,10 +11,8 @@ from typing import Self
 
 import bilevel
 
-#: User and password of a URI. A password, after a colon, may contain a slash.
-_USER = re.compile(r"(?<=://)(?:[^/@\s]+|[^/:@\s]*:(?!\d+/)[^@\s]*)@")
-#: A password among the parameters of a database URI.
-_SECRET = re.compile(r"((?:^|[?&;])(?:password|pwd|passwd|odbc_connect)=)[^&;\s]+", re.IGNORECASE)
+#: User and password of a URI.
+_USER = re.compile(r"(?<=://)[^/@\s]+@")
 
 
 @dataclass(frozen=True)
@@ -26,27 +23,17 @@ class Author:
     command: str
     commit: str  # of the source, as `commit` returns it
 
-    @property
-    def program(self) -> str:
-        """The command without options and paths."""
-        words = itertools.takewhile(lambda w: not w.startswith("-"), shlex.split(self.command))
-        return " ".join(word for word in words if "/" not in word)
-
     @classmethod
     def of_this_process(cls) -> Self:
         """Return the author of runs that this process creates."""
-        try:
-            user = getpass.getuser()
-        except (KeyError, OSError):  # a container user without an entry in the password file
-            user = ""
         program, *arguments = sys.argv
         words = [Path(program).name, *map(without_password, arguments)]
-        return cls(user, shlex.join(words), commit())
+        return cls(os.environ.get("USER", ""), shlex.join(words), commit())
 
 
 def without_password(text: str) -> str:
     """Mask users and passwords of URIs in the text."""
-    return _SECRET.sub(r"\1***", _USER.sub("***@", text))
+    return _USER.sub("***@", text)
 
 
 def commit() -> str:

@@ -1,16 +1,11 @@
 """The home folder, which contains one folder per run."""
 
-import glob
-import os
 import re
 import shlex
-import shutil
-import sys
 import tempfile
 from pathlib import Path
 
-import bilevel
-from bilevel.errors import InvalidInput, first_line
+from bilevel.errors import InvalidInput
 
 #: Default of `--home`.
 DEFAULT_HOME = Path("runs")
@@ -27,35 +22,18 @@ def plain_name(text: str) -> str:
 
 
 class Home:
-    """The folder given by `--home`; it is created on the first write.
-
-    Raises InvalidInput for a path that is not a folder, or that a database URI cannot contain.
-    """
+    """The folder given by `--home`; it is created on the first write."""
 
     def __init__(self, folder: Path) -> None:
-        problem = ""
-        try:
-            self.folder = folder.resolve()
-            if self.folder.exists() and not self.folder.is_dir():
-                problem = "it is not a directory"
-            elif set("?%") & set(str(self.folder)):
-                problem = "its path must not contain '?' or '%'"
-        except (OSError, RuntimeError) as error:  # RuntimeError: a symlink loop
-            problem = first_line(error)
-        if problem:
-            raise InvalidInput(f"the folder {str(folder)!r} cannot be a home: {problem}")
+        self.folder = folder.resolve()
+        if set("?%") & set(str(self.folder)):
+            raise InvalidInput(f"home {str(folder)!r}: its path must not contain '?' or '%'")
 
-    def hint(self, command: str, target: str | None = None) -> str:
-        """Return how users call `bilevel COMMAND` on this home, for messages.
-
-        This is `make TARGET` if the home is the default one of the project's own folder.
-        """
+    def hint(self, command: str) -> str:
+        """Return how users call `bilevel COMMAND` on this home, for messages."""
         default = self.folder == DEFAULT_HOME.resolve()
-        if target is not None and default and Path.cwd() == Path(bilevel.__file__).parents[1]:
-            return f"`make {target}`"
-        program = "bilevel" if shutil.which("bilevel") else shlex.quote(sys.argv[0])
         option = "" if default else f" --home {shlex.quote(str(self.folder))}"
-        return f"`{program} {command}{option}`"
+        return f"`bilevel {command}{option}`"
 
     @property
     def database(self) -> Path:
@@ -73,29 +51,21 @@ class Home:
         return self.folder / "artifacts"
 
     def run_folder(self, task_id: str, name: str) -> Path:
-        """Return the folder of a named run.
-
-        Raises InvalidInput for a name that is not allowed, such as one that leaves the home.
-        """
+        """Return the folder of a named run. Raises InvalidInput for a name that is not allowed."""
         if not _NAME.fullmatch(name):
             raise InvalidInput(
                 f"name {name!r} is not allowed: use at most {LONGEST_NAME} letters, digits, '.', "
-                "'_' and '-', starting with a letter or digit (--name; for studies --study)"
+                "'_' and '-', starting with a letter or digit"
             )
-        return self.folder / _task_folder(task_id) / name
+        return self.folder / task_id.replace("/", "_") / name  # the id may have a namespace
 
-    def runs(self, task_id: str | None = None) -> list[Path]:
-        """Return the folders of all runs, or of the runs on one task, sorted by task and name."""
-        if self.folder.is_dir():
-            os.scandir(self.folder).close()  # glob would treat an unreadable folder as empty
-        tasks = "*" if task_id is None else glob.escape(_task_folder(task_id))
-        return sorted(path.parent for path in self.folder.glob(f"{tasks}/*/settings.json"))
+    def runs(self) -> list[Path]:
+        """Return the folders of all runs, sorted by task and name."""
+        return sorted(path.parent for path in self.folder.glob("*/*/settings.json"))
 
     def find(self, name: str) -> Path:
-        """Return the folder of the run `name`, or `task/name` if several tasks have that name.
-
-        Raises InvalidInput unless exactly one run matches.
-        """
+        """Return the folder of the run `name` or `task/name`. Raises InvalidInput unless exactly
+        one run matches."""
         names = {folder: f"{folder.parent.name}/{folder.name}" for folder in self.runs()}
         found = [folder for folder in names if name in (folder.name, names[folder])]
         if len(found) == 1:
@@ -117,9 +87,4 @@ def require_writable(folder: Path) -> None:
     try:
         tempfile.TemporaryDirectory(prefix=".writable-", dir=nearest).cleanup()
     except OSError as error:
-        reason = error.strerror or str(error)
-        raise InvalidInput(f"cannot write to {str(folder)!r}: {reason}") from None
-
-
-def _task_folder(task_id: str) -> str:
-    return task_id.replace("/", "_")  # a gymnasium id may have a namespace
+        raise InvalidInput(f"cannot write to {str(folder)!r}: {error.strerror}") from None

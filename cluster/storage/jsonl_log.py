@@ -20,8 +20,7 @@ _T = TypeVar("_T")
 class JsonlLog:
     """A JSON lines file. `values` are the values read at the start and those appended since.
 
-    Raises InvalidInput for a complete line that is not JSON. Reading does not change the file,
-    so other processes may read while one process writes.
+    Raises InvalidInput for a complete line that is not JSON. Reading does not change the file.
     """
 
     def __init__(self, path: Path) -> None:
@@ -46,8 +45,7 @@ class JsonlLog:
 
     def damaged(self, index: int, reason: object) -> InvalidInput:
         """Return the error to raise if the value at `index` (from 0) is invalid."""
-        text = " ".join(str(reason).split()) or type(reason).__name__
-        return InvalidInput(f"{self._line(index)}: {text}")
+        return InvalidInput(f"{self._line(index)}: {' '.join(str(reason).split())}")
 
     def _line(self, index: int) -> str:
         return f"damaged file {str(self.path)!r}, line {index + 1}"

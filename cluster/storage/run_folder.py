@@ -8,21 +8,18 @@ finals.jsonl       a line per end of the run: scores of fresh agents on its best
 """
 
 import contextlib
-import fcntl
 import json
-import os
 import textwrap
 import time
 import uuid
-from collections.abc import Iterable, Iterator
-from dataclasses import asdict, dataclass, field, fields, replace
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from filelock import FileLock, Timeout
 from pydantic import Field, FiniteFloat, NonNegativeInt, PlainValidator
 
-from bilevel.agents import get_agent
 from bilevel.decode import decode, decode_file, differences
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
@@ -35,16 +32,9 @@ SETTINGS_FILE, STATUS_FILE, FINALS_FILE = "settings.json", "status.json", "final
 
 #: The result of a run, and the last SE of an NES run. Artifacts in MLflow have the same names.
 BEST_FILE, LAST_FILE = "best_se.safetensors", "last_se.safetensors"
-USUAL_FILES = {BEST_FILE, LAST_FILE}
 
 #: Status of a run, with MLflow's names.
 Status = Literal["RUNNING", "FINISHED", "KILLED", "FAILED"]
-
-#: Seconds to wait for a lock, because `is_held` takes it for a moment.
-_LOCK_TIMEOUT = 1.0
-
-#: Maximum length of a value in a message.
-_VALUE_LENGTH = 60
 
 
 @dataclass(frozen=True)
@@ -65,38 +55,22 @@ class RunStatus:
         """Write durably. Raises StorageFailure."""
         write_aside(folder / STATUS_FILE, json.dumps(asdict(self)).encode())
 
-    @property
-    def ended_as(self) -> Status:
-        """Status of a run that no process holds."""
-        return "KILLED" if self.status == "RUNNING" else self.status
-
 
 @dataclass(frozen=True)
 class RunIdentity:
-    """UUID, creation time, author and code of a run. Its MLflow runs carry its UUID."""
+    """UUID, creation time and author of a run. Its MLflow runs carry its UUID."""
 
     uuid: Annotated[str, Field(pattern="^[0-9a-f]{32}$")]
     began: FiniteFloat  # unix time, seconds
     author: Author | None = None
-    #: Digests of all versions of custom code that it has run, by task and agent.
-    code: dict[str, tuple[str, ...]] = field(default_factory=dict)
-
-    @property
-    def mixture(self) -> str:
-        """A warning if it has run several versions of a custom agent or task, else ""."""
-        mixed = [f"{len(v)} versions of the {name}" for name, v in self.code.items() if len(v) > 1]
-        return f"Run with {' and '.join(mixed)}; results may differ between them" if mixed else ""
 
     @classmethod
     def read(cls, folder: Path) -> "RunIdentity":
         """Read the identity from a run's folder. Raises InvalidInput."""
-        return _identity(read_settings(folder), folder)
-
-
-def _identity(settings: dict[str, Any], folder: Path) -> RunIdentity:
-    names = {spec.name for spec in fields(RunIdentity)} & settings.keys()
-    where = f"damaged settings {str(folder / SETTINGS_FILE)!r}"
-    return decode(RunIdentity, {name: settings[name] for name in names}, where)
+        settings = read_settings(folder)
+        names = {spec.name for spec in fields(RunIdentity)} & settings.keys()
+        where = f"damaged settings {str(folder / SETTINGS_FILE)!r}"
+        return decode(RunIdentity, {name: settings[name] for name in names}, where)
 
 
 @dataclass(frozen=True)
@@ -110,14 +84,13 @@ class Lifetime:
 
     @classmethod
     def of(cls, folder: Path, began: float, live: bool) -> "Lifetime":
-        """Return the lifetime of the run in a folder; `live` is whether this process works on it.
-
-        Raises InvalidInput if its status is damaged.
-        """
+        """Return the lifetime of a run. `live`: this process works on it. Raises InvalidInput."""
         stored = RunStatus.load(folder) or RunStatus("KILLED", began, 0)
-        if live and stored.status == "RUNNING":
+        if stored.status != "RUNNING":
+            return cls(stored.status, began, stored.since, stored.target)
+        if live:
             return cls("RUNNING", began, None, stored.target)
-        return cls(stored.ended_as, began, stored.since, stored.target)
+        return cls("KILLED", began, stored.since, stored.target)
 
     @property
     def over(self) -> bool:
@@ -153,71 +126,49 @@ def add_final(folder: Path, final: Final) -> None:
         log.append(asdict(final))
 
 
-def settings_of(kind: str, task: Task, seed: int, agents: Iterable[str]) -> dict[str, Any]:
-    """Return the settings that every kind of run has, without its identity.
-
-    `code` contains digests of custom code. Raises InvalidInput for an unknown agent.
-    """
-    digests = {f"task {task.id!r}": task.code_digest}
-    digests |= {f"agent {name!r}": get_agent(name).code_digest for name in agents}
-    code = {name: [digest] for name, digest in digests.items() if digest is not None}
-    return {"kind": kind, "task": asdict(task), "seed": seed, "code": code}
+def settings_of(kind: str, task: Task, seed: int) -> dict[str, Any]:
+    """Return the settings that every kind of run has, without its identity."""
+    return {"kind": kind, "task": asdict(task), "seed": seed}
 
 
 @contextlib.contextmanager
 def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdentity]:
     """Lock a run's folder, and create its settings or check that they are unchanged.
 
-    Only `code` may change, so that users can fix a bug in a custom agent; all versions are stored.
-    Raises InvalidInput if another process holds the folder, or if the run has other settings;
-    StorageFailure if the folder cannot be written.
+    Raises InvalidInput if another process holds the folder, or if the run has other settings.
     """
     path = folder / SETTINGS_FILE
     with held(folder):
         if path.exists():
-            stored = _unchanged(folder, settings)
+            check_settings(folder, settings)
         else:
             identity = RunIdentity(uuid.uuid4().hex, time.time(), Author.of_this_process())
-            stored = {**asdict(identity), "format": RUN_FORMAT, **settings}
-            write_aside(path, json.dumps(stored, indent=2).encode())
-        identity = _identity(stored, folder)
-        code = dict(identity.code)
-        for name, digests in settings.get("code", {}).items():
-            code[name] = tuple(dict.fromkeys([*code.get(name, ()), *digests]))
-        if code != identity.code:
-            identity = replace(identity, code=code)
-            write_aside(path, json.dumps({**stored, "code": code}, indent=2).encode())
-        yield identity
+            new = {**asdict(identity), "format": RUN_FORMAT, **settings}
+            write_aside(path, json.dumps(new, indent=2).encode())
+        yield RunIdentity.read(folder)
 
 
 def check_settings(folder: Path, settings: dict[str, Any]) -> None:
     """Raise InvalidInput if a run in the folder has other settings."""
-    if (folder / SETTINGS_FILE).exists():
-        _unchanged(folder, settings)
-
-
-def _unchanged(folder: Path, settings: dict[str, Any]) -> dict[str, Any]:
-    stored = read_settings(folder)
-    now = json.loads(json.dumps({k: v for k, v in settings.items() if k != "code"}))
+    if not (folder / SETTINGS_FILE).exists():
+        return
+    stored, now = read_settings(folder), json.loads(json.dumps(settings))
     for name, *values in differences({name: stored.get(name) for name in now}, now):
-        before, given = (textwrap.shorten(str(value), _VALUE_LENGTH) for value in values)
+        before, given = (textwrap.shorten(str(value), 60) for value in values)
         raise InvalidInput(
-            f"{folder.name!r} was begun with {name} = {before}, not {given}: use that value, or "
+            f"{folder.name!r} was started with {name} = {before}, not {given}: use that value, or "
             "another name"
         )
-    return stored
 
 
 @contextlib.contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Lock a folder for this process; the kernel releases the lock when the process dies.
-
-    Raises InvalidInput if another process holds it, StorageFailure if it cannot be written.
-    """
+    """Lock a folder for this process; the kernel releases the lock when the process dies. Raises
+    InvalidInput if another process holds it."""
     lock = FileLock(folder / ".lock")
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        lock.acquire(timeout=_LOCK_TIMEOUT)
+        lock.acquire(timeout=1.0)  # `is_held` takes it for a moment
     except Timeout:
         raise InvalidInput(f"{folder.name!r} is being run by another process") from None
     except OSError as error:
@@ -232,39 +183,30 @@ def held(folder: Path) -> Iterator[None]:
 
 
 def is_held(folder: Path) -> bool:
-    """Return whether a process works on the folder; False if the file system cannot tell."""
-    path = folder / ".lock"
+    """Return whether a process works on the folder; False if it cannot be written."""
     try:
-        # NFS locks only files that are open for writing.
-        with path.open("r+b" if os.access(path, os.W_OK) else "rb") as file:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)  # as FileLock does
-    except BlockingIOError:
+        with FileLock(folder / ".lock", timeout=0):
+            return False
+    except Timeout:
         return True
     except OSError:
         return False
-    return False
 
 
 def read_settings(folder: Path) -> dict[str, Any]:
-    """Read a run's settings.
-
-    Raises InvalidInput if they are missing or damaged, OtherVersion if they have another format.
-    """
+    """Read a run's settings. Raises InvalidInput, and OtherVersion for another format."""
     path = folder / SETTINGS_FILE
     if not path.exists():
         raise InvalidInput(f"no run in {str(folder)!r}")
     settings = decode_file(dict[str, Any], path, "damaged settings")
     if settings.get("format", RUN_FORMAT) != RUN_FORMAT:
         raise OtherVersion(f"{folder.name!r}", settings["format"], RUN_FORMAT)
-    _identity(settings, folder)
     return settings
 
 
 def stored_task(facts: Any) -> Task:
-    """Return the task of a run from its settings, without asking gymnasium.
-
-    gymnasium could import a module that the file names. Raises InvalidInput.
-    """
+    """Return the task of a run from its settings, without gymnasium, which could import a module
+    that the file names. Raises InvalidInput."""
     task = decode(Task, facts, "task")
     if ".." in task.id:
         raise InvalidInput(f"task id {task.id!r} is not allowed")

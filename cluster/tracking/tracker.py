@@ -140,7 +140,7 @@ class Tracker:
             author = view.identity.author
             tags |= {
                 "mlflow.user": author.user,
-                "mlflow.source.name": author.program,
+                "mlflow.source.name": author.command,
                 "mlflow.source.type": "LOCAL",
                 "mlflow.source.git.commit": author.commit,
             }

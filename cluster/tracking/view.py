@@ -116,14 +116,13 @@ class RunView:
 
     @property
     def note(self) -> str:
-        """Text of the run's page: how to resume it, description, command, mixture of code."""
+        """Text of the run's page: description, command, and whether the command resumes the
+        run."""
         paragraphs = [self.description]
         if self.lifetime.status == "KILLED":
             paragraphs.insert(0, "**Stopped:** run the same command again to resume.")
         if self.identity is not None and self.identity.author is not None:
             paragraphs.append(f"Command: `{self.identity.author.command}`")
-        if self.identity is not None and self.identity.mixture:
-            paragraphs.append(self.identity.mixture)
         return "\n\n".join(paragraphs)
 
 

@@ -1,1 +1,1 @@
-"""Building the SEs of the zoo, and listing them."""
+"""Building the SEs of the zoo."""

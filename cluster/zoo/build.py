@@ -2,7 +2,7 @@
 
 import hashlib
 import json
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 
 from bilevel.durable import write_aside
@@ -12,7 +12,6 @@ from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
 from bilevel.zoo import Card, Entry, Taught
 from cluster.evaluate.command import EvaluateCommand, run_evaluate
-from cluster.evaluate.report import Group
 from cluster.nes.command import NESCommand, run_nes
 from cluster.nes.run import NESRun
 from cluster.session.context import RunContext
@@ -23,36 +22,22 @@ from cluster.storage.run_folder import BEST_FILE
 KINDS = ("ddqn", "dueling-ddqn", "td3")
 
 
-@dataclass(frozen=True)
-class BuildCommand:
-    """An SE of the zoo, and how and where to build it."""
-
-    entry: Entry
-    context: RunContext
-    folder: Path  # for the SE and its card
-    agents: int = 50  # of each kind
-    workers: int | None = None  # actors; None: one per core of this run's share
-
-
-def build(command: BuildCommand) -> Card:
-    """Build the SE and its card, and write both. The same command resumes an interrupted build.
-
-    Raises InvalidInput before anything is written.
-    """
-    entry, context, workers = command.entry, command.context, command.workers
+def build(
+    entry: Entry, context: RunContext, folder: Path, agents: int = 50, workers: int | None = None
+) -> Card:
+    """Build an SE and its card with `agents` agents of each kind, and write both to `folder`.
+    The same call resumes. Raises InvalidInput before anything is written."""
     task, hp = get_task(entry.task), load_recipe(entry.recipe, entry.task)
-    require_writable(command.folder)
+    require_writable(folder)
     run_folder = context.home.run_folder(task.id, f"zoo-{entry.name}")
     run_nes(NESCommand(NESRun(task, hp, entry.seed, run_folder), context, workers))
     content = (run_folder / BEST_FILE).read_bytes()
     se = load_se(run_folder / BEST_FILE)
     name, kinds = f"zoo-{entry.name}-agents", default_agents(KINDS)
     groups = run_evaluate(
-        EvaluateCommand(
-            task, {entry.name: se}, kinds, command.agents, "all", 0, name, context, workers
-        )
+        EvaluateCommand(task, {entry.name: se}, kinds, agents, "all", 0, name, context, workers)
     )
-    path = command.folder / f"{entry.name}.safetensors"
+    path = folder / f"{entry.name}.safetensors"
     card = Card(
         entry.name,
         task.id,
@@ -61,24 +46,23 @@ def build(command: BuildCommand) -> Card:
         str(se.info["bilevel_version"]),
         (
             f"bilevel nes {task.id} --recipe {entry.recipe} --seed {entry.seed}",
-            f"bilevel evaluate {path.name} --agent {','.join(KINDS)} --agents {command.agents} "
+            f"bilevel evaluate {path.name} --agent {','.join(KINDS)} --agents {agents} "
             "--vary-hp all",
         ),
         int(se.info["real_env_steps"]),
         hashlib.sha256(content).hexdigest(),
-        tuple(map(_agents_row, groups)),
+        tuple(
+            Taught(
+                group.agent,
+                len(group.results),
+                round(float(group.scores.mean()), 1),
+                round(float(group.scores.std()), 1),
+                round(group.summary()["solved_fraction"], 2),
+                round(float(group.train_steps.mean())),
+            )
+            for group in groups
+        ),
     )
     write_aside(path, content)
     write_aside(path.with_suffix(".json"), (json.dumps(asdict(card), indent=2) + "\n").encode())
     return card
-
-
-def _agents_row(group: Group) -> Taught:
-    return Taught(
-        group.agent,
-        len(group.results),
-        round(float(group.scores.mean()), 1),
-        round(float(group.scores.std()), 1),
-        round(group.summary()["solved_fraction"], 2),
-        round(float(group.train_steps.mean())),
-    )

@@ -116,12 +116,6 @@ def test_nes_with_a_custom_agent(tmp_path: Path, address: str) -> None:
         found.append(load_se(folder / BEST_FILE).se.psi)
     np.testing.assert_array_equal(found[0], found[1])
 
-    file.write_text(f"{importing}{registration}{rest}")
-    parts.write_text(f"{code}\n# another version\n")
-    resumed = run_bilevel(*joined, "--home", tmp_path / "1")
-    assert resumed.returncode == 0, resumed.stderr
-    assert "2 versions of the agent 'reinforce'" in resumed.stdout
-
 
 def test_an_error_in_a_custom_agent_is_one_line(tmp_path: Path, address: str) -> None:
     """The command reports errors of actors that it runs and of those in a trial."""

@@ -2,13 +2,12 @@
 
 import contextlib
 import os
-import signal
 import time
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
+import psutil
 import pytest
 import ray
 
@@ -19,6 +18,7 @@ from bilevel.synthetic_env import SE
 from bilevel.tasks import Task
 from cluster.ray.pool import ActorsDied, EvaluationPool
 from tests.conftest import ddqn
+from tests.ends import kill
 
 pytestmark = [pytest.mark.timeout(120), pytest.mark.usefixtures("joined_ray")]
 
@@ -32,31 +32,14 @@ def without_times(results: list[EvaluationResult]) -> list[EvaluationResult]:
     return [replace(r, seconds=0.0) for r in sorted(results, key=lambda r: r.index)]
 
 
-def worker_pids() -> list[int]:
-    """Return the processes of this cluster's actors: children of a raylet that this process has
-    started. Ray sets their title."""
-    pids = []
-    for folder in Path("/proc").glob("[0-9]*"):
-        with contextlib.suppress(OSError):
-            is_worker = (folder / "cmdline").read_bytes().startswith(b"ray::_Worker")
-            if is_worker and parent(parent(int(folder.name))) == os.getpid():
-                pids.append(int(folder.name))
-    return pids
-
-
-def parent(pid: int) -> int:
-    """Return the fourth field of a process's stat file, after a name in parentheses."""
-    return int(Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[1])
-
-
-def kill_workers() -> int:
-    """Kill all actors and return their number."""
-    killed = 0
-    for pid in worker_pids():
-        with contextlib.suppress(ProcessLookupError):
-            os.kill(pid, signal.SIGKILL)
-            killed += 1
-    return killed
+def workers() -> list[psutil.Process]:
+    """Return the processes of this cluster's actors, whose title Ray sets."""
+    found = []
+    for process in psutil.Process().children(recursive=True):
+        with contextlib.suppress(psutil.Error):
+            if process.name().startswith("ray::_Worker"):
+                found.append(process)
+    return found
 
 
 def unchecked(se: SE, psi: np.ndarray[Any, Any]) -> SE:
@@ -95,7 +78,9 @@ def test_killed_actors_are_replaced_and_no_result_is_lost(
     def kill_twice(result: EvaluationResult) -> None:
         received.append(result.index)
         if len(received) in (2, 5):
-            killed.append(kill_workers())
+            killed.append(len(workers()))
+            for worker in workers():
+                kill(worker)
 
     with EvaluationPool(2) as pool:
         results = pool.run(nes.task, nes.distribution(state), requests, kill_twice)
@@ -113,7 +98,7 @@ def test_a_request_that_kills_every_actor_ends_the_run(nes: NES) -> None:
     se = unchecked(nes.distribution(state).centre, nes.distribution(state).centre.psi.view(Poison))
     with (
         EvaluationPool(1) as pool,
-        pytest.raises(ActorsDied, match=r"^5 actors died .* agent ddqn: [^\n]*$"),
+        pytest.raises(ActorsDied, match=r"^5 actors died .* of ddqn: [^\n]*$"),
     ):
         pool.run(nes.task, se, nes.ask(state)[:1])
 
@@ -133,6 +118,6 @@ def test_actors_end_with_the_pool(nes: NES) -> None:
         pool.run(nes.task, None, [])
     deadline = time.monotonic() + 90
     cores = ray.cluster_resources()["CPU"]
-    while worker_pids() or ray.available_resources().get("CPU") != cores:
+    while workers() or ray.available_resources().get("CPU") != cores:
         assert time.monotonic() < deadline
         time.sleep(0.1)

@@ -174,7 +174,7 @@ def test_sync_writes_the_runs_that_an_unreachable_server_missed(
     home: Home, folder: Path, server: Server, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = json.loads((folder / "settings.json").read_text())
-    context = RunContext(home, server.uri, tracking_given=True)
+    context = RunContext(home, server.uri)
     with context.offline() as driver, driver.session(folder, "CartPole-v0", settings) as session:
         server.kill()
         with session.live(StudyViews.of(folder), 1, "resume it"):

@@ -11,7 +11,7 @@ from bilevel.synthetic_env import load_se
 from bilevel.zoo import ENTRIES, Entry, env_id
 from cluster.session.context import RunContext
 from cluster.storage.home import Home
-from cluster.zoo.build import BuildCommand, build
+from cluster.zoo.build import build
 from tests.commands import run_bilevel
 
 pytestmark = pytest.mark.timeout(200)
@@ -33,8 +33,8 @@ def test_building_an_se_and_its_card(
     monkeypatch.setattr("cluster.zoo.build.default_agents", lambda names: small_hp.agents)
     home, folder = Home(tmp_home), tmp_home / "made"
     context = RunContext(home, home.database_uri, address)
-    command = BuildCommand(Entry("tiny", "CartPole-v0", 7), context, folder, agents=1)
-    card = build(command)
+    entry = Entry("tiny", "CartPole-v0", 7)
+    card = build(entry, context, folder, agents=1)
     path = folder / "tiny.safetensors"
     assert card.sha256 == sha256(path.read_bytes()).hexdigest()
     steps = json.loads((folder / "tiny.json").read_text())["real_env_steps"]
@@ -42,4 +42,4 @@ def test_building_an_se_and_its_card(
     assert [(row.agent, row.agents) for row in card.taught] == [
         (hp.agent, 1) for hp in small_hp.agents
     ]
-    assert build(command) == card
+    assert build(entry, context, folder, agents=1) == card

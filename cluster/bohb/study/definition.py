@@ -127,7 +127,7 @@ class Study:
     def settings(self) -> dict[str, Any]:
         """Return the settings to store."""
         return {
-            **settings_of(KIND, self.task, self.seed, self.agents),
+            **settings_of(KIND, self.task, self.seed),
             "space": self.space.name if self.space.content is None else asdict(self.space),
             "method": self.method,
             "prior": self.prior,

@@ -11,7 +11,7 @@ from cluster.bohb.study.definition import Study
 from cluster.bohb.tune.report import StudyReport
 from cluster.bohb.tune.searcher import BohbSearcher, DriverOnly
 from cluster.bohb.tune.trial import NESTrial
-from cluster.ray.environment import environment_kept
+from cluster.ray.connection import environment_kept
 from cluster.session.interrupts import InterruptGuard
 
 #: Folder of Tune's own files within the study's folder; the study never reads them.

@@ -23,14 +23,14 @@ def command(tmp_path: Path) -> StudyCommand:
 
 
 @pytest.mark.parametrize(
-    ("cores", "runs", "workers", "trials"),
-    [(2, 1, 1, 2), (5, 1, 1, 5), (20, 1, 4, 5), (20, 2, 2, 5), (10_000, 1, 98, 102)],
+    ("cores", "workers", "trials"),
+    [(2, 1, 2), (5, 1, 5), (20, 4, 5), (10_000, 98, 102)],
 )
 def test_workers_per_trial_grow_with_the_cluster(
-    command: StudyCommand, cores: int, runs: int, workers: int, trials: int
+    command: StudyCommand, cores: int, workers: int, trials: int
 ) -> None:
     """Up to one for each evaluation of the largest population in the space, 48 pairs."""
-    capacity = Capacity(cores, runs)
+    capacity = Capacity(cores)
     nes = replace(command.study.base.nes, population_size=2, centre_agents=2)
     study = replace(command.study, base=replace(command.study.base, nes=nes))
     placed = replace(command, study=study).placed(capacity)
@@ -40,19 +40,6 @@ def test_workers_per_trial_grow_with_the_cluster(
 def test_given_workers_and_trials_stay(command: StudyCommand) -> None:
     assert replace(command, workers_per_trial=3).placed(Capacity(64)).workers_per_trial == 3
     assert replace(command, concurrent_trials=2).placed(Capacity(8)).workers_per_trial == 4
-
-
-@pytest.mark.parametrize(
-    ("changes", "cores"),
-    [
-        ({}, 5),
-        ({"workers_per_trial": 4}, 20),
-        ({"workers_per_trial": 4, "concurrent_trials": 2}, 8),
-        ({"brackets": 1000}, 5),  # one cycle of brackets at a time
-    ],
-)
-def test_cores_wanted(changes: dict[str, int], cores: int, command: StudyCommand) -> None:
-    assert replace(command, **changes).cores_wanted == cores  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(

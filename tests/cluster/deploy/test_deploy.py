@@ -16,10 +16,9 @@ def kubernetes_objects() -> dict[tuple[str, str], Any]:
 def test_kubernetes_objects_refer_to_each_other() -> None:
     objects = kubernetes_objects()
     cluster = objects["RayCluster", "bilevel"]["spec"]
-    templates = [cluster["headGroupSpec"]["template"]]
-    templates += [group["template"] for group in cluster["workerGroupSpecs"]]
-    templates.append(objects["Deployment", "mlflow"]["spec"]["template"])
-    for template in templates:
+    workers = [group["template"] for group in cluster["workerGroupSpecs"]]
+    mlflow = objects["Deployment", "mlflow"]["spec"]["template"]
+    for template in (cluster["headGroupSpec"]["template"], *workers, mlflow):
         (volume,) = template["spec"]["volumes"]
         claim = volume["persistentVolumeClaim"]["claimName"]
         assert ("PersistentVolumeClaim", claim) in objects

@@ -9,10 +9,8 @@ import pytest
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.terminal import Terminal
 
-SIGNALS = [signal.SIGINT, signal.SIGTERM, signal.SIGHUP]
 
-
-@pytest.mark.parametrize("number", SIGNALS)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_signals_interrupt_at_once(number: signal.Signals) -> None:
     previous = signal.getsignal(number)
     with InterruptGuard(Terminal()), pytest.raises(KeyboardInterrupt):
@@ -20,12 +18,11 @@ def test_signals_interrupt_at_once(number: signal.Signals) -> None:
     assert signal.getsignal(number) is previous
 
 
-@pytest.mark.parametrize("number", SIGNALS)
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
-def test_check_repeats_an_interrupt_that_a_finaliser_swallowed(number: signal.Signals) -> None:
+def test_check_repeats_an_interrupt_that_a_finaliser_swallowed() -> None:
     class Swallows:
         def __del__(self) -> None:
-            signal.raise_signal(number)
+            signal.raise_signal(signal.SIGINT)
 
     with InterruptGuard(Terminal()) as guard:
         guard.check()

@@ -1,9 +1,7 @@
-import sys
 from pathlib import Path
 
 import pytest
 
-import bilevel
 from bilevel import InvalidInput
 from cluster.storage.home import DEFAULT_HOME, Home, require_writable
 
@@ -27,7 +25,6 @@ def test_a_run_is_found_by_its_name(tmp_path: Path) -> None:
         (folder / "settings.json").touch()
     assert home.find("one") == tmp_path / "A-v0" / "one"
     assert home.find("B-v0/two") == tmp_path / "B-v0" / "two"
-    assert home.runs("B-v0") == [tmp_path / "B-v0" / "two"]
     with pytest.raises(InvalidInput, match=r"several runs are called 'two'.*A-v0/two, B-v0/two"):
         home.find("two")
     with pytest.raises(InvalidInput, match=r"no run is called '\.\./x'.*there are A-v0/one"):
@@ -35,20 +32,14 @@ def test_a_run_is_found_by_its_name(tmp_path: Path) -> None:
 
 
 def test_hints_name_the_home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PATH", str(Path(sys.executable).parent))
-    assert Home(tmp_path / "a b").hint("ui", "ui") == f"`bilevel ui --home '{tmp_path}/a b'`"
+    assert Home(tmp_path / "a b").hint("ui") == f"`bilevel ui --home '{tmp_path}/a b'`"
     monkeypatch.chdir(tmp_path)
-    assert Home(DEFAULT_HOME).hint("ui", "ui") == "`bilevel ui`"
-    monkeypatch.chdir(Path(bilevel.__file__).parents[1])
-    assert Home(DEFAULT_HOME).hint("ui", "ui") == "`make ui`"
-    assert Home(DEFAULT_HOME).hint("sync one") == "`bilevel sync one`"
+    assert Home(DEFAULT_HOME).hint("ui") == "`bilevel ui`"
 
 
-@pytest.mark.parametrize("name", ["loop", "x" * 300, "file", "a?b", "a%20b"])
-def test_a_path_that_cannot_be_a_home_is_refused(name: str, tmp_path: Path) -> None:
-    (tmp_path / "loop").symlink_to(tmp_path / "loop")
-    (tmp_path / "file").touch()
-    with pytest.raises(InvalidInput, match=r"^the folder '.*' cannot be a home: .+$"):
+@pytest.mark.parametrize("name", ["a?b", "a%20b"])
+def test_a_path_that_a_database_uri_cannot_contain_is_refused(name: str, tmp_path: Path) -> None:
+    with pytest.raises(InvalidInput, match="its path must not contain"):
         Home(tmp_path / name)
 
 

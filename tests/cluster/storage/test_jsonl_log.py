@@ -21,7 +21,6 @@ json_values = st.recursive(
 )
 
 STAMPS = {"submitted": 1.0, "started": 1.0, "finished": 2.0}
-JOURNAL_FILES = st.sampled_from(["configs.json", "results.json"])
 
 
 def write_journal(folder: Path) -> None:
@@ -50,26 +49,6 @@ def test_complete_lines_survive_a_cut(
     assert path.read_bytes() == kept
     log.append("next")
     assert repr(JsonlLog(path).values) == repr([*complete, "next"])
-
-
-@given(data=st.data(), name=JOURNAL_FILES)
-@settings(max_examples=150)
-def test_a_damaged_journal_is_read_or_refused_in_one_line(
-    data: st.DataObject, name: str, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    folder = tmp_path_factory.mktemp("journal")
-    write_journal(folder)
-    path = folder / name
-    content = path.read_bytes()
-    start = data.draw(st.integers(0, len(content)))
-    end = data.draw(st.integers(start, min(start + 8, len(content))))
-    path.write_bytes(content[:start] + data.draw(st.binary(max_size=8)) + content[end:])
-    message = ""
-    try:
-        Journal(folder)
-    except InvalidInput as error:
-        message = str(error)
-    assert "\n" not in message
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 import json
 import re
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +12,6 @@ from bilevel.errors import OtherVersion
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.tasks import Task
 from cluster.bohb.study.definition import Study
-from cluster.evaluate.run import EvaluationSettings
 from cluster.nes.run import NESRun
 from cluster.storage.run_folder import locked_settings
 from tests.studies import new_study
@@ -67,20 +65,3 @@ def test_study(tmp_path: Path) -> None:
         ({"base": {}}, "holds no study: 'base.nes' is missing"),
     ):
         assert_refused(Study.read, tmp_path, settings, message)
-
-
-def test_evaluation(cartpole: Task, small_hp: Hyperparameters, tmp_path: Path) -> None:
-    (agent,) = small_hp.agents
-    settings = {
-        "kind": "evaluate",
-        "task": asdict(cartpole),
-        "seed": 0,
-        "vary": "no",
-        "sources": {"real": "real"},
-        "kinds": {agent.agent: asdict(agent)},
-    }
-    with locked_settings(tmp_path, settings):
-        pass
-    assert EvaluationSettings.read(tmp_path).task == cartpole
-    for name, wrong in (("sources", []), ("kinds", None), ("vary", 3), ("task", {"id": "../x"})):
-        assert_refused(EvaluationSettings.read, tmp_path, {name: wrong}, "holds no evaluation: ")

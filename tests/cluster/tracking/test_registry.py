@@ -2,14 +2,12 @@
 
 from pathlib import Path
 
-import click
 import mlflow
 import pytest
 
 from bilevel import InvalidInput
 from bilevel.synthetic_env.source import se_file
-from cluster.cli.ses import SEAddress
-from cluster.cli.show import show
+from cluster.cli.ses import given_se
 from cluster.storage.home import Home
 from cluster.storage.run_folder import Lifetime
 from cluster.tracking import Document, RegisteredSE, RunView, Tracker
@@ -76,12 +74,10 @@ def test_the_label_of_an_se_does_not_change(home: Home, content: bytes) -> None:
     file = home.folder / "best_se.safetensors"
     file.write_bytes(content)
     client.log_artifact(version.run_id, str(file))
-    context = click.Context(show, obj=None)
-    context.params = {"home": home.folder, "tracking_uri": home.database_uri}
     for address, label in (
         (BEST, "SE-CartPole-v0-1"),
         ("models:/SE-CartPole-v0/1", "SE-CartPole-v0-1"),
         (f"runs:/{version.run_id}/best_se.safetensors", version.run_id),
     ):
-        found = SEAddress().convert(address, None, context)
-        assert (found.label, found.path.read_bytes()) == (label, content)
+        path, found = given_se(address, home.folder, None)
+        assert (found, path.read_bytes()) == (label, content)

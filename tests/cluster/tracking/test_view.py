@@ -1,6 +1,5 @@
 """Views of all kinds of runs."""
 
-import json
 from pathlib import Path
 
 import pytest
@@ -32,10 +31,7 @@ def test_notes_contain_the_command_and_whether_it_resumes_the_run(folder: Path) 
     assert "run the same command again to resume." in views(folder)[0].note
 
 
-@pytest.mark.parametrize("versions", [1, 2])
-def test_changes_of_users_code_are_noted(versions: int, folder: Path) -> None:
-    settings = json.loads((folder / "settings.json").read_text())
-    settings["code"] = {"agent 'mine'": ["one", "two"][:versions]}
-    (folder / "settings.json").write_text(json.dumps(settings))
-    for view in views(folder):
-        assert ("2 versions of the agent 'mine'" in view.note) == (versions == 2)
+def test_a_missing_se_file_is_reported(folder: Path) -> None:
+    (folder / BEST_FILE).unlink()
+    with pytest.raises(InvalidInput, match=r"cannot read '.*best_se.safetensors': No such file"):
+        views(folder)
