@@ -22,6 +22,7 @@ from typing import Any, Protocol
 from bilevel.decode import decode
 from bilevel.errors import InvalidInput, unknown_value
 from bilevel.hyperparameters import (
+    AgentHyperparameters,
     Hyperparameters,
     NESHyperparameters,
     SEHyperparameters,
@@ -29,8 +30,9 @@ from bilevel.hyperparameters import (
     agent_hyperparameters,
 )
 
-#: The recipes of this package.
+#: The recipes and agents of this package.
 RECIPES = ("default", "paper", "authors")
+BUILT_IN_AGENTS = ("ddqn", "dueling-ddqn", "td3")
 
 _Values = dict[str, Any]
 
@@ -70,12 +72,27 @@ def load_recipe(
         raise InvalidInput(f"{source}: {error}") from None
 
 
-def recipe_text(hp: Hyperparameters, heading: str) -> str:
-    """Return a complete recipe file with these hyperparameters, after `heading` as a comment."""
+def complete_recipe(name: str | Path, task: _Task | str = "") -> str:
+    """Return a recipe with all values, including those of built-in agents that it does not draw."""
+    hp, task_id = load_recipe(name, task), task if isinstance(task, str) else task.id
+    others = load_recipe(name, task, BUILT_IN_AGENTS).agents
+    heading = f"The recipe {hp.recipe}" + (f" for {task_id}." if task_id else ".")
+    drawn = {agent.agent for agent in hp.agents}
+    return recipe_text(hp, heading, tuple(a for a in others if a.agent not in drawn))
+
+
+def recipe_text(
+    hp: Hyperparameters, heading: str, others: Sequence[AgentHyperparameters] = ()
+) -> str:
+    """Return a complete recipe file with these hyperparameters, after `heading` as a comment.
+
+    `others` are agents that the recipe describes but does not draw.
+    """
     agents = ", ".join(f'"{agent.agent}"' for agent in hp.agents)
     lines = [f"# {line}" for line in heading.splitlines()]
     lines += ["", f"agents = [{agents}]", f'vary_agent = "{hp.vary_agent}"']
-    for name, section in hp.sections.items():
+    sections = hp.sections | {agent.agent: agent for agent in others}
+    for name, section in sections.items():
         # JSON writes strings, numbers and booleans as TOML does.
         lines += ["", f"[{name}]"]
         lines += [f"{field} = {json.dumps(value)}" for field, value in asdict(section).items()]

@@ -118,14 +118,14 @@ def _kinds(
 
 
 #: Experiments, all of them with the report, and the report.
-_NAMES = (
+NAMES = (
     *("success", "transfer", "behaviour", "sample-efficiency", "sensitivity", "cost"),
     *("all", "report"),
 )
 
 
 @click.command()
-@click.argument("name", type=click.Choice(_NAMES))
+@click.argument("name", type=click.Choice(NAMES))
 @click.argument("task")
 @click.option(
     "--size",

@@ -44,7 +44,7 @@ def cli() -> None:
 
 for command in (
     *(nes, bohb, evaluate, experiment),
-    *(show, recipe, zoo, export_se, import_se),
+    *(show, recipe, zoo, export_se),
     *(runs, sync, ui),
 ):
     cli.add_command(command)

@@ -18,10 +18,10 @@ if TYPE_CHECKING:
 def given_se(address: str, home: Path, tracking_uri: str | None) -> tuple[Path, str]:
     """Return the file and label of an SE at a path, a name in the zoo, or an address in MLflow."""
     from bilevel.synthetic_env.source import is_mlflow_address, pinned, se_file
-    from bilevel.zoo import ENTRIES, label
+    from bilevel.zoo import ENTRIES
 
     if address in ENTRIES:
-        return se_file(address), label(address)
+        return se_file(address), f"Synthetic-{address}"
     if not is_mlflow_address(address):
         path = se_file(address)
         return path, _label(path.resolve())

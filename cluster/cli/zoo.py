@@ -69,10 +69,12 @@ def build(name: str, folder: Path, agents: int, workers: int | None, **where: An
 
 def _print_zoo(cards: Iterable["Card"]) -> None:
     """Print one line for each SE and kind of agents trained on it."""
+    from bilevel.zoo import env_id
+
     click.echo(f"{'gymnasium id':36}{'agents':>17}{'mean return':>13}{'solved':>8}{'steps':>8}")
     for card in cards:
         for row in card.taught:
             click.echo(
-                f"{card.env_id:36}{f'{row.agents} {row.agent}':>17}{row.mean_return:13.1f}"
+                f"{env_id(card.name):36}{f'{row.agents} {row.agent}':>17}{row.mean_return:13.1f}"
                 f"{row.solved_fraction:8.0%}{row.train_steps:8.0f}"
             )

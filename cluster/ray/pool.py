@@ -91,7 +91,7 @@ class EvaluationPool:
         """Evaluate all requests and return the results in no particular order.
 
         `se` (an SE, several SEs, or a distribution that requests draw from) is sent once. Raises
-        ActorsDied if actors keep dying, and Mistake for an error in a custom agent or task.
+        ActorsDied if actors keep dying, and UserCodeError for an error in a custom agent or task.
         """
         arguments = [ray.put(task), ray.put(se)]
         waiting = deque(batches(requests, self.size))

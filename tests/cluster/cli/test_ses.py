@@ -7,7 +7,6 @@ import pytest
 import torch
 from click.testing import CliRunner
 
-from cluster.cli.evaluate import labelled
 from cluster.cli.program import cli
 from cluster.cli.ses import given_se
 

@@ -6,7 +6,7 @@ import pytest
 
 from bilevel.nes import NES
 from bilevel.tasks import get_task
-from cluster.cli.experiment import NAMES
+from cluster.cli.evaluate import NAMES
 from cluster.experiments.conditions import CONDITIONS
 from cluster.experiments.figures import EXPERIMENTS
 from cluster.experiments.sizes import SIZES

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from bilevel import InvalidInput
 from cluster.catalog.kinds import views_of
-from cluster.storage.run_folder import RunIdentity, RunStatus
+from cluster.storage.run_folder import BEST_FILE, RunIdentity, RunStatus
 from cluster.tracking import RunView
 from tests.studies import make_study
 
