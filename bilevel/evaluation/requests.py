@@ -19,8 +19,7 @@ class Centre:
 
 @dataclass(frozen=True)
 class Perturbed:
-    """Train on mean + sign * eps: the mean of the search distribution, and noise drawn by
-    `seed`."""
+    """Train on mean + sign * eps: the mean of the search distribution and noise from `seed`."""
 
     seed: int
     sign: int  #: 1 or -1
@@ -63,13 +62,10 @@ class EvaluationRequest:
 
 
 def requested_se(source: SESource, on: TrainedOn) -> SE | None:
-    """The SE of a request, None for the real task. Raises InvalidInput if `source` does not contain
-    it."""
+    """The SE of a request, None for the real task. Raises InvalidInput if `source` lacks it."""
     if isinstance(on, RealTask):
         return None
-    if isinstance(on, Given) and isinstance(source, tuple):
-        if not 0 <= on.number < len(source):
-            raise InvalidInput(f"training on {on}: allowed are the SEs 0 to {len(source) - 1}")
+    if isinstance(on, Given) and isinstance(source, tuple) and 0 <= on.number < len(source):
         source, on = source[on.number], Centre()
     if isinstance(source, StoredSE):
         source = source.se
@@ -84,8 +80,7 @@ def requested_se(source: SESource, on: TrainedOn) -> SE | None:
             return source.random(on.seed)
     raise InvalidInput(
         f"training on {on} is not possible with {source!r:.40}: Centre needs an SE or a "
-        "distribution of SEs, Perturbed and Initialized need a distribution, Given needs a tuple "
-        "of SEs; on=RealTask() needs None"
+        "distribution of SEs, Perturbed and Initialized a distribution, and Given a tuple of SEs"
     )
 
 

@@ -52,12 +52,6 @@ def hyperparameters(cls: type[_T]) -> type[_T]:
     return cast("type[_T]", checked)
 
 
-def has_plain_range(cls: type, name: str) -> bool:
-    """Return whether only `ge` and `le` limit that field of a class."""
-    field: FieldInfo = cls.__pydantic_fields__[name]  # type: ignore[attr-defined]
-    return all(hasattr(rule, "ge") or hasattr(rule, "le") for rule in field.metadata)
-
-
 def within_range(cls: type, name: str, value: _Number) -> _Number:
     """Clip a value to the range (`ge`, `le`) of that field of a class."""
     low, high = _range(cls, name)

@@ -14,10 +14,10 @@ import numpy as np
 import torch
 from pydantic import BaseModel, Field, FiniteFloat
 
-from bilevel.activations import PRELU_INITIAL_SLOPE
 from bilevel.decode import decode
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters.agents import Activation
+from bilevel.networks import PRELU_INITIAL_SLOPE
 from bilevel.synthetic_env import SE, Architecture, Psi, StoredSE
 from bilevel.tasks import MAX_STEP_LIMIT, get_task
 

@@ -51,7 +51,9 @@ class Requests:
     def generation(self, state: NESState) -> list[EvaluationRequest]:
         """Return a generation: agents on the unperturbed SE, n_p on mean + eps_i, and, with
         mirrored sampling, n_p on mean - eps_i."""
-        nes, when, vary = self.hp.nes, (state.attempt, state.generation), self._variation(state)
+        nes, when, vary = self.hp.nes, (state.attempt, state.generation), self.hp.vary_agent
+        if vary == "small" and state.refuted:
+            vary = "narrowed"  # small agents no longer distinguish SEs
         chosen: list[tuple[Trial, Centre | Perturbed]] = [
             (self._trial(Purpose.CENTRE, (*when, i), i, vary), Centre())
             for i in range(nes.centre_agents)
@@ -73,31 +75,15 @@ class Requests:
         ]
         return [EvaluationRequest(index, *trial) for index, trial in enumerate(trials)]
 
-    def _variation(self, state: NESState) -> str:
-        """Return the variation of a generation's agents.
-
-        Small agents are cheap. After a failed confirmation they no longer distinguish SEs, so that
-        narrowed agents replace them.
-        """
-        vary = self.hp.vary_agent
-        return "narrowed" if vary == "small" and state.refuted else vary
-
     def _trial(self, purpose: Purpose, path: Sequence[int], turn: int, vary: str) -> Trial:
         seed, agent = fresh_agent(self.hp.agents, vary, self.seed, purpose, *path)
         return seed, with_patience(agent, self.hp.nes, turn)
 
 
 def fresh_agent(
-    agents: tuple[AgentHyperparameters, ...],
-    vary: str,
-    root: int,
-    purpose: Purpose,
-    *path: int,
+    agents: tuple[AgentHyperparameters, ...], vary: str, root: int, purpose: Purpose, *path: int
 ) -> Trial:
-    """Return the seed of an evaluation, and its agent, drawn from `agents`.
-
-    The two have different seeds, so that equal agents have different random numbers.
-    """
+    """Return the seed of an evaluation, and its agent, drawn from `agents` by another seed."""
     agent_seed = derive(root, Purpose.AGENT, int(purpose), *path)
     return derive(root, purpose, *path), draw_agent(agents, vary, agent_seed)
 
@@ -123,9 +109,9 @@ def ordered_results(results: Sequence[EvaluationResult], expected: int) -> list[
             f"the requests {[result.index for result in ordered]}"
         )
     for result in ordered:
-        if not (result.test_returns and np.isfinite(result.test_returns).all()):
+        if not np.isfinite(result.score):
             raise InvalidInput(
-                f"the result of request {result.index} has the test returns "
-                f"{result.test_returns}: they must be finite numbers, one or more"
+                f"the result of request {result.index} has the test returns {result.test_returns}: "
+                "they must be finite"
             )
     return ordered

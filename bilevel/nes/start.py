@@ -1,11 +1,11 @@
 """The choice of a start among random SEs, by successive halving.
 
-Agents learn nothing on most random SEs. The first round trains one agent on each candidate, the
-second four on the best eighth, the third eight on the best thirty-second. All candidates of a round
-get the same agents and random numbers, so that scores are comparable. Agents train briefly, because
-a better start shows long before they are done, and the choice is a large part of a short run.
+Agents learn nothing on most random SEs. All candidates of a round get the same agents and random
+numbers, so that scores are comparable. Agents train briefly, because a better start shows long
+before they are done.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -43,11 +43,10 @@ class ChoosingStart:
         self, trials: Sequence[tuple[int, AgentHyperparameters]]
     ) -> list[EvaluationRequest]:
         """Return this round's requests: every candidate with each of the trials (seed, agent)."""
-        trials = [(trial, _brief(agent)) for trial, agent in trials]
-        pairs = [(seed, *trial) for seed in self.halving.left for trial in trials]
+        pairs = itertools.product(self.halving.left, trials)
         return [
-            EvaluationRequest(index, trial, agent, Initialized(seed))
-            for index, (seed, trial, agent) in enumerate(pairs)
+            EvaluationRequest(index, seed, _brief(agent), Initialized(candidate))
+            for index, (candidate, (seed, agent)) in enumerate(pairs)
         ]
 
     def after(self, results: Sequence[EvaluationResult]) -> Self:

@@ -42,13 +42,15 @@ def _findings(plan: Plan, material: Material) -> Findings:
     for done, agent in enumerate(agents):
         material.progress(done, len(agents))
         recordings.append(record(plan.task, se.se, agent.hp, agent.seed))
-    tested = [recording.tests for recording in recordings if recording.tests]
+    tested = [tests for _, tests in recordings if tests]
     if not tested:
         raise InvalidInput(
             f"all {len(agents)} agents diverged on the SE with seed {plan.seed}: there are no "
             "tests to show; use another --seed"
         )
-    seen = values_by_origin([*chain(*(r.training for r in recordings))], [*chain(*tested)], se)
+    seen = values_by_origin(
+        [*chain(*(training for training, _ in recordings))], [*chain(*tested)], se
+    )
     names = [*observation_names(plan.task.id, plan.task.state_size), "reward"]
     data = densities(seen, names)
     episodes = len(tested) * hp.test_episodes
