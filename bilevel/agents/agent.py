@@ -73,8 +73,7 @@ class RegisteredAgent:
 
     @cached_property
     def code_digest(self) -> str | None:
-        """Digest of the files that define a user's agent and its hyperparameters, as this process
-        imported them; None for a built-in agent."""
+        """Digest of a user's agent and its hyperparameters, as imported; None if built in."""
         return digest_of("bilevel", self.build, agent_hyperparameters(self.name))
 
 
@@ -103,8 +102,7 @@ def register_again(hyperparameters: type[AgentHyperparameters], agent: Registere
 
 
 def load_plugins() -> None:
-    """Import the modules that installed packages name under `bilevel.agents`. Raises InvalidInput
-    if an import fails."""
+    """Import the agents of installed packages. Raises InvalidInput if an import fails."""
     for entry in entry_points(group=ENTRY_POINTS):
         try:
             entry.load()
@@ -131,7 +129,6 @@ def registered_agents() -> tuple[str, ...]:
 
 
 def agent_seeds(seed: int) -> tuple[int, int]:
-    """Seeds of a built-in agent: of its initial parameters, and of its exploration, noise and
-    minibatches."""
+    """Seeds of a built-in agent: of its initial parameters, and of everything else."""
     initial, loop = split(seed, 2)
     return initial, loop

@@ -42,8 +42,7 @@ def compiled_environment(task: Task, se: SE | None, episodes: int, seed: int) ->
 def environment_in_python(
     task: Task, se: SE | None, episodes: int, seed: int
 ) -> Iterator[TrainingEnvironment]:
-    """Context with the environment of `compiled_environment`, or a real task in gymnasium, for
-    agents in Python."""
+    """Context with the environment, compiled or in gymnasium, for agents in Python."""
     if se is None and not task.compiled:
         with closing(GymnasiumEnvironment(task, seed)) as env:
             yield env
@@ -74,11 +73,8 @@ class KernelEnvironment:
 
 
 class GymnasiumEnvironment:
-    """A real task that gymnasium runs (see `TrainingEnvironment`).
-
-    Each episode has its own seed, so that all agents start it in the same state, even if the task
-    draws random numbers in its steps.
-    """
+    """A real task that gymnasium runs (see `TrainingEnvironment`). Each episode has its own seed, so
+    that all agents start it in the same state."""
 
     def __init__(self, task: Task, seed: int) -> None:
         self.step_limit = task.step_limit

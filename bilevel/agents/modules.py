@@ -11,8 +11,7 @@ from bilevel.torch_activations import activation_module
 
 
 class MLP(nn.Module):
-    """A network of this shape, whose parameters are a copy of `vector`. All hidden layers share one
-    activation module, and so one PReLU slope."""
+    """A network with a copy of `vector`; all hidden layers share one activation module."""
 
     def __init__(self, net: Network, activation: str, vector: NDArray[np.float32]) -> None:
         super().__init__()

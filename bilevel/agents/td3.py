@@ -96,8 +96,7 @@ class TD3:
         return torch.from_numpy(noise.reshape(rows, self.n_actions))
 
     def act(self, state: NDArray[np.float32], exploring: bool) -> int:
-        """Choose a uniform action while exploring, then the argmax of a noisy relaxed action,
-        whose whole vector is stored by `observe`."""
+        """Choose a uniform action while exploring, then the argmax of a noisy relaxed action."""
         if exploring:
             self.last_action = np.zeros(self.n_actions, np.float32)
             self.last_action[self.rng.below(self.n_actions, 1)[0]] = 1

@@ -104,8 +104,7 @@ def _varied(
 
 
 def _changed(agent: AgentHyperparameters, **values: Any) -> AgentHyperparameters:
-    """The agent with other values of its fields, each within its range; values of fields that the
-    agent does not have are ignored."""
+    """The agent with other values of the fields that it has, each within its range."""
     known = values.keys() & {spec.name for spec in fields(agent)}
     allowed: dict[str, Any] = {
         name: within_range(type(agent), name, values[name]) for name in known

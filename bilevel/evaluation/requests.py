@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,8 +84,8 @@ def requested_se(source: SESource, on: TrainedOn) -> SE | None:
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """Result of training and testing one fresh agent."""
+class EvaluationResult:
+    """Result of one fresh agent; the request determines all fields except `seconds`."""
 
     test_returns: tuple[float, ...]  #: of the test episodes on the real task
     train_steps: int
@@ -94,6 +93,8 @@ class Outcome:
     real_env_steps: int  #: of tests, and of training on the real task
     finite: bool  #: False: training or test diverged; the returns are the task's worst
     cost: float  #: core seconds, estimated (`bilevel.cost`)
+    index: int = 0  #: of the request
+    seconds: float = 0.0  #: measured
 
     @property
     def score(self) -> float:
@@ -101,18 +102,7 @@ class Outcome:
         return float(np.mean(self.test_returns))
 
 
-@dataclass(frozen=True)
-class EvaluationResult(Outcome):
-    """The outcome of the request `index`. The request determines all fields except `seconds`."""
-
-    index: int
-    seconds: float  #: measured
-
-
-_Result = TypeVar("_Result", bound=Outcome)
-
-
-def comparable(results: Sequence[_Result]) -> list[_Result]:
+def comparable(results: Sequence[EvaluationResult]) -> list[EvaluationResult]:
     """The results with comparable test returns: the returns of a diverged agent are cut at the
     lowest score of all other agents, which may be below the task's worst score."""
     lowest = min((result.score for result in results if result.finite), default=np.inf)
@@ -124,6 +114,6 @@ def comparable(results: Sequence[_Result]) -> list[_Result]:
     ]
 
 
-def scores_of(results: Sequence[Outcome]) -> NDArray[np.float64]:
+def scores_of(results: Sequence[EvaluationResult]) -> NDArray[np.float64]:
     """Scores (n,) of `comparable` results."""
     return np.array([result.score for result in comparable(results)])

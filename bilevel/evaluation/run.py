@@ -2,6 +2,7 @@
 
 import time
 from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -17,7 +18,6 @@ from bilevel.errors import require
 from bilevel.evaluation.requests import (
     EvaluationRequest,
     EvaluationResult,
-    Outcome,
     SESource,
     requested_se,
 )
@@ -37,26 +37,24 @@ def evaluate(task: Task, se: SESource, request: EvaluationRequest) -> Evaluation
     """TrainAgent, then EvaluateAgent (paper, Algorithm 1).
 
     `se` is the source of the request's SE: one SE (also as `load` and `learn` return it) for
-    `Centre`, a tuple of SEs for `Given`, or a distribution. It may be None for training on the real
-    task. Raises InvalidInput if `se` does not contain the requested SE, for a seed that is no
-    integer of at least 0, and for an SE of a task with other sizes.
+    `Centre`, a tuple of SEs for `Given`, a distribution, or None for training on the real task.
+    Raises InvalidInput for an invalid seed and an SE that is missing or does not fit the task.
     """
     started = time.perf_counter()
     require(Task, task, "the task of an evaluation", "as bilevel.get_task returns it")
     seed = checked_seed(request.seed)
-    outcome = train_and_test(task, requested_se(se, request.on), request.agent, seed)
-    seconds = time.perf_counter() - started
-    return EvaluationResult(**vars(outcome), index=request.index, seconds=seconds)
+    result = train_and_test(task, requested_se(se, request.on), request.agent, seed)
+    return replace(result, index=request.index, seconds=time.perf_counter() - started)
 
 
 def train_and_test(
     task: Task, se: SE | None, hp: AgentHyperparameters, seed: int, compiled: bool = True
-) -> Outcome:
-    """Train a fresh agent on `se` (None: on the real task) and test it on the real task.
+) -> EvaluationResult:
+    """Train a fresh agent on `se` (None: on the real task) and test it on the real task, by its
+    compiled twin if possible and `compiled`.
 
-    Unless `compiled` is False, the agent's compiled twin runs, if the agent has one and the
-    environment it trains on is compiled. Raises InvalidInput for an SE of a task with other sizes,
-    and Mistake for a user's agent or task that raises, exits or returns a wrong value.
+    Raises InvalidInput for an SE of a task with other sizes, and Mistake for a user's agent or task
+    that raises, exits or returns a wrong value.
     """
     has_kernel = get_agent(hp.agent).build_kernel is not None
     with one_blas_thread():
@@ -75,7 +73,7 @@ def record(
     return trained, tested
 
 
-def _run_kernel(task: Task, se: SE | None, hp: AgentHyperparameters, seed: int) -> Outcome:
+def _run_kernel(task: Task, se: SE | None, hp: AgentHyperparameters, seed: int) -> EvaluationResult:
     """Train and test the compiled twin of an agent."""
     agent_seed, physics_seed, test_seed = split(seed, 3)
     initial, loop = agent_seeds(agent_seed)
@@ -87,7 +85,7 @@ def _run_kernel(task: Task, se: SE | None, hp: AgentHyperparameters, seed: int) 
     steps, episodes, reason = training.train(agent, env, schedule(hp), rng)
     finite = reason != training.NOT_FINITE and all(np.isfinite(p).all() for p in agent.parameters())
     tests = _test_kernel(task, agent, hp.test_episodes, test_seed) if finite else None
-    return _outcome(task, se, hp, steps, episodes, tests)
+    return _result(task, se, hp, steps, episodes, tests)
 
 
 def _run_definition(
@@ -97,9 +95,8 @@ def _run_definition(
     seed: int,
     on_training: Record = ignore,
     on_test: Record = ignore,
-) -> Outcome:
-    """Train and test the definition of an agent, which is slower but works for every agent and
-    task. `on_training` and `on_test` receive the transitions."""
+) -> EvaluationResult:
+    """Train and test the definition of an agent, and pass the transitions to two callbacks."""
     agent_seed, physics_seed, test_seed = split(seed, 3)
     build = get_agent(hp.agent).build
     stop = task_solved(hp, task.solved_reward) if se is None else returns_converged(hp)
@@ -114,18 +111,18 @@ def _run_definition(
         if finite:
             greedy = greedy_episodes(task, agent.greedy, hp.test_episodes, test_seed)
             tests = _returns(greedy, on_test)
-    return _outcome(task, se, hp, steps, episodes, tests)
+    return _result(task, se, hp, steps, episodes, tests)
 
 
-def _outcome(
+def _result(
     task: Task,
     se: SE | None,
     hp: AgentHyperparameters,
     steps: int,
     episodes: int,
     tests: _Tests | None,
-) -> Outcome:
-    """The outcome of a training that diverged (tests: None), or of an agent with these tests."""
+) -> EvaluationResult:
+    """The result of a training that diverged (tests: None), or of an agent with these tests."""
     returns, real_steps = tests or (np.full(hp.test_episodes, np.nan), 0)
     finite = bool(np.isfinite(returns).all())
     if not finite:
@@ -133,14 +130,13 @@ def _outcome(
     if se is None:
         real_steps += steps
     cost = estimated_core_seconds(hp, steps, real_steps)
-    return Outcome(tuple(returns.tolist()), steps, episodes, real_steps, finite, cost)
+    return EvaluationResult(tuple(returns.tolist()), steps, episodes, real_steps, finite, cost)
 
 
 def greedy_episodes(
     task: Task, greedy: Callable[[NDArray[np.float32]], int], episodes: int, seed: int
 ) -> Iterator[list[Transition]]:
-    """EvaluateAgent (paper, Algorithm 1) for an agent in Python: the transitions of each test
-    episode on the real task."""
+    """EvaluateAgent (paper, Algorithm 1) in Python: the transitions of each test episode."""
     with environment_in_python(task, None, episodes, seed) as env:
         for episode in range(episodes):
             state, over, transitions = env.reset(episode), False, list[Transition]()

@@ -71,7 +71,7 @@ class NES:
         require(Hyperparameters, self.hp, "a recipe of NES", "as bilevel.load_recipe returns it")
         object.__setattr__(self, "seed", checked_seed(self.seed))
         nes = self.hp.nes
-        if self.rule.needs_pairs and not nes.mirrored_sampling:
+        if not self.rule.transforms and not nes.mirrored_sampling:
             raise InvalidInput(f"nes.update {nes.update!r} needs nes.mirrored_sampling true")
         if self.rule.transforms and nes.score_transform in COMPARING and nes.population_size < 2:
             raise InvalidInput(

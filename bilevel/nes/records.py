@@ -12,11 +12,8 @@ from bilevel.evaluation import EvaluationResult, scores_of
 
 @dataclass(frozen=True)
 class GenerationRecord:
-    """Aggregated results of one generation.
-
-    `score_*`, `train_*` and `solved_fraction` belong to the agents trained on the unperturbed SE.
-    The caller measures the last three fields and adds them by `timed`.
-    """
+    """Aggregated results of one generation. `score_*`, `train_*` and `solved_fraction` belong to
+    the agents trained on the unperturbed SE; `timed` adds the last three fields."""
 
     generation: int  #: from 0
     attempt: int  #: number of restarts so far
@@ -46,8 +43,7 @@ class GenerationRecord:
         solved_reward: float,
         **values: Any,
     ) -> Self:
-        """Aggregate results, of which the first `centre_agents` belong to the unperturbed SE;
-        `values` are the other fields."""
+        """Aggregate results; the first `centre_agents` belong to the unperturbed SE."""
         scores = scores_of(results)
         centre, on_centre = scores[:centre_agents], results[:centre_agents]
         seconds = sum(result.seconds for result in results)

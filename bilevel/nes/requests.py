@@ -66,8 +66,7 @@ class Requests:
         return [EvaluationRequest(index, *trial, on) for index, (trial, on) in enumerate(chosen)]
 
     def confirmation(self, confirming: Confirming, generation: int) -> list[EvaluationRequest]:
-        """Return a round of a confirmation: agents that train on the unperturbed SE until the
-        stopping rule ends their training."""
+        """Return a round of a confirmation: agents that train on the unperturbed SE."""
         vary = "no" if self.hp.vary_agent == "no" else "narrowed"
         trials = [
             fresh_agent(self.hp.agents, vary, self.seed, Purpose.CONFIRM, generation, number)

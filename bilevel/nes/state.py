@@ -39,11 +39,7 @@ Phase = ChoosingStart | Evolving | Confirming | Finished
 
 @dataclass(frozen=True)
 class Finalist:
-    """One of the best SEs of a run, with the scores of its generation.
-
-    A run keeps several SEs, because the highest score is often a lucky sample. Its end tests all of
-    them again.
-    """
+    """One of the best SEs so far; the end of a run tests all of them again."""
 
     genotype: Genotype  # (D,)
     generation: int
@@ -59,8 +55,7 @@ class Finalist:
 def best_finalists(
     finalists: Sequence[Finalist], genotype: Genotype, record: GenerationRecord
 ) -> tuple[Finalist, ...]:
-    """Return the best FINALISTS of these and of the unperturbed SE of a new generation, best first;
-    ties go to earlier generations."""
+    """Return the FINALISTS best SEs, with that of a new generation; ties go to earlier ones."""
     new = Finalist(genotype, record.generation, record.score_mean, record.perturbed_score_mean)
     ranked = sorted([*finalists, new], key=lambda finalist: finalist.rank, reverse=True)
     return tuple(ranked[:FINALISTS])
@@ -107,8 +102,7 @@ class NESState:
         return float(np.mean(recent)) >= solved_reward
 
     def stagnates(self, nes: NESHyperparameters, solved_reward: float) -> bool:
-        """Return whether this attempt has not solved the task and set no new best score for
-        `nes.restart_after` generations."""
+        """Return whether this attempt has not solved the task, nor improved for a while."""
         scores = [record.score_mean for record in self.records[self.attempt_start :]]
         if not nes.restart_after or not scores or max(scores) >= solved_reward:
             return False

@@ -11,10 +11,10 @@ import torch
 
 from bilevel import InvalidInput
 from bilevel.agents import get_agent, register_agent, registered_agents
+from bilevel.agents.environments import environment_in_python
 from bilevel.agents.variation import draw_agent
 from bilevel.durable import checksum
 from bilevel.evaluation import train_and_test
-from bilevel.evaluation.run import environment_in_python
 from bilevel.hyperparameters import AgentHyperparameters, DDQNHyperparameters, default_agents
 from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.nes import NES
@@ -80,11 +80,6 @@ class TestEveryAgent:
         fast = train_and_test(cartpole, se, hp, 7)
         assert train_and_test(cartpole, se, hp, 7, compiled=False) == fast
 
-    def test_trains_on_the_real_task(self, name: str, cartpole: Task) -> None:
-        outcome = train_and_test(cartpole, None, small(name, max_episodes=4), 1)
-        assert outcome.train_episodes == 4
-        assert all(1 <= value <= 200 for value in outcome.test_returns)
-
     def test_trains_on_a_real_task_that_gymnasium_runs(self, name: str) -> None:
         hp, task = small(name, max_episodes=2, test_episodes=1), get_task("MountainCar-v0")
         outcome = train_and_test(task, None, hp, 1)
@@ -136,11 +131,6 @@ def test_invalid_agent_files_are_rejected(
         load_agent_file(file)
 
 
-def test_an_unknown_agent_is_rejected() -> None:
-    with pytest.raises(InvalidInput, match="unknown agent 'sarsa': allowed are ddqn"):
-        get_agent("sarsa")
-
-
 def test_digests_and_locations_are_those_of_the_imported_code(tmp_path: Path) -> None:
     """Even if the file has changed since then."""
     file = tmp_path / "digested_agent.py"
@@ -152,19 +142,6 @@ def test_digests_and_locations_are_those_of_the_imported_code(tmp_path: Path) ->
     assert get_agent("digested").code_digest == checksum(code.encode())[:16]
     assert str(mistake_at("agent 'digested'", definition, "is wrong")) == location
     assert [get_agent(name).code_digest for name in AGENTS[:3]] == [None, None, None]
-
-
-def test_annotations_may_be_strings(tmp_path: Path) -> None:
-    """`from __future__ import annotations` makes them strings."""
-    code = documented_agent().replace('agent="reinforce"', 'agent="postponed-reinforce"')
-    docstring, newline, rest = code.partition("\n")
-    file = tmp_path / "postponed_agent.py"
-    file.write_text(f"{docstring}{newline}from __future__ import annotations\n{rest}")
-    load_agent_file(file)
-    (hp,) = default_agents(("postponed-reinforce",))
-    assert replace(hp, hidden_size=3) != hp  # type: ignore[call-arg]
-    with pytest.raises(InvalidInput, match=r"postponed-reinforce\.hidden_size must be int, 1 to"):
-        replace(hp, hidden_size="3")  # type: ignore[call-arg]
 
 
 @pytest.mark.parametrize("on_se", [True, False])

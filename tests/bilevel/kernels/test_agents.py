@@ -9,7 +9,7 @@ import torch
 
 from bilevel.agents import get_agent
 from bilevel.agents.agent import agent_seeds
-from bilevel.agents.environments import KernelEnvironment
+from bilevel.agents.environments import KernelEnvironment, compiled_environment
 from bilevel.agents.training import returns_converged, task_solved
 from bilevel.agents.training import train as train_in_python
 from bilevel.evaluation.run import schedule
@@ -18,10 +18,9 @@ from bilevel.hyperparameters import (
     AgentHyperparameters,
     default_agents,
 )
-from bilevel.kernels import ddqn, random, td3, training
-from bilevel.kernels.environment import Environment, environment
-from bilevel.kernels.training import CONVERGED, NOT_FINITE, converged, solved
-from bilevel.splitmix import SplitMix64
+from bilevel.kernels import ddqn, td3, training
+from bilevel.kernels.environment import Environment
+from bilevel.kernels.training import NOT_FINITE, converged, solved
 from bilevel.tasks import Task
 from tests.ses import make_se
 
@@ -128,11 +127,8 @@ class TestGumbelSoftmax:
 
 
 def se_environment(task: Task, seed: int, episodes: int, step_limit: int) -> Environment:
-    physics = task.initial_physics(np.random.default_rng(seed + 1), episodes)
-    se = make_se(task, seed=seed).se.kernel
-    return environment(
-        se, True, task.dynamics, task.state_size, step_limit, task.solved_reward, physics
-    )
+    env = compiled_environment(task, make_se(task, seed=seed).se, episodes, seed + 1)
+    return env._replace(step_limit=step_limit)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -143,7 +139,7 @@ def test_whole_training_runs_agree(seed: int, agent: str, cartpole: Task) -> Non
     env = se_environment(cartpole, seed, hp.max_episodes, 25)
     definition, kernel, rng = twins(hp, 4, 2)
     steps, episodes, finite = train_in_python(
-        definition, hp, KernelEnvironment(env), returns_converged(hp)
+        definition, hp, KernelEnvironment(env, 2), returns_converged(hp)
     )
     compiled = training.train(kernel, env, schedule(hp), rng)
     assert finite
@@ -160,9 +156,7 @@ def test_non_finite_numbers_end_training(agent: str, cartpole: Task) -> None:
     _, kernel, rng = twins(hp, 4, 2)
     assert training.train(kernel, env, schedule(hp), rng)[2] == NOT_FINITE
 
-    env = se_environment(cartpole, 0, hp.max_episodes, 50)
     env.se.output_biases[-1] = np.nan  # the done output
-    _, kernel, rng = twins(hp, 4, 2)
     assert training.train(kernel, env, schedule(hp), rng) == (0, 0, NOT_FINITE)
 
 
@@ -198,24 +192,3 @@ def test_training_on_the_real_task_stops_when_it_is_solved(
     hp = small("ddqn", init_episodes=init_episodes, early_out_episodes=3)
     assert solved(returns, schedule(hp), solved_reward) == expected
     assert task_solved(hp, solved_reward)(returns.tolist()) == expected
-
-
-def test_compiled_training_on_the_real_task_ends_when_solved() -> None:
-    task = Task("CartPole-v0", 4, 2, 200, 1.0, 0.0, 1)  # every agent reaches this solved reward
-    hp = small("ddqn", init_episodes=2)
-    env = se_environment(task, 0, 10, 200)._replace(synthetic=False)
-    _, kernel, rng = twins(hp, 4, 2)
-    _, episodes, reason = training.train(kernel, env, schedule(hp), rng)
-    assert (episodes, reason) == (hp.early_out_episodes, CONVERGED)
-
-
-@pytest.mark.parametrize(
-    ("name", "mean", "deviation"), [("gumbel", 0.577, np.pi / 6**0.5), ("normal", 0.0, 1.0)]
-)
-def test_the_definition_draws_the_same_noise(name: str, mean: float, deviation: float) -> None:
-    state = np.array([5], np.uint64)
-    compiled = [getattr(random, name)(state) for _ in range(500)]
-    drawn = getattr(SplitMix64(5), name)(500)
-    np.testing.assert_allclose(drawn, compiled, rtol=1e-6)
-    assert drawn.mean() == pytest.approx(mean, abs=0.15)
-    assert drawn.std() == pytest.approx(deviation, rel=0.1)

@@ -18,7 +18,6 @@ from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES, NESState
 from bilevel.nes.confirmation import Confirming
 from bilevel.nes.start import EPISODES, ChoosingStart
-from bilevel.synthetic_env import load_se, save_se
 from bilevel.tasks import Task
 from tests.results import made_up_result
 
@@ -84,12 +83,6 @@ class TestAsk:
         later = nes.ask(replace(nes.init(), generation=1))[2:]
         assert {r.seed for r in members}.isdisjoint(r.seed for r in later)
 
-    def test_requests_depend_on_the_seed_only(self, nes: NES) -> None:
-        assert nes.ask(nes.init()) == nes.ask(nes.init())
-        other = replace(nes, seed=5)
-        seeds = {request.seed for request in nes.ask(nes.init())}
-        assert seeds.isdisjoint(request.seed for request in other.ask(other.init()))
-
     def test_every_second_turn_is_patient(self, cartpole: Task, small: Hyperparameters) -> None:
         nes = NES(cartpole, with_nes(small, patient_episodes=5), 0)
         for generation, patient in ((0, False), (1, True)):
@@ -152,9 +145,6 @@ class TestStart:
         np.testing.assert_array_equal(state.search.mean, expected)
         assert state.generation == 0
         assert state.real_env_steps == 7 * sum(sizes)
-
-    def test_a_single_candidate_is_not_evaluated(self, nes: NES) -> None:
-        assert not isinstance(nes.init().phase, ChoosingStart)
 
     def test_a_stagnating_run_restarts(self, cartpole: Task, small: Hyperparameters) -> None:
         nes = NES(cartpole, with_nes(small, restart_after=2, generations=100), 0)
@@ -290,16 +280,6 @@ class TestEnd:
             ]
             assert drawn[0] != drawn[1]
 
-    def test_the_last_generation_can_be_confirmed(
-        self, cartpole: Task, small: Hyperparameters
-    ) -> None:
-        nes = NES(cartpole, with_nes(small, solved_for=1, confirming_agents=1, generations=1), 0)
-        state = after(nes, nes.init(), 200.0)
-        assert not state.finished
-        for score in (3.0, 200.0):
-            end = after(nes, state, score)
-            assert (end.confirmed, end.finished) == (score == 200.0, True)
-
     def test_an_extended_run_restarts_where_an_uninterrupted_one_does(
         self, cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
     ) -> None:
@@ -332,22 +312,8 @@ class TestInvalidResults:
                 nes.tell(state, wrong)
         nes.tell(state, results[::-1])
 
-    @pytest.mark.parametrize("returns", [(), (float("nan"),), (200.0, float("inf"))])
-    def test_non_finite_returns(self, returns: tuple[float, ...], nes: NES) -> None:
-        state = nes.init()
-        first, *others = answers(nes, state, 20.0)
-        with pytest.raises(InvalidInput, match="the result of request 0 has the test returns"):
-            nes.tell(state, [replace(first, test_returns=returns), *others])
-
 
 @pytest.mark.parametrize("seed", [-1, 0.5, "one", None])
 def test_invalid_seeds(seed: Any, cartpole: Task, small: Hyperparameters) -> None:
     with pytest.raises(InvalidInput, match="a seed is an integer of at least 0; got"):
         NES(cartpole, small, seed)
-
-
-def test_numpy_seeds(cartpole: Task, small: Hyperparameters, tmp_path: Path) -> None:
-    nes = NES(cartpole, small, np.arange(5)[4])
-    assert nes == NES(cartpole, small, 4)
-    save_se(nes.best(nes.init()), tmp_path / "se")
-    assert load_se(tmp_path / "se").info["seed"] == 4

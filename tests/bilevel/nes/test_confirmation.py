@@ -74,16 +74,6 @@ def test_confirmation_predicts_the_next_agents(bad: float) -> None:
         assert (confirmed > 100) is (solves > REQUIRED_SHARE)
 
 
-def test_agents_are_numbered_over_the_rounds() -> None:
-    confirmation, seen = Confirming(16), list[int]()
-    for size in (2, 6, 8):
-        assert len(confirmation.coming) == size
-        seen += confirmation.coming
-        confirmation = confirmation.after([200.0] * size)
-    assert seen == list(range(16))
-    assert confirmation.all_scores.size == 16
-
-
 @pytest.mark.parametrize("agents", [1, 2, 3])
 def test_few_agents_make_fewer_rounds(agents: int) -> None:
     confirmation = Confirming(agents)

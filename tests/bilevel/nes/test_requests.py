@@ -66,17 +66,3 @@ def test_confirmations_use_fresh_agents(requests: Requests) -> None:
         assert len(confirming.all_scores) == 16
     assert len(made) == 32
     require_fresh(made, 32)
-
-
-def test_rounds_of_the_start_use_fresh_agents(requests: Requests) -> None:
-    """In every round and attempt; the candidates of a round share their agents."""
-    made: list[EvaluationRequest] = []
-    for attempt in (0, 1):
-        choosing = ChoosingStart.between(range(64))
-        for left, agents in ((64, 1), (8, 4), (2, 8)):
-            new = requests.start(choosing, attempt)
-            assert len(new) == left * agents
-            made += new
-            halving = choosing.halving.after(range(left))
-            choosing = replace(choosing, halving=halving)
-    require_fresh(made, 2 * (1 + 4 + 8))
