@@ -73,8 +73,8 @@ class KernelEnvironment:
 
 
 class GymnasiumEnvironment:
-    """A real task that gymnasium runs (see `TrainingEnvironment`). Each episode has its own seed, so
-    that all agents start it in the same state."""
+    """A real task in gymnasium (see `TrainingEnvironment`). Each episode has its own seed, so that
+    all agents start it in the same state."""
 
     def __init__(self, task: Task, seed: int) -> None:
         self.step_limit = task.step_limit

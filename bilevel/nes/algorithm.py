@@ -156,7 +156,7 @@ class NES:
 
     def tell(self, state: NESState, results: Sequence[EvaluationResult]) -> NESState:
         """Return the state after the evaluations `ask(state)`, in any order. Raises InvalidInput
-        unless there is exactly one result per request, with finite test returns."""
+        unless there is exactly one result per request."""
         results = ordered_results(results, len(self.ask(state)))
         state = replace(
             state,

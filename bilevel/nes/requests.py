@@ -6,18 +6,27 @@ reproducible, and a checkpoint stores no random state.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
+from itertools import product
 
 from bilevel.agents.variation import draw_agent
 from bilevel.errors import InvalidInput
-from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, Perturbed
+from bilevel.evaluation import (
+    Centre,
+    EvaluationRequest,
+    EvaluationResult,
+    Initialized,
+    Perturbed,
+)
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters, NESHyperparameters
 from bilevel.hyperparameters.validation import within_range
 from bilevel.nes.confirmation import Confirming
 from bilevel.nes.start import ChoosingStart
 from bilevel.nes.state import NESState
 from bilevel.seeds import Purpose, derive
+
+#: Maximum number of training episodes in the choice of a start, or twice the agent's
+#: `init_episodes`, in which it does not learn, if that is more.
+BRIEF_EPISODES = 40
 
 #: Seed and hyperparameters of an agent.
 Trial = tuple[int, AgentHyperparameters]
@@ -42,11 +51,12 @@ class Requests:
 
     def start(self, choosing: ChoosingStart, attempt: int) -> list[EvaluationRequest]:
         """Return a round of the choice of a start: the same agents for every candidate."""
-        halving, vary = choosing.halving, self.hp.vary_agent
-        paths = [(attempt, halving.round, i) for i in range(halving.agents)]
-        return choosing.requests(
-            [self._trial(Purpose.START, path, i, vary) for i, path in enumerate(paths)]
-        )
+        halving, vary, trials = choosing.halving, self.hp.vary_agent, list[Trial]()
+        for i in range(halving.agents):
+            seed, agent = self._trial(Purpose.START, (attempt, halving.round, i), i, vary)
+            trials.append((seed, brief(agent)))
+        pairs = enumerate(product(halving.left, trials))
+        return [EvaluationRequest(i, *trial, Initialized(seed)) for i, (seed, trial) in pairs]
 
     def generation(self, state: NESState) -> list[EvaluationRequest]:
         """Return a generation: agents on the unperturbed SE, n_p on mean + eps_i, and, with
@@ -87,6 +97,13 @@ def fresh_agent(
     return derive(root, purpose, *path), draw_agent(agents, vary, agent_seed)
 
 
+def brief(agent: AgentHyperparameters) -> AgentHyperparameters:
+    """Shorten the training of an agent in the choice of a start."""
+    episodes = max(BRIEF_EPISODES, 2 * agent.init_episodes)
+    episodes = within_range(type(agent), "max_episodes", episodes)
+    return replace(agent, max_episodes=min(agent.max_episodes, episodes))
+
+
 def with_patience(
     agent: AgentHyperparameters, nes: NESHyperparameters, turn: int
 ) -> AgentHyperparameters:
@@ -100,17 +117,9 @@ def with_patience(
 
 
 def ordered_results(results: Sequence[EvaluationResult], expected: int) -> list[EvaluationResult]:
-    """Sort results by index. Raises InvalidInput for missing, repeated or non-finite results."""
+    """Sort results by index. Raises InvalidInput for missing or repeated results."""
     ordered = sorted(results, key=lambda result: result.index)
-    if [result.index for result in ordered] != [*range(expected)]:
-        raise InvalidInput(
-            f"NES asked for {expected} evaluations and needs one result for each; got results for "
-            f"the requests {[result.index for result in ordered]}"
-        )
-    for result in ordered:
-        if not np.isfinite(result.score):
-            raise InvalidInput(
-                f"the result of request {result.index} has the test returns {result.test_returns}: "
-                "they must be finite"
-            )
+    numbers = [result.index for result in ordered]
+    if numbers != [*range(expected)]:
+        raise InvalidInput(f"NES asked for {expected} evaluations; got results for {numbers}")
     return ordered

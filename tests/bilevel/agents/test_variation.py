@@ -110,9 +110,3 @@ def test_an_agents_ranges_are_respected(vary: str) -> None:
     assert vary == "narrowed" or max(sizes) == 128
     assert min(hp.batch_size for hp in drawn) == 100
     assert max(hp.learning_rate for hp in drawn) == 2e-3
-
-
-def test_several_agents_are_drawn_with_equal_probability() -> None:
-    agents = default_agents(BUILT_IN)
-    names = [draw_agent(agents, "all", seed).agent for seed in range(SAMPLES)]
-    assert chisquare([names.count(name) for name in BUILT_IN]).pvalue > 1e-3

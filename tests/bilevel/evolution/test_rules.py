@@ -82,3 +82,8 @@ def test_non_finite_scores_rank_last(rule: str, z: NDArray[np.float32]) -> None:
     found = step(rule, z, [np.nan, 3.0, 3.0], [9.0, -np.inf, 3.0], 3.0)
     assert np.isfinite(found).all()
     assert found @ z[0] < 0
+
+
+@pytest.mark.parametrize("rule", ["paper", "authors"])
+def test_without_mirrored_sampling(rule: str, z: NDArray[np.float32]) -> None:
+    assert step(rule, z, [1.0, 2.0, 9.0], centre=5.0) @ z[2] > 0

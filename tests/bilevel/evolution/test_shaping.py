@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import rankdata
 
-from bilevel.evolution.shaping import COMPARING, centred_rank, transform
+from bilevel.evolution.shaping import COMPARING, transform
 from bilevel.hyperparameters import SCORE_TRANSFORMS
 
 SCORES = np.array([10.0, 40.0, 20.0, 30.0])
@@ -29,12 +29,6 @@ scores = arrays(
 )
 def test_by_hand(name: str, expected: list[float]) -> None:
     np.testing.assert_allclose(transform(name, SCORES, 20.0), expected, atol=1e-12)
-
-
-def test_nes_utilities_by_hand() -> None:
-    raw = np.array([0, np.log(3), 0, np.log(1.5)])
-    utilities = raw / raw.sum() - 0.25
-    np.testing.assert_allclose(transform("nes", SCORES, 0.0), utilities / utilities.max())
 
 
 @given(score=st.floats(-500, 500), agents=st.integers(1, 40))
@@ -70,18 +64,6 @@ def test_monotone_finite_and_at_most_one(name: str, values: np.ndarray, average:
     order = np.argsort(values, kind="stable")
     if "single" not in name:
         assert (np.diff(weights[order]) >= -1e-12).all()
-
-
-@given(values=scores, shift=st.floats(-100, 100), scale=st.floats(0.01, 100))
-def test_centred_rank_is_invariant_and_centred(
-    values: np.ndarray, shift: float, scale: float
-) -> None:
-    values = np.round(values)  # rounding errors must not change ties
-    ranks = centred_rank(values)
-    if values.size > 1:
-        assert ranks.sum() == pytest.approx(0, abs=1e-9)
-    np.testing.assert_allclose(centred_rank(values * scale + shift), ranks)
-    assert abs(ranks).max() <= 0.5
 
 
 @pytest.mark.parametrize(("ties", "method"), [("mean", "average"), ("order", "ordinal")])

@@ -118,13 +118,6 @@ class TestGumbelSoftmax:
         expected = np.exp(logits) / np.exp(logits).sum()
         np.testing.assert_allclose(frequencies, expected, atol=0.015)
 
-    @pytest.mark.parametrize(("bound", "beyond"), [(0.1, -1.0), (10.0, 1.0)])
-    def test_the_temperature_is_clipped(self, bound: float, beyond: float) -> None:
-        _, kernel, rng = twins(small("td3", learning_rate=1e-6), 4, 2)
-        kernel.rho.online[0] = np.log(bound) + beyond
-        td3.actor_step(kernel, rng)
-        assert np.exp(kernel.rho.online[0]) == pytest.approx(bound)
-
 
 def se_environment(task: Task, seed: int, episodes: int, step_limit: int) -> Environment:
     env = compiled_environment(task, make_se(task, seed=seed).se, episodes, seed + 1)

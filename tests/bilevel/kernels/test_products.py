@@ -43,13 +43,3 @@ def test_tiles_equal_numpy_on_every_processor(rng: np.random.Generator) -> None:
         a = rng.normal(0, 1, (rows, 144)).astype(np.float32)
         assert_product(a, rng.normal(0, 1, (144, 48)).astype(np.float32), tiles_with_rows)
         assert_product(a, rng.normal(0, 1, (141, 144)).astype(np.float32).T, tiles_of_rows)
-
-
-def test_nan_spreads_along_its_row_only() -> None:
-    a, b = np.ones((7, 16), np.float32), np.ones((16, 16), np.float32)
-    a[3, 5] = np.nan
-    out = np.zeros((7, 16), np.float32)
-    for right in (b, b.T):
-        multiplied(a, right, out)
-        assert np.isnan(out[3]).all()
-        assert np.isfinite(np.delete(out, 3, 0)).all()

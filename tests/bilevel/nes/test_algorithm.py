@@ -1,5 +1,4 @@
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,7 +16,8 @@ from bilevel.evaluation import (
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES, NESState
 from bilevel.nes.confirmation import Confirming
-from bilevel.nes.start import EPISODES, ChoosingStart
+from bilevel.nes.requests import BRIEF_EPISODES
+from bilevel.nes.start import ChoosingStart
 from bilevel.tasks import Task
 from tests.results import made_up_result
 
@@ -66,11 +66,6 @@ class TestAsk:
         assert len({on.seed for on in members}) == 3
         assert len(requests) == nes.hp.nes.evaluations
 
-    def test_without_mirrored_sampling(self, cartpole: Task, small: Hyperparameters) -> None:
-        nes = NES(cartpole, with_nes(small, update="paper", mirrored_sampling=False), 0)
-        assert [on.sign for on in perturbed(nes.ask(nes.init()))] == [1] * 3
-        assert nes.hp.nes.evaluations == 5
-
     @pytest.mark.parametrize("shared", [True, False])
     def test_members_may_share_agent_and_random_numbers(
         self, shared: bool, cartpole: Task, small: Hyperparameters
@@ -82,15 +77,6 @@ class TestAsk:
         assert (len({request.agent for request in members}) == 1) is shared
         later = nes.ask(replace(nes.init(), generation=1))[2:]
         assert {r.seed for r in members}.isdisjoint(r.seed for r in later)
-
-    def test_every_second_turn_is_patient(self, cartpole: Task, small: Hyperparameters) -> None:
-        nes = NES(cartpole, with_nes(small, patient_episodes=5), 0)
-        for generation, patient in ((0, False), (1, True)):
-            requests = nes.ask(replace(nes.init(), generation=generation))
-            lengths = [(r.agent.max_episodes, r.agent.early_out_episodes) for r in requests]
-            impatient = (13, small.agents[0].early_out_episodes)
-            assert lengths[:2] == [impatient, (5, 5)]
-            assert set(lengths[2:]) == {(5, 5) if patient else impatient}
 
     @pytest.mark.parametrize(
         ("changes", "message"),
@@ -113,7 +99,12 @@ class TestAsk:
 class TestStart:
     def test_agents_train_briefly(self, cartpole: Task, small: Hyperparameters) -> None:
         """Training still lasts longer than the episodes in which agents do not learn."""
-        cases = ((1, 150, EPISODES), (1, 13, 13), (EPISODES, 150, 2 * EPISODES), (40, 41, 41))
+        cases = (
+            (1, 150, BRIEF_EPISODES),
+            (1, 13, 13),
+            (BRIEF_EPISODES, 150, 2 * BRIEF_EPISODES),
+            (40, 41, 41),
+        )
         for init, longest, expected in cases:
             lengths = {"init_episodes": init, "max_episodes": longest}
             agents = tuple(replace(agent, **lengths) for agent in small.agents)
@@ -156,12 +147,6 @@ class TestStart:
         assert not np.array_equal(state.search.mean, start.search.mean)
         assert state.finalists[0].generation == 1  # the best of all attempts is kept
         assert after(nes, state, 1.0).records[-1].attempt == 1
-
-    def test_a_run_that_solved_the_task_does_not_restart(
-        self, cartpole: Task, small: Hyperparameters
-    ) -> None:
-        nes = NES(cartpole, with_nes(small, restart_after=1, generations=100), 0)
-        assert after(nes, nes.init(), 196.0, 50.0, 50.0, 50.0).attempt == 0
 
 
 class TestTell:
@@ -279,21 +264,6 @@ class TestEnd:
                 [r.agent for r in nes.ask(replace(state, refuted=refuted))] for refuted in (0, 1)
             ]
             assert drawn[0] != drawn[1]
-
-    def test_an_extended_run_restarts_where_an_uninterrupted_one_does(
-        self, cartpole: Task, small_hp: Hyperparameters, tmp_path: Path
-    ) -> None:
-        short, long = (
-            NES(cartpole, with_nes(small_hp, restart_after=2, generations=generations), 0)
-            for generations in (3, 9)
-        )
-        ends = [after(nes, nes.init(), 5.0, 5.0, 5.0) for nes in (short, long)]
-        assert [(end.finished, end.attempt) for end in ends] == [(True, 0), (False, 1)]
-        short.save(ends[0], tmp_path / "state")
-        assert short.load(tmp_path / "state").attempt == 0
-        extended = long.load(tmp_path / "state")
-        assert (extended.attempt, extended.attempt_start, extended.finished) == (1, 3, False)
-        np.testing.assert_array_equal(extended.search.mean, ends[1].search.mean)
 
 
 class TestInvalidResults:

@@ -1,17 +1,13 @@
 import contextlib
-import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
-import safetensors.numpy
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from bilevel import InvalidInput
-from bilevel.durable import checksum
 from bilevel.errors import OtherVersion, StorageFailure
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES, NESState
@@ -153,46 +149,3 @@ def test_a_flipped_byte_is_detected_or_harmless(
         read = default.load(path)
         np.testing.assert_array_equal(read.search.mean, whole.search.mean)
         assert read.records == whole.records
-
-
-@given(content=st.binary(max_size=200))
-def test_random_bytes_are_damaged(
-    content: bytes, default: NES, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    path = tmp_path_factory.mktemp("foreign") / "state"
-    path.write_bytes(content)
-    with pytest.raises(InvalidInput, match="damaged checkpoint"):
-        default.load(path)
-
-
-@pytest.mark.parametrize(
-    "changes",
-    [
-        {"generation": 2},
-        {"records": [{"x": 1}]},
-        {"phase": {"phase": "sleeping"}},
-        {"search": {"tensor": "missing"}},
-        {"colour": "red"},
-    ],
-)
-def test_a_wrong_state_with_a_right_checksum(
-    changes: dict[str, object], saved: bytes, default: NES, tmp_path: Path
-) -> None:
-    (tmp_path / "whole").write_bytes(saved)
-    with safetensors.safe_open(tmp_path / "whole", framework="numpy") as file:
-        tensors = {name: file.get_tensor(name) for name in file.keys()}  # noqa: SIM118
-        header = json.loads(file.metadata()["nes"])
-    assert header.pop("sha256") == digest(header, tensors)
-    header["state"] |= changes
-    header["sha256"] = digest(header, tensors)
-    safetensors.numpy.save_file(tensors, tmp_path / "state", {"nes": json.dumps(header)})
-    with pytest.raises(InvalidInput, match="damaged checkpoint"):
-        default.load(tmp_path / "state")
-
-
-def digest(header: dict[str, Any], tensors: dict[str, Any]) -> str:
-    """Return the checksum that the file format prescribes."""
-    parts = [json.dumps(header).encode()]
-    for name, tensor in sorted(tensors.items()):
-        parts += [f"{name} {tensor.dtype} {tensor.shape}".encode(), tensor.tobytes()]
-    return checksum(*parts)

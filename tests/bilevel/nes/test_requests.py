@@ -11,8 +11,7 @@ from bilevel.evaluation import EvaluationRequest
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.nes.confirmation import Confirming
-from bilevel.nes.requests import Requests, with_patience
-from bilevel.nes.start import ChoosingStart
+from bilevel.nes.requests import Requests, brief, with_patience
 
 
 @pytest.fixture
@@ -36,8 +35,7 @@ class Long(AgentHyperparameters, agent="long"):
 
 def test_short_training_respects_an_agents_ranges(small_hp: Hyperparameters) -> None:
     """In the choice of a start and in patient turns."""
-    made = ChoosingStart.between([0]).requests([(0, Long())])
-    assert [request.agent.max_episodes for request in made] == [100]
+    assert brief(Long()).max_episodes == 100
     for patient, episodes, window in ((60, 100, 30), (150, 150, 30)):
         turn = with_patience(Long(), replace(small_hp.nes, patient_episodes=patient), 1)
         assert (turn.max_episodes, turn.early_out_episodes) == (episodes, window)
