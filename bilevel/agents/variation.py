@@ -27,7 +27,7 @@ VARIED = ("learning_rate", "batch_size", "hidden_size", "hidden_layers")
 #: Ranges of hidden units and batch size (drawn on the log scale), and of hidden layers.
 SIZES, LAYERS = (42, 384), (1, 3)
 
-#: Largest `step_cost` of a small agent: 2.8 times that of the paper's tuned agent for CartPole.
+#: Largest `step_cost` of a small agent: 2.8 times the paper's tuned agent for CartPole.
 SMALL = 250_000.0
 
 #: Maximum draws of the sizes of a small agent. The number of hidden layers is drawn once, so that

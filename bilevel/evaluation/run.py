@@ -170,10 +170,5 @@ def _returns(episodes: Iterable[list[Transition]], record: Record = ignore) -> _
 
 def schedule(hp: AgentHyperparameters) -> training.Schedule:
     """An agent's training length, in the form of the compiled loop."""
-    return training.Schedule(
-        hp.init_episodes,
-        hp.max_episodes,
-        hp.early_out_episodes,
-        hp.early_out_difference,
-        getattr(hp, "replay_capacity", 1),
-    )
+    # An agent without a replay buffer has no `replay_capacity`.
+    return training.Schedule(*(getattr(hp, name, 1) for name in training.Schedule._fields))

@@ -122,5 +122,5 @@ COMPARING = ("linear", "rank", "nes")
 
 def transform(name: str, scores: Scores, average: float, ties: str = "mean") -> Scores:
     """Weights (n,) of the members by the transform `name`. `average` is the mean score on the
-    unperturbed SE, as in the authors' code; the paper takes that of the population."""
+    unperturbed SE, as in the authors' code; the paper averages the population."""
     return _TRANSFORMS[name](finite(scores), average, ties)

@@ -55,7 +55,7 @@ class Finalist:
 def best_finalists(
     finalists: Sequence[Finalist], genotype: Genotype, record: GenerationRecord
 ) -> tuple[Finalist, ...]:
-    """Return the FINALISTS best SEs, with that of a new generation; ties go to earlier ones."""
+    """Return the FINALISTS best SEs, including the new generation; ties go to earlier ones."""
     new = Finalist(genotype, record.generation, record.score_mean, record.perturbed_score_mean)
     ranked = sorted([*finalists, new], key=lambda finalist: finalist.rank, reverse=True)
     return tuple(ranked[:FINALISTS])
@@ -80,7 +80,7 @@ class NESState:
 
     @property
     def finished(self) -> bool:
-        """Whether the run has ended."""
+        """Whether the run has finished."""
         return isinstance(self.phase, Finished)
 
     @property
