@@ -51,13 +51,6 @@ def test_a_result_depends_on_the_request_only(cartpole: Task, small_hp: Hyperpar
         assert list(pool.map(run, requests)) == expected
 
 
-@pytest.mark.parametrize("seed", [None, -1, 1.5, "a"])
-def test_a_request_needs_a_seed(seed: Any, cartpole: Task, small_hp: Hyperparameters) -> None:
-    request = EvaluationRequest(0, seed, small_hp.agents[0], RealTask())
-    with pytest.raises(InvalidInput, match=rf"a seed is an integer of at least 0; got {seed!r}"):
-        evaluate(cartpole, None, request)
-
-
 def test_steps_on_the_real_task_are_counted(
     cartpole: Task, acrobot: Task, small_hp: Hyperparameters
 ) -> None:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.stats import rankdata
 
-from bilevel.evolution.shaping import COMPARING, transform
+from bilevel.evolution.shaping import transform
 from bilevel.hyperparameters import SCORE_TRANSFORMS
 
 SCORES = np.array([10.0, 40.0, 20.0, 30.0])
@@ -39,11 +39,6 @@ def test_equal_scores_are_not_better_than_their_mean(score: float, agents: int) 
     for name in ("single-better-average", "better-average", "better-average-sum"):
         assert not transform(name, np.full(4, score), average).any()
         assert transform(name, np.array([score, score + 1e-4]), average)[1] == 1
-
-
-@pytest.mark.parametrize("name", SCORE_TRANSFORMS)
-def test_a_single_member_has_a_weight_unless_the_transform_compares(name: str) -> None:
-    assert bool(transform(name, np.array([5.0]), 1.0)[0]) == (name not in COMPARING)
 
 
 @pytest.mark.parametrize("name", SCORE_TRANSFORMS)
