@@ -108,7 +108,7 @@ def dots_tile(
         builder.store(total, out.at(row, column, DOTS_COLUMNS), align=4)
 
 
-def _sum(builder: Any, count: int, lanes: int, end: Any, step: int, add: Any) -> Sequence[Any]:
+def _sum(builder: Any, count: int, lanes: int, end: Any, step: int, add: Any) -> Any:
     """Generate a loop over `range(0, end, step)`; `add(k, sums)` returns the new sums, which are
     `count` vectors and start from 0."""
     zeros = ir.Constant(ir.VectorType(_FLOAT, lanes), [0.0] * lanes)
