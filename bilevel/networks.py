@@ -1,9 +1,9 @@
 """Shapes of multilayer perceptrons, and the layout of their parameters in a flat float32 vector.
 
-The output consists of one or more heads: linear layers that each read a range of the last hidden
-layer's units (for instance value and advantages of a dueling network). The layout is that of
-torch's `parameters_to_vector`: for each layer, then each head, the weights (outputs x inputs,
-row-major) and the biases; last, for PReLU, the one slope shared by all hidden layers.
+The output consists of heads: linear layers that each read a range of the last hidden layer's units
+(for instance value and advantages of a dueling network). The layout is that of torch's
+`parameters_to_vector`: for each layer, then each head, the weights (outputs x inputs, row-major)
+and the biases; last, for PReLU, the one slope shared by all hidden layers.
 """
 
 from typing import NamedTuple
@@ -11,9 +11,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.activations import CODES, PRELU, PRELU_INITIAL_SLOPE
-
 Parameters = NDArray[np.float32]
+
+TANH, RELU, LRELU, PRELU = 0, 1, 2, 3
+#: Codes of the activation functions by name.
+CODES = {"tanh": TANH, "relu": RELU, "lrelu": LRELU, "prelu": PRELU}
+#: Slope of LeakyReLU, and initial slope of PReLU (torch's defaults).
+LRELU_SLOPE, PRELU_INITIAL_SLOPE = 0.01, 0.25
 
 
 class Network(NamedTuple):
@@ -22,7 +26,7 @@ class Network(NamedTuple):
     sizes: NDArray[np.int64]  # (depth + 2,) inputs, hidden..., outputs
     heads: NDArray[np.int64]  # (n, 2) hidden units that a head reads, its outputs
     offsets: NDArray[np.int64]  # (depth + n + 1,) where layers and heads start in the vector
-    activation: int  # a code of `activations.CODES`
+    activation: int  # a code in CODES
 
     @property
     def parameter_count(self) -> int:
@@ -43,11 +47,7 @@ def network(
     activation: str,
     heads: tuple[tuple[int, int], ...] = (),
 ) -> Network:
-    """Describe an MLP with `hidden_layers` layers of `hidden_size` units.
-
-    `heads` are (units read, outputs) of each head; their sums must be `hidden_size` and `outputs`.
-    By default one head reads all units.
-    """
+    """Describe an MLP. `heads` are (units read, outputs) of each head; by default one reads all."""
     sizes = np.array([inputs] + [hidden_size] * hidden_layers + [outputs], np.int64)
     split = np.array(heads or [(hidden_size, outputs)], np.int64)
     net = Network(sizes, split, np.zeros(1, np.int64), CODES[activation])
@@ -56,8 +56,7 @@ def network(
 
 
 def initial_parameters(net: Network, rng: np.random.Generator) -> NDArray[np.float32]:
-    """Draw weights and biases uniformly in +-1/sqrt(fan_in) (torch's default for linear layers);
-    a PReLU slope is 0.25."""
+    """Draw weights and biases uniformly in +-1/sqrt(fan_in), torch's default for linear layers."""
     params = np.empty(net.parameter_count, np.float32)
     for layer, (fan_in, _) in enumerate(net.shapes):
         start, end = net.offsets[layer], net.offsets[layer + 1]

@@ -1,7 +1,7 @@
 """SplitMix64 (Steele, Lea and Flood, 2014), the random number generator of the inner loop.
 
-Its state is one counter, so the compiled loop (`bilevel.kernels.random`) draws a number in about a
-nanosecond, and a definition draws the same numbers for whole minibatches with numpy.
+Its state is a counter: kernels (`bilevel.kernels.random`) draw a number in a nanosecond, and
+definitions draw the same numbers for whole minibatches with numpy.
 """
 
 import numpy as np

@@ -17,12 +17,11 @@ from benchmarks.machine import read_result, spread, write_result
 from benchmarks.markdown import format_spread, table
 from bilevel.agents import get_agent
 from bilevel.agents.agent import agent_seeds
-from bilevel.agents.environments import KernelEnvironment
+from bilevel.agents.environments import KernelEnvironment, compiled_environment
 from bilevel.agents.training import train as train_in_python
 from bilevel.evaluation.run import schedule
 from bilevel.hyperparameters import AgentHyperparameters, SEHyperparameters
 from bilevel.kernels import training
-from bilevel.kernels.environment import environment
 from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import get_task
@@ -95,19 +94,10 @@ def _kernel_and_definition(case: Case) -> tuple[Callable[[int], float], Callable
     """Return functions that train for some episodes and return microseconds per step."""
     task = get_task(case.task_id)
     hp: Any = replace(case.agent, init_episodes=0, early_out_episodes=10**6)
-    architecture = Architecture.of(task, case.se)
+    architecture = replace(Architecture.of(task, case.se), step_limit=EPISODE_STEPS)
     psi = architecture.initialize(np.random.default_rng(0)) * np.float32(0.3)
-    se = SE(architecture, psi).kernel
-    se.output_biases[-1] = -10.0
-    env = environment(
-        se,
-        True,
-        task.dynamics,
-        task.state_size,
-        EPISODE_STEPS,
-        0.0,
-        task.initial_physics(np.random.default_rng(1), 100),
-    )
+    env = compiled_environment(task, SE(architecture, psi), episodes=100, seed=1)
+    env.se.output_biases[-1] = -10.0
     registered = get_agent(hp.agent)
     build_kernel: Any = registered.build_kernel
     initial, loop = agent_seeds(0)
@@ -123,7 +113,8 @@ def _kernel_and_definition(case: Case) -> tuple[Callable[[int], float], Callable
         fresh = registered.build(hp, task.state_size, task.n_actions, 0)
         plan = replace(hp, max_episodes=episodes)
         started = time.perf_counter()
-        steps, _, _ = train_in_python(fresh, plan, KernelEnvironment(env), lambda returns: False)
+        in_python = KernelEnvironment(env, task.n_actions)
+        steps, _, _ = train_in_python(fresh, plan, in_python, lambda returns: False)
         return (time.perf_counter() - started) / steps * 1e6
 
     return kernel, definition

@@ -24,8 +24,7 @@ from bilevel.kernels import ddqn, td3
 
 
 def _definition(module: str, name: str) -> Build:
-    """A builder that imports the class `name` on first use: actors that run compiled twins do not
-    need torch."""
+    """A builder that imports torch and the class `name` on first use."""
 
     def build(hp: Any, state_size: int, n_actions: int, seed: int) -> Agent:
         definition: Build = getattr(import_module(f"bilevel.agents.{module}"), name)

@@ -1,15 +1,15 @@
 """The interface of agents, and their registry by name.
 
-An agent is a class, in torch or not, with the five methods of `Agent`, which the loop of
-`bilevel.agents.training` calls. The built-in agents also have compiled twins, for speed
-(`bilevel.kernels.training.Kernel`). See docs/agents.md.
+An agent is a class with the five methods of `Agent`, which the loop of `bilevel.agents.training`
+calls. The built-in agents also have compiled twins (`bilevel.kernels.training.Kernel`). See
+docs/agents.md.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cache
+from functools import cached_property
 from importlib.metadata import entry_points
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,11 +36,8 @@ class Transition(NamedTuple):
 
 
 class Agent(Protocol):
-    """Interface of an agent, built by `build(hp, state_size, n_actions, seed)`.
-
-    All random numbers of an agent must come from that seed, so that an evaluation depends on its
-    request only.
-    """
+    """Interface of an agent, built by `build(hp, state_size, n_actions, seed)`. All random numbers
+    of an agent must come from that seed, so that an evaluation depends on its request only."""
 
     def act(self, state: NDArray[np.float32], exploring: bool) -> int:
         """Choose a training action in a state (S,); `exploring` is true in the initial episodes."""
@@ -52,10 +49,8 @@ class Agent(Protocol):
         """Receive the transition that the last action caused."""
 
     def learn(self) -> float:
-        """Learn from the transitions so far; return the loss, 0 if there is none.
-
-        Called after every step that follows the initial episodes. A non-finite loss ends training.
-        """
+        """Learn from the transitions so far, after every step that follows the initial episodes;
+        return the loss, 0 if there is none. A non-finite loss ends training."""
 
     def end_episode(self) -> None:
         """Handle the end of a training episode."""
@@ -76,16 +71,10 @@ class RegisteredAgent:
     build: Build
     build_kernel: BuildKernel | None = None
 
-    @property
+    @cached_property
     def code_digest(self) -> str | None:
-        """Digest of the files that define a user's agent and its hyperparameters, as this process
-        imported them; None for a built-in agent."""
-        return _code_digest(self.name)
-
-
-@cache
-def _code_digest(name: str) -> str | None:
-    return digest_of("bilevel", get_agent(name).build, agent_hyperparameters(name))
+        """Digest of a user's agent and its hyperparameters, as imported; None if built in."""
+        return digest_of("bilevel", self.build, agent_hyperparameters(self.name))
 
 
 _AGENTS: dict[str, RegisteredAgent] = {}
@@ -96,19 +85,13 @@ def register_agent(
     build: Build,
     build_kernel: BuildKernel | None = None,
 ) -> None:
-    """Register an agent under the name in its hyperparameter class.
-
-    Raises InvalidInput for a class that lacks the decorator `hyperparameters` or its own name.
-    """
+    """Register an agent under the name in its hyperparameter class. Raises InvalidInput for a class
+    that lacks the decorator `hyperparameters` or its own name."""
     name, given = hyperparameters.agent, hyperparameters.__name__
-    named = bool(name) and agent_hyperparameters(name) is hyperparameters
-    if not is_pydantic_dataclass(hyperparameters):
+    if not is_pydantic_dataclass(cast(type, hyperparameters)):
         raise InvalidInput(f"{given} must be decorated with `hyperparameters`")
-    if not named:
-        raise InvalidInput(
-            f'{given} must name its agent, as in `class {given}(..., agent="mine")`, and the name '
-            "must be unique"
-        )
+    if not name or agent_hyperparameters(name) is not hyperparameters:
+        raise InvalidInput(f'{given} must name its agent: `class {given}(..., agent="mine")`')
     _AGENTS[name] = RegisteredAgent(name, build, build_kernel)
 
 
@@ -119,8 +102,7 @@ def register_again(hyperparameters: type[AgentHyperparameters], agent: Registere
 
 
 def load_plugins() -> None:
-    """Import the modules that installed packages name under `bilevel.agents`. Raises InvalidInput
-    if an import fails."""
+    """Import the agents of installed packages. Raises InvalidInput if an import fails."""
     for entry in entry_points(group=ENTRY_POINTS):
         try:
             entry.load()
@@ -147,7 +129,6 @@ def registered_agents() -> tuple[str, ...]:
 
 
 def agent_seeds(seed: int) -> tuple[int, int]:
-    """Seeds of a built-in agent: of its initial parameters, and of its exploration, noise and
-    minibatches."""
+    """Seeds of a built-in agent: of its initial parameters, and of everything else."""
     initial, loop = split(seed, 2)
     return initial, loop

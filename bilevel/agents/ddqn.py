@@ -13,11 +13,13 @@
                 Adam step on the mean squared error of Q_theta(state, action) to goal
                 target <- target + target_update_rate * (theta - target)
 
+A dueling network has Q(s, a) = V(s) + A(s, a) - mean_a' A(s, a'). The paper leaves its sizes open.
+Here `hidden_layers` shared layers are followed by one of which half the units feed the value and
+half the advantages. So each stream has its own layer, as in Wang et al.
+
 `bilevel.kernels.ddqn` is the compiled twin: both draw the same random numbers in the same order,
 and a test compares them over whole training runs.
 """
-
-from itertools import pairwise
 
 import numpy as np
 import torch
@@ -25,39 +27,10 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bilevel.agents.agent import Transition, agent_seeds
-from bilevel.agents.modules import MLP, flat_parameters, set_parameters, soft_update
-from bilevel.agents.replay import ReplayBuffer
+from bilevel.agents.modules import MLP, ReplayBuffer, flat_parameters, soft_update
 from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.networks import initial_parameters
 from bilevel.splitmix import SplitMix64
-from bilevel.torch_activations import activation_module
-
-
-class DuelingNetwork(nn.Module):
-    """Q(s, a) = V(s) + A(s, a) - mean_a' A(s, a').
-
-    The paper leaves the sizes open. Here the `hidden_layers` shared layers are followed by one
-    hidden layer of `hidden_size` units: half of them feed the value and half the advantages, each
-    through a linear output. So each stream has its own layer, as in Wang et al., but both cost as
-    much as one layer.
-    """
-
-    def __init__(self, state_size: int, n_actions: int, hp: DDQNHyperparameters) -> None:
-        super().__init__()
-        sizes = [state_size, *[hp.hidden_size] * (hp.hidden_layers + 1)]
-        self.layers = nn.ModuleList(nn.Linear(n, m) for n, m in pairwise(sizes))
-        self.of_value = (hp.hidden_size + 1) // 2
-        self.value = nn.Linear(self.of_value, 1)
-        self.advantage = nn.Linear(hp.hidden_size - self.of_value, n_actions)
-        self.activation = activation_module(hp.activation)
-
-    def forward(self, x: Tensor) -> Tensor:
-        """Action values (..., A) of states (..., S)."""
-        for layer in self.layers:
-            x = self.activation(layer(x))
-        advantages: Tensor = self.advantage(x[..., self.of_value :])
-        value: Tensor = self.value(x[..., : self.of_value])
-        return value + advantages - advantages.mean(dim=-1, keepdim=True)
 
 
 class DDQN:
@@ -69,24 +42,22 @@ class DDQN:
         self.rng = SplitMix64(loop_seed)
         net = hp.network(state_size, n_actions)
         theta = initial_parameters(net, np.random.default_rng(initial_seed))
-        self.online, self.target = (self._network(state_size, theta) for _ in range(2))
+        self.online, self.target = (MLP(net, hp.activation, theta) for _ in range(2))
         self.optimizer = torch.optim.Adam(self.online.parameters(), lr=hp.learning_rate)
         self.replay = ReplayBuffer(hp.replay_capacity)
         self.epsilon = hp.initial_epsilon
 
-    def _network(self, state_size: int, theta: NDArray[np.float32]) -> nn.Module:
-        hp = self.hp
-        net: nn.Module = (
-            DuelingNetwork(state_size, self.n_actions, hp)
-            if hp.dueling
-            else MLP(state_size, self.n_actions, hp.hidden_size, hp.hidden_layers, hp.activation)
-        )
-        set_parameters(net, theta)
-        return net
-
     def parameters(self) -> list[NDArray[np.float32]]:
         """Flat parameters of the online and the target network, in the twin's order."""
         return [flat_parameters(self.online), flat_parameters(self.target)]
+
+    def values(self, network: MLP, states: Tensor) -> Tensor:
+        """Action values (..., A) of states (..., S)."""
+        outputs: Tensor = network(states)
+        if not self.hp.dueling:
+            return outputs
+        value, advantages = outputs[..., :1], outputs[..., 1:]
+        return value + advantages - advantages.mean(dim=-1, keepdim=True)
 
     def act(self, state: NDArray[np.float32], exploring: bool) -> int:
         """Choose a random action with probability epsilon, else the greedy one."""
@@ -97,7 +68,7 @@ class DDQN:
     def greedy(self, state: NDArray[np.float32]) -> int:
         """The action with the highest value."""
         with torch.no_grad():
-            return int(self.online(torch.from_numpy(state)).argmax())
+            return int(self.values(self.online, torch.from_numpy(state)).argmax())
 
     def observe(self, transition: Transition) -> None:
         """Store the transition."""
@@ -111,15 +82,13 @@ class DDQN:
     def gradient_step(
         self, states: Tensor, actions: Tensor, rewards: Tensor, next_states: Tensor, dones: Tensor
     ) -> float:
-        """Make one Adam step and soft update; return the mean squared error.
-
-        Takes states (B, S), actions (B, 1), rewards (B,), next states (B, S), raw dones (B,).
-        """
+        """Make one Adam step and soft update; return the mean squared error. Takes states (B, S),
+        actions (B, 1), rewards (B,), next states (B, S), raw dones (B,)."""
         with torch.no_grad():
-            best = self.online(next_states).argmax(dim=1, keepdim=True)
-            value = self.target(next_states).gather(1, best).squeeze(1)
+            best = self.values(self.online, next_states).argmax(dim=1, keepdim=True)
+            value = self.values(self.target, next_states).gather(1, best).squeeze(1)
             goal = rewards + self.hp.discount * (1 - dones) * value
-        q = self.online(states).gather(1, actions.long()).squeeze(1)
+        q = self.values(self.online, states).gather(1, actions.long()).squeeze(1)
         loss = nn.functional.mse_loss(q, goal)
         self.optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]

@@ -2,8 +2,8 @@
 
 The paper gives the actor "a Gumbel-Softmax distribution with a learned temperature". An action is
 then a relaxed one-hot vector, drawn as softmax((logits + g) / tau) with Gumbel noise g (Jang et
-al., 2017). It is differentiable, so that the critic's gradient reaches the actor. The environment
-receives its argmax.
+al., 2017), through which the critic's gradient reaches the actor. The environment receives its
+argmax.
 
     actor, rho <- fresh actor, log of the temperature; critic 1, critic 2 <- fresh critics
     targets <- copies of all
@@ -22,8 +22,8 @@ receives its argmax.
 
 The paper leaves some details open. Noise, its clipping and the delay are those of Fujimoto et al.
 Actions with noise are not clipped to [0, 1], as in the authors' code. The temperature is learned as
-rho = log tau, so that it stays positive. It is clipped to [0.1, 10]: gradients vanish below, and
-actions become uniform above. Tests take the action with the highest logit, the most probable one.
+rho = log tau and clipped to [0.1, 10]: gradients vanish below, and actions become uniform above.
+Tests take the action with the highest logit, the most probable one.
 
 `bilevel.kernels.td3` is the compiled twin.
 """
@@ -36,17 +36,14 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from bilevel.agents.agent import Transition, agent_seeds
-from bilevel.agents.modules import MLP, flat_parameters, set_parameters, soft_update
-from bilevel.agents.replay import ReplayBuffer
+from bilevel.agents.modules import MLP, ReplayBuffer, flat_parameters, soft_update
 from bilevel.hyperparameters import TD3Hyperparameters
-from bilevel.networks import Network, initial_parameters
+from bilevel.networks import initial_parameters
 from bilevel.splitmix import SplitMix64
 
 
 class Actor(nn.Module):
     """Network of action logits, and rho, the logarithm of the temperature (a parameter)."""
-
-    net: MLP
 
     def __init__(self, net: MLP, temperature: float) -> None:
         super().__init__()
@@ -68,11 +65,11 @@ class TD3:
         self.rng = SplitMix64(loop_seed)
         actor, critic = hp.networks(state_size, n_actions)
         initial = np.random.default_rng(initial_seed)
-        vectors = [initial_parameters(net, initial) for net in (actor, critic, critic)]
+        vectors = [(net, initial_parameters(net, initial)) for net in (actor, critic, critic)]
 
         def copies() -> tuple[Actor, list[MLP]]:
-            critics = [self._network(critic, vector) for vector in vectors[1:]]
-            return Actor(self._network(actor, vectors[0]), hp.initial_temperature), critics
+            policy, *critics = (MLP(net, hp.activation, vector) for net, vector in vectors)
+            return Actor(policy, hp.initial_temperature), critics
 
         self.actor, self.critics = copies()
         self.target_actor, self.target_critics = copies()
@@ -83,32 +80,23 @@ class TD3:
         self.last_action = np.zeros(n_actions, np.float32)
         self.gradient_steps = 0
 
-    def _network(self, shape: Network, vector: NDArray[np.float32]) -> MLP:
-        hp, n_in, n_out = self.hp, int(shape.sizes[0]), int(shape.sizes[-1])
-        net = MLP(n_in, n_out, hp.hidden_size, hp.hidden_layers, hp.activation)
-        set_parameters(net, vector)
-        return net
-
     def parameters(self) -> list[NDArray[np.float32]]:
         """Parameters of actor, rho and critics, then of their targets, in the twin's order."""
-        groups = ((self.actor, self.critics), (self.target_actor, self.target_critics))
-        return [
-            part
-            for actor, critics in groups
-            for part in (
-                flat_parameters(actor.net),
-                actor.rho.detach().numpy(),
-                *map(flat_parameters, critics),
-            )
-        ]
+        parts: list[NDArray[np.float32]] = []
+        for actor, critics in (
+            (self.actor, self.critics),
+            (self.target_actor, self.target_critics),
+        ):
+            parts += [flat_parameters(actor.net), actor.rho.detach().numpy()]
+            parts += map(flat_parameters, critics)
+        return parts
 
     def _gumbel(self, rows: int) -> Tensor:
         noise = self.rng.gumbel(rows * self.n_actions)
         return torch.from_numpy(noise.reshape(rows, self.n_actions))
 
     def act(self, state: NDArray[np.float32], exploring: bool) -> int:
-        """Choose a uniform action while exploring, then the argmax of a noisy relaxed action,
-        whose whole vector is stored by `observe`."""
+        """Choose a uniform action while exploring, then the argmax of a noisy relaxed action."""
         if exploring:
             self.last_action = np.zeros(self.n_actions, np.float32)
             self.last_action[self.rng.below(self.n_actions, 1)[0]] = 1
@@ -136,9 +124,9 @@ class TD3:
     def gradient_step(
         self, states: Tensor, actions: Tensor, rewards: Tensor, next_states: Tensor, dones: Tensor
     ) -> float:
-        """Make one critic step and every `policy_delay` steps an actor step; return the critics'
-        loss. Takes states (B, S), action vectors (B, A), rewards (B,), next states (B, S) and raw
-        dones (B,)."""
+        """Make one critic step, and every `policy_delay` steps an actor step; return the critics'
+        loss. Takes states (B, S), actions (B, A), rewards (B,), next states (B, S), raw dones (B,).
+        """
         hp, rows = self.hp, len(states)
         with torch.no_grad():
             smooth = self.target_actor.relaxed(next_states, self._gumbel(rows))
@@ -149,10 +137,8 @@ class TD3:
             one, two = (critic(inputs).squeeze(1) for critic in self.target_critics)
             goal = rewards + hp.discount * (1 - dones) * torch.minimum(one, two)
         inputs = torch.cat([states, actions], dim=1)
-        errors = [
-            nn.functional.mse_loss(critic(inputs).squeeze(1), goal) for critic in self.critics
-        ]
-        loss = errors[0] + errors[1]
+        one, two = (critic(inputs).squeeze(1) for critic in self.critics)
+        loss = nn.functional.mse_loss(one, goal) + nn.functional.mse_loss(two, goal)
         self.critic_optimizer.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         self.critic_optimizer.step()

@@ -16,9 +16,7 @@ from bilevel.hyperparameters import AgentHyperparameters
 class TrainingEnvironment(Protocol):
     """Interface of the environment that an agent trains on: an SE or a real task."""
 
-    @property
-    def step_limit(self) -> int:
-        """Maximum number of steps per episode."""
+    step_limit: int  #: maximum number of steps per episode
 
     def reset(self, episode: int) -> NDArray[np.float32]:
         """The initial state (S,) of an episode."""
@@ -28,8 +26,15 @@ class TrainingEnvironment(Protocol):
         of a truncated one, with a done output of 0)."""
 
 
+#: Receives each transition.
+Record = Callable[[Transition], None]
+
 #: Returns True if training ends, given the returns of all episodes so far.
 StoppingRule = Callable[[list[float]], bool]
+
+
+def ignore(transition: Transition) -> None:
+    """Record nothing."""
 
 
 def returns_converged(hp: AgentHyperparameters) -> StoppingRule:
@@ -55,8 +60,7 @@ def task_solved(hp: AgentHyperparameters, solved_reward: float) -> StoppingRule:
     reward, after the initial episodes and at least d episodes.
 
     The paper uses test episodes here. The authors' code (`env_solved` in agents/base_agent.py of
-    automl/learning_environments) uses training episodes, which reproduces the train steps that
-    they report.
+    automl/learning_environments) uses training episodes, which reproduces their train steps.
     """
     d = hp.early_out_episodes
 
@@ -73,7 +77,7 @@ def train(
     hp: AgentHyperparameters,
     environment: TrainingEnvironment,
     stop: StoppingRule,
-    recorded: list[Transition] | None = None,
+    record: Record = ignore,
 ) -> tuple[int, int, bool]:
     """Train until `stop` returns true, a value is not finite, or all episodes were run.
 
@@ -82,8 +86,8 @@ def train(
             act, observe the transition
             learn                                # after init_episodes
 
-    Returns the numbers of steps and episodes, and True if all values stayed finite. Appends the
-    transitions to `recorded`, if given.
+    Calls `record` with each transition. Returns the numbers of steps and episodes, and True if all
+    values stayed finite.
     """
     returns: list[float] = []
     steps = 0
@@ -97,13 +101,12 @@ def train(
             if not np.isfinite([*next_state, reward, done]).all():
                 return steps, episode, False
             transition = Transition(state, action, reward, next_state, done)
-            if recorded is not None:
-                recorded.append(transition)
+            record(transition)
             agent.observe(transition)
             state = next_state
             total += reward
             steps += 1
-            if not exploring and not np.isfinite(agent.learn()):
+            if not exploring and not np.isfinite(float(agent.learn())):
                 return steps, episode, False
             if over:
                 break

@@ -1,9 +1,9 @@
 """Hyperparameter variation of the inner loop's agents (paper, Table "Ranges used for sampling
 random agent HP config.").
 
-NES draws fresh agents from these ranges, so that the SE does not overfit to one agent. Two
-variations avoid the cost of large agents: `small` draws only small ones, and `narrowed` draws from
-the full ranges and replaces a large agent by a narrow one that learns at the same pace.
+NES draws fresh agents, so that the SE does not overfit to one agent. Because large agents are
+expensive, `small` draws only small ones, and `narrowed` draws from the full ranges and replaces a
+large agent by a narrow one that learns at the same pace.
 """
 
 import math
@@ -18,8 +18,7 @@ from bilevel.hyperparameters import VARIATIONS, AgentHyperparameters
 from bilevel.hyperparameters.validation import within_range
 
 #: The default learning rates (paper, Table "Default HPs"); a third to three times the default is
-#: drawn. The table of ranges lists DDQN and Dueling DDQN; TD3 has the same range around its own
-#: default, as in the authors' code.
+#: drawn, for TD3 as in the authors' code.
 _LEARNING_RATE = {"ddqn": 1e-3, "dueling-ddqn": 1e-3, "td3": 5e-4}
 
 #: Fields that are drawn, if an agent has them.
@@ -28,13 +27,12 @@ VARIED = ("learning_rate", "batch_size", "hidden_size", "hidden_layers")
 #: Ranges of hidden units and batch size (drawn on the log scale), and of hidden layers.
 SIZES, LAYERS = (42, 384), (1, 3)
 
-#: Largest `step_cost` of a small agent: 2.8 times the cost of the paper's tuned
-#: agent for CartPole.
+#: Largest `step_cost` of a small agent: 2.8 times the paper's tuned agent for CartPole.
 SMALL = 250_000.0
 
-#: Draws of the sizes until a small agent is found. The number of hidden layers is drawn once, so
-#: that deep agents, few of which are small, are as frequent as others: an SE that was learned
-#: without deep agents teaches only shallow ones.
+#: Maximum draws of the sizes of a small agent. The number of hidden layers is drawn once, so that
+#: deep agents, few of which are small, are as frequent as others: without them, an SE teaches only
+#: shallow agents.
 _DRAWS = 128
 
 #: Minimum number of hidden units of a narrowed agent.
@@ -44,11 +42,8 @@ NARROWEST = 16
 def draw_agent(
     agents: tuple[AgentHyperparameters, ...], vary: str, seed: int
 ) -> AgentHyperparameters:
-    """Draw one of the agents and vary its fields in VARIED, within the agent's own ranges.
-
-    `vary` is one of VARIATIONS; `small` returns the cheapest draw if no draw is small. The result
-    depends only on the arguments. Raises InvalidInput for an unknown variation.
-    """
+    """Draw one of the agents and vary its fields in VARIED, within the agent's own ranges, by one
+    of VARIATIONS; `small` returns the cheapest draw if no draw is small."""
     if vary not in VARIATIONS:
         raise unknown_value("variation of agents", vary, VARIATIONS)
     rng = np.random.default_rng(seed)
@@ -68,11 +63,9 @@ def narrowed(agent: AgentHyperparameters) -> AgentHyperparameters:
     """Reduce hidden units until the agent is small, then the batch if NARROWEST units are still too
     many; increase its learning rate by the square root of the ratio of the widths.
 
-    With Adam at a given learning rate, the change of a network's outputs grows with its width (Yang
-    and Hu, 2021, "Tensor Programs IV"). The higher rate lets the narrow network learn at the pace
-    of the wide one, so that cheap agents reveal an SE on which wide agents fail. The square root
-    was chosen in trials (docs/nes.md): with it, narrow agents fail on an SE about as often as the
-    agents that they replace. With the ratio they fail more often, at the original rate never badly.
+    With Adam, the change of a network's outputs grows with its width (Yang and Hu, 2021, "Tensor
+    Programs IV"). The square root was chosen in trials (docs/nes.md): with it, narrow agents fail
+    on an SE about as often as the wide agents that they replace.
     """
     narrow = _reduced(_reduced(agent, "hidden_size", NARROWEST), "batch_size", SIZES[0])
     before, after = (getattr(hp, "hidden_size", 1) for hp in (agent, narrow))
@@ -111,8 +104,7 @@ def _varied(
 
 
 def _changed(agent: AgentHyperparameters, **values: Any) -> AgentHyperparameters:
-    """The agent with other values of its fields, each within its range; values of fields that the
-    agent does not have are ignored."""
+    """The agent with other values of the fields that it has, each within its range."""
     known = values.keys() & {spec.name for spec in fields(agent)}
     allowed: dict[str, Any] = {
         name: within_range(type(agent), name, values[name]) for name in known

@@ -1,17 +1,14 @@
 """One evaluation: train a fresh agent on an SE, score it on the real task.
 
-An evaluation is a pure function of its request, the task and the SEs. So a pool of actors may run
-requests in any order, and repeat them.
+It is a pure function of its request, the task and the SEs: actors may repeat it in any order.
 """
 
-from bilevel.evaluation.recording import record
 from bilevel.evaluation.requests import (
     Centre,
     EvaluationRequest,
     EvaluationResult,
     Given,
     Initialized,
-    Outcome,
     Perturbed,
     RealTask,
     SESource,
@@ -19,7 +16,7 @@ from bilevel.evaluation.requests import (
     comparable,
     scores_of,
 )
-from bilevel.evaluation.run import evaluate, train_and_test
+from bilevel.evaluation.run import evaluate, record, train_and_test
 
 __all__ = [
     "Centre",
@@ -27,7 +24,6 @@ __all__ = [
     "EvaluationResult",
     "Given",
     "Initialized",
-    "Outcome",
     "Perturbed",
     "RealTask",
     "SESource",

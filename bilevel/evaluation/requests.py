@@ -2,7 +2,6 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,8 +18,7 @@ class Centre:
 
 @dataclass(frozen=True)
 class Perturbed:
-    """Train on mean + sign * eps: the mean of the search distribution, and noise drawn by
-    `seed`."""
+    """Train on mean + sign * eps: the mean of the search distribution and noise from `seed`."""
 
     seed: int
     sign: int  #: 1 or -1
@@ -63,13 +61,10 @@ class EvaluationRequest:
 
 
 def requested_se(source: SESource, on: TrainedOn) -> SE | None:
-    """The SE of a request, None for the real task. Raises InvalidInput if `source` does not contain
-    it."""
+    """The SE of a request, None for the real task. Raises InvalidInput if `source` lacks it."""
     if isinstance(on, RealTask):
         return None
-    if isinstance(on, Given) and isinstance(source, tuple):
-        if not 0 <= on.number < len(source):
-            raise InvalidInput(f"training on {on}: allowed are the SEs 0 to {len(source) - 1}")
+    if isinstance(on, Given) and isinstance(source, tuple) and 0 <= on.number < len(source):
         source, on = source[on.number], Centre()
     if isinstance(source, StoredSE):
         source = source.se
@@ -84,14 +79,13 @@ def requested_se(source: SESource, on: TrainedOn) -> SE | None:
             return source.random(on.seed)
     raise InvalidInput(
         f"training on {on} is not possible with {source!r:.40}: Centre needs an SE or a "
-        "distribution of SEs, Perturbed and Initialized need a distribution, Given needs a tuple "
-        "of SEs; on=RealTask() needs None"
+        "distribution of SEs, Perturbed and Initialized a distribution, and Given a tuple of SEs"
     )
 
 
 @dataclass(frozen=True)
-class Outcome:
-    """Result of training and testing one fresh agent."""
+class EvaluationResult:
+    """Result of one fresh agent; the request determines all fields except `seconds`."""
 
     test_returns: tuple[float, ...]  #: of the test episodes on the real task
     train_steps: int
@@ -99,6 +93,8 @@ class Outcome:
     real_env_steps: int  #: of tests, and of training on the real task
     finite: bool  #: False: training or test diverged; the returns are the task's worst
     cost: float  #: core seconds, estimated (`core_seconds`)
+    index: int = 0  #: of the request
+    seconds: float = 0.0  #: measured
 
     @property
     def score(self) -> float:
@@ -106,18 +102,7 @@ class Outcome:
         return float(np.mean(self.test_returns))
 
 
-@dataclass(frozen=True)
-class EvaluationResult(Outcome):
-    """The outcome of the request `index`. The request determines all fields except `seconds`."""
-
-    index: int
-    seconds: float  #: measured
-
-
-_Result = TypeVar("_Result", bound=Outcome)
-
-
-def comparable(results: Sequence[_Result]) -> list[_Result]:
+def comparable(results: Sequence[EvaluationResult]) -> list[EvaluationResult]:
     """The results with comparable test returns: the returns of a diverged agent are cut at the
     lowest score of all other agents, which may be below the task's worst score."""
     lowest = min((result.score for result in results if result.finite), default=np.inf)
@@ -129,6 +114,6 @@ def comparable(results: Sequence[_Result]) -> list[_Result]:
     ]
 
 
-def scores_of(results: Sequence[Outcome]) -> NDArray[np.float64]:
+def scores_of(results: Sequence[EvaluationResult]) -> NDArray[np.float64]:
     """Scores (n,) of `comparable` results."""
     return np.array([result.score for result in comparable(results)])

@@ -1,8 +1,8 @@
 """TrainAgent and EvaluateAgent (paper, Algorithm 1): one agent's training and its tests."""
 
 import time
-from collections.abc import Callable, Iterator
-from contextlib import closing, contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,25 +10,23 @@ from numpy.typing import NDArray
 
 from bilevel.agents import Transition, get_agent
 from bilevel.agents.agent import agent_seeds
-from bilevel.agents.checked import CheckedAgent
-from bilevel.agents.environments import GymnasiumEnvironment, KernelEnvironment
-from bilevel.agents.training import TrainingEnvironment, returns_converged, task_solved
+from bilevel.agents.environments import compiled_environment, environment_in_python
+from bilevel.agents.training import Record, ignore, returns_converged, task_solved
 from bilevel.agents.training import train as train_in_python
 from bilevel.errors import require
 from bilevel.evaluation.requests import (
     EvaluationRequest,
     EvaluationResult,
-    Outcome,
     SESource,
     requested_se,
 )
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.kernels import training
-from bilevel.kernels.environment import Environment, environment
 from bilevel.seeds import checked_seed, split
-from bilevel.synthetic_env import SE, Architecture
+from bilevel.synthetic_env import SE
 from bilevel.tasks import Task
 from bilevel.threads import one_blas_thread, one_torch_thread
+from bilevel.user_code import user_code_errors
 
 #: Returns (episodes,) of tests, and their number of steps.
 _Tests = tuple[NDArray[np.float64], int]
@@ -38,85 +36,92 @@ def evaluate(task: Task, se: SESource, request: EvaluationRequest) -> Evaluation
     """TrainAgent, then EvaluateAgent (paper, Algorithm 1).
 
     `se` is the source of the request's SE: one SE (also as `load` and `learn` return it) for
-    `Centre`, a tuple of SEs for `Given`, or a distribution. It may be None for training on the real
-    task. Raises InvalidInput if `se` does not contain the requested SE, for a seed that is no
-    integer of at least 0, and for an SE of a task with other sizes.
+    `Centre`, a tuple of SEs for `Given`, a distribution, or None for training on the real task.
+    Raises InvalidInput for an invalid seed and an SE that is missing or does not fit the task.
     """
     started = time.perf_counter()
     require(Task, task, "the task of an evaluation", "as bilevel.get_task returns it")
-    require(
-        AgentHyperparameters, request.agent, "the agent of a request", "one of a recipe's agents"
-    )
     seed = checked_seed(request.seed)
-    outcome = train_and_test(task, requested_se(se, request.on), request.agent, seed)
-    seconds = time.perf_counter() - started
-    return EvaluationResult(**vars(outcome), index=request.index, seconds=seconds)
+    result = train_and_test(task, requested_se(se, request.on), request.agent, seed)
+    return replace(result, index=request.index, seconds=time.perf_counter() - started)
 
 
 def train_and_test(
     task: Task, se: SE | None, hp: AgentHyperparameters, seed: int, compiled: bool = True
-) -> Outcome:
-    """Train a fresh agent on `se` (None: on the real task) and test it on the real task.
+) -> EvaluationResult:
+    """Train a fresh agent on `se` (None: on the real task) and test it on the real task, by its
+    compiled twin if possible and `compiled`.
 
-    Unless `compiled` is False, the agent's compiled twin runs, if the agent has one and the
-    environment it trains on is compiled. Raises InvalidInput for an SE of a task with other sizes,
-    and UserCodeError for a user's agent or task that raises, exits or returns a wrong value.
+    Raises InvalidInput for an SE of a task with other sizes, and UserCodeError for a user's agent
+    or task that raises, exits or returns a wrong value.
     """
     has_kernel = get_agent(hp.agent).build_kernel is not None
     with one_blas_thread():
         if compiled and has_kernel and (se is not None or task.compiled):
             return _run_kernel(task, se, hp, seed)
-        return run_definition(task, se, hp, seed)
+        return _run_definition(task, se, hp, seed)
 
 
-def _run_kernel(task: Task, se: SE | None, hp: AgentHyperparameters, seed: int) -> Outcome:
+def record(
+    task: Task, se: SE, hp: AgentHyperparameters, seed: int
+) -> tuple[list[Transition], list[Transition]]:
+    """The transitions of training and of tests (none if training diverges) in `train_and_test`, by
+    the agent's definition. Raises InvalidInput for an SE of a task with other sizes."""
+    trained, tested = list[Transition](), list[Transition]()
+    _run_definition(task, se, hp, seed, trained.append, tested.append)
+    return trained, tested
+
+
+def _run_kernel(task: Task, se: SE | None, hp: AgentHyperparameters, seed: int) -> EvaluationResult:
     """Train and test the compiled twin of an agent."""
     agent_seed, physics_seed, test_seed = split(seed, 3)
     initial, loop = agent_seeds(agent_seed)
     build = get_agent(hp.agent).build_kernel
     assert build is not None
     agent = build(hp, task.state_size, task.n_actions, np.random.default_rng(initial))
-    env = _environment(task, se, hp.max_episodes, physics_seed)
+    env = compiled_environment(task, se, hp.max_episodes, physics_seed)
     rng = np.array([loop], np.uint64)
     steps, episodes, reason = training.train(agent, env, schedule(hp), rng)
     finite = reason != training.NOT_FINITE and all(np.isfinite(p).all() for p in agent.parameters())
     tests = _test_kernel(task, agent, hp.test_episodes, test_seed) if finite else None
-    return _outcome(task, se, hp, steps, episodes, tests)
+    return _result(task, se, hp, steps, episodes, tests)
 
 
-def run_definition(
+def _run_definition(
     task: Task,
     se: SE | None,
     hp: AgentHyperparameters,
     seed: int,
-    trained: list[Transition] | None = None,
-    tested: list[Transition] | None = None,
-) -> Outcome:
-    """Train and test the definition of an agent, which is slower but works for every agent and
-    task. The transitions of training and tests are appended to `trained` and `tested`, if given."""
+    on_training: Record = ignore,
+    on_test: Record = ignore,
+) -> EvaluationResult:
+    """Train and test the definition of an agent, and pass the transitions to two callbacks."""
     agent_seed, physics_seed, test_seed = split(seed, 3)
-    build = partial(get_agent(hp.agent).build, hp, task.state_size, task.n_actions, agent_seed)
+    build = get_agent(hp.agent).build
     stop = task_solved(hp, task.solved_reward) if se is None else returns_converged(hp)
-    with one_torch_thread():
-        agent = CheckedAgent(hp.agent, task.n_actions, build)
-        with environment_in_python(task, se, hp.max_episodes, physics_seed) as env:
-            steps, episodes, finite = train_in_python(agent, hp, env, stop, trained)
-        returns = None
+    tests = None
+    with (
+        one_torch_thread(),
+        environment_in_python(task, se, hp.max_episodes, physics_seed) as env,
+        user_code_errors(f"agent {hp.agent!r}", "runs"),
+    ):
+        agent = build(hp, task.state_size, task.n_actions, agent_seed)
+        steps, episodes, finite = train_in_python(agent, hp, env, stop, on_training)
         if finite:
             greedy = greedy_episodes(task, agent.greedy, hp.test_episodes, test_seed)
-            returns = _returns(greedy, tested)
-    return _outcome(task, se, hp, steps, episodes, returns)
+            tests = _returns(greedy, on_test)
+    return _result(task, se, hp, steps, episodes, tests)
 
 
-def _outcome(
+def _result(
     task: Task,
     se: SE | None,
     hp: AgentHyperparameters,
     steps: int,
     episodes: int,
     tests: _Tests | None,
-) -> Outcome:
-    """The outcome of a training that diverged (tests: None), or of an agent with these tests."""
+) -> EvaluationResult:
+    """The result of a training that diverged (tests: None), or of an agent with these tests."""
     returns, real_steps = tests or (np.full(hp.test_episodes, np.nan), 0)
     finite = bool(np.isfinite(returns).all())
     if not finite:
@@ -124,14 +129,13 @@ def _outcome(
     if se is None:
         real_steps += steps
     cost = hp.core_seconds(steps, real_steps)
-    return Outcome(tuple(returns.tolist()), steps, episodes, real_steps, finite, cost)
+    return EvaluationResult(tuple(returns.tolist()), steps, episodes, real_steps, finite, cost)
 
 
 def greedy_episodes(
     task: Task, greedy: Callable[[NDArray[np.float32]], int], episodes: int, seed: int
 ) -> Iterator[list[Transition]]:
-    """EvaluateAgent (paper, Algorithm 1) for an agent in Python: the transitions of each test
-    episode on the real task."""
+    """EvaluateAgent (paper, Algorithm 1) in Python: the transitions of each test episode."""
     with environment_in_python(task, None, episodes, seed) as env:
         for episode in range(episodes):
             state, over, transitions = env.reset(episode), False, list[Transition]()
@@ -145,70 +149,25 @@ def greedy_episodes(
 
 def _test_kernel(task: Task, agent: training.Kernel, episodes: int, seed: int) -> _Tests:
     """EvaluateAgent for a compiled agent."""
-    if task.compiled:
-        returns, steps = training.test_returns(
-            agent, _environment(task, None, episodes, seed), episodes
-        )
-        return returns, int(steps)
-
-    def greedy(state: NDArray[np.float32]) -> int:
-        return int(training.greedy_action(agent, state))
-
-    return _returns(greedy_episodes(task, greedy, episodes, seed))
+    if not task.compiled:
+        greedy = partial(training.greedy_action, agent)
+        return _returns(greedy_episodes(task, greedy, episodes, seed))
+    env = compiled_environment(task, None, episodes, seed)
+    returns, steps = training.test_returns(agent, env, episodes)
+    return returns, int(steps)
 
 
-def _returns(
-    episodes: Iterator[list[Transition]], recorded: list[Transition] | None = None
-) -> _Tests:
+def _returns(episodes: Iterable[list[Transition]], record: Record = ignore) -> _Tests:
     returns, steps = [], 0
     for transitions in episodes:
         returns.append(sum(transition.reward for transition in transitions))
         steps += len(transitions)
-        if recorded is not None:
-            recorded.extend(transitions)
+        for transition in transitions:
+            record(transition)
     return np.array(returns, np.float64), steps
-
-
-@contextmanager
-def environment_in_python(
-    task: Task, se: SE | None, episodes: int, seed: int
-) -> Iterator[TrainingEnvironment]:
-    """Context with the SE, or (None) the real task, for agents in Python; `seed` draws the initial
-    states of `episodes` episodes."""
-    if se is None and not task.compiled:
-        with closing(GymnasiumEnvironment(task, seed)) as env:
-            yield env
-    else:
-        yield KernelEnvironment(_environment(task, se, episodes, seed))
-
-
-#: Placeholder where the kernel takes an SE but does not read it.
-_SMALLEST = Architecture(1, 1, 1, 1, "tanh", 1)
-_NO_SE = SE(_SMALLEST, np.zeros(_SMALLEST.parameter_count, np.float32))
-
-
-def _environment(task: Task, se: SE | None, episodes: int, seed: int) -> Environment:
-    """The SE, or (None) the compiled real task. Raises InvalidInput for an SE of a task with other
-    sizes."""
-    if se is not None:
-        se.architecture.check_fits(task)
-    return environment(
-        (se or _NO_SE).kernel,
-        se is not None,
-        task.dynamics,
-        task.state_size,
-        task.step_limit if se is None else se.architecture.step_limit,
-        task.solved_reward,
-        task.initial_physics(np.random.default_rng(seed), episodes),
-    )
 
 
 def schedule(hp: AgentHyperparameters) -> training.Schedule:
     """An agent's training length, in the form of the compiled loop."""
-    return training.Schedule(
-        hp.init_episodes,
-        hp.max_episodes,
-        hp.early_out_episodes,
-        hp.early_out_difference,
-        getattr(hp, "replay_capacity", 1),
-    )
+    # An agent without a replay buffer has no `replay_capacity`.
+    return training.Schedule(*(getattr(hp, name, 1) for name in training.Schedule._fields))

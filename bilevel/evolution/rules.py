@@ -12,11 +12,9 @@ With eps_i = sigma z_i, the steps are alpha sum_i w_i eps_i and alpha / (n sigma
 `nes` is the natural gradient in the mean with rank utilities and a fixed sigma (Wierstra et al.,
 2014, "Natural Evolution Strategies"). `antithetic` is the estimator of Salimans et al. (2017).
 
-`paper` is the update that the paper prints. Its division by n sigma appears only in the paper's
-text: the authors' code does not divide (`authors`), and they tuned the step size of their tables
-for the undivided rule. Both rules use the authors' mirrored sampling, which keeps the better sign
-of each pair with its score and drops the other one, and compare scores with the mean score of
-agents trained on the unperturbed SE, as the authors' code does.
+`paper` is the update that the paper prints. The authors' code does not divide by n sigma
+(`authors`), and they tuned the step size of their tables for the undivided rule. Both rules use the
+authors' mirrored sampling, which keeps the better sign of each pair and drops the other one.
 """
 
 from collections.abc import Callable
@@ -72,19 +70,11 @@ def _members(fitness: Fitness) -> Scores:
 @dataclass(frozen=True)
 class Rule:
     """An update rule: a shaping function of (fitness, transform, ties), and a gradient estimate.
-
-    A rule either `transforms` scores by `nes.score_transform` and `nes.ties`, or ranks mirrored
-    pairs.
-    """
+    It either `transforms` scores by `nes.score_transform`, or ranks mirrored pairs."""
 
     shape: Callable[[Fitness, str, str], Scores]
     estimate: Callable[[Scores, Genotype], Scores]
     transforms: bool
-
-    @property
-    def needs_pairs(self) -> bool:
-        """Whether the rule requires mirrored sampling."""
-        return not self.transforms
 
     def step_size(self, alpha: float, sigma: float) -> float | np.float32:
         """Return the factor between gradient and step."""

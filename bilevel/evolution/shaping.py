@@ -11,8 +11,8 @@ import numpy as np
 
 from bilevel.evolution.strategy import Scores
 
-#: Scores that exceed the average by at most this value count as average, because the mean of equal
-#: scores may differ from them in its last bits. The authors' code uses the same value.
+#: Scores that exceed the average by at most this value count as average, as in the authors' code,
+#: because the mean of equal scores may differ from them in its last bits.
 _ROUNDING = 1e-6
 
 
@@ -60,11 +60,7 @@ def single_better_average(scores: Scores, average: float, ties: str) -> Scores:
 
 
 def better_average(scores: Scores, average: float, ties: str) -> Scores:
-    """max(F - average, 0), scaled to a maximum of 1 (the paper's choice, "better avg.").
-
-    The paper compares with "the average of the population scores". The authors' code, and this
-    function, compare with the mean score of agents trained on the unperturbed SE.
-    """
+    """max(F - average, 0), scaled to a maximum of 1 (the paper's choice, "better avg.")."""
     gain = _gain(scores, average)
     return gain / gain.max() if gain.max() > 0 else gain
 
@@ -120,12 +116,11 @@ _TRANSFORMS: dict[str, Callable[[Scores, float, str], Scores]] = {
     "better-average-sum": better_average_sum,
 }
 
-
 #: Transforms that only compare members: a single member gets no weight, whatever its score.
 COMPARING = ("linear", "rank", "nes")
 
 
 def transform(name: str, scores: Scores, average: float, ties: str = "mean") -> Scores:
-    """Weights (n,) of the members by the transform `name`; the "better average" transforms compare
-    scores with `average`, the mean score on the unperturbed SE."""
+    """Weights (n,) of the members by the transform `name`. `average` is the mean score on the
+    unperturbed SE, as in the authors' code; the paper averages the population."""
     return _TRANSFORMS[name](finite(scores), average, ties)

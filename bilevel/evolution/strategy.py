@@ -16,8 +16,7 @@ w         (n,)     shaped fitness
         fitness = Fitness(evaluate(plus), evaluate(minus))
         distribution, step = strategy.tell(distribution, seeds, fitness)
 
-Members are identified by a seed and a sign, so that a distributed evaluation needs the distribution
-once and two integers per member.
+A seed and a sign identify a member, so that a distributed evaluation needs two integers per member.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,11 +32,8 @@ Scores = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SearchDistribution:
-    """N(mean, sigma^2 I), with a moving average of past means.
-
-    Single steps are noisy; the average of the means is better than any one of them (Polyak and
-    Juditsky, 1992). Without averaging it equals the mean.
-    """
+    """N(mean, sigma^2 I), with a moving average of past means, which are noisy (Polyak and
+    Juditsky, 1992). Without averaging it equals the mean."""
 
     mean: Genotype  # (D,)
     average: Genotype  # (D,)
@@ -65,9 +61,8 @@ class Fitness:
 class EvolutionStrategy:
     """Stochastic gradient ascent on the expected fitness of a search distribution.
 
-    `shape` maps fitness to weights w (n,), `estimate` maps (w, z) to a gradient (D,), and
-    `optimize` maps a gradient to a step (D,). `averaging` is the share of the moving average that a
-    generation keeps.
+    `shape` maps fitness to weights w (n,), `estimate` (w, z) to a gradient (D,), `optimize` a
+    gradient to a step (D,). `averaging` is the share of the average that a generation keeps.
     """
 
     sigma: float

@@ -13,7 +13,7 @@ from bilevel.errors import InvalidInput, unknown_value
 from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.networks import Network, network
 
-#: The names of `bilevel.activations`.
+#: The names of `bilevel.networks.CODES`.
 Activation = Literal["tanh", "relu", "lrelu", "prelu"]
 ACTIVATIONS: tuple[str, ...] = get_args(Activation)
 

@@ -7,8 +7,8 @@ would cost ten times as much.
 
 import numpy as np
 
-from bilevel.activations import PRELU, RELU, TANH
 from bilevel.kernels.jit import compiled, quotient
+from bilevel.networks import PRELU, RELU, TANH
 
 _f = np.float32
 _ZERO, _ONE = _f(0), _f(1)
@@ -46,8 +46,8 @@ def activate(z, bias, activation, slope):
 
 @compiled
 def activate_rows(h, z, biases, activation, slope):
-    """Replace every row of the matrix `h` by the activations of its values plus its bias. For PReLU
-    only, store the values before activation in `z`."""
+    """Replace every row of `h` by the activations of its values plus its bias, and, for PReLU,
+    store the values before activation in `z`."""
     for j in range(h.shape[0]):
         row, bias = h[j], biases[j]
         if activation == PRELU:
@@ -58,12 +58,9 @@ def activate_rows(h, z, biases, activation, slope):
 
 @compiled
 def activate_rows_backward(delta, h, z, activation, slope, bias_gradient):
-    """Multiply `delta` (gradient of the activations `h`) by the derivative, and write the sums of
-    its rows into `bias_gradient`; return the gradient of the slope.
-
-    `z` holds the values before activation and is read for PReLU only: its slope may become
-    negative, so `h` does not determine their sign.
-    """
+    """Multiply `delta` (gradient of the activations `h`) by the derivative, write the sums of its
+    rows into `bias_gradient`, and return the gradient of the slope. A PReLU needs the values `z`
+    before activation, because its slope may become negative."""
     rows, columns = delta.shape
     slope_gradient = _ZERO
     for j in range(rows):

@@ -1,7 +1,5 @@
 """Double DQN and Dueling Double DQN, compiled: the twin of the definition `bilevel.agents.ddqn`.
 
-Both draw the same random numbers in the same order, so whole training runs can be compared.
-
 symbol   shape            meaning
 ------   --------------   -----------------------------------------
 theta    (P,) float32     parameters of the Q-network, with targets
@@ -75,11 +73,7 @@ def new_agent(
 
 @compiled
 def action_values(agent, params, states):
-    """The action values (A, B') of a batch of states (S, B').
-
-    Those of a dueling network are the value plus each advantage minus the mean advantage (Wang et
-    al., 2016).
-    """
+    """The action values (A, B') of a batch of states (S, B')."""
     n_actions, columns = agent.n_actions, states.shape[1]
     y = np.empty((agent.net.sizes[-1], columns), np.float32)
     forward(agent.net, params, states, agent.work, y)
@@ -98,8 +92,7 @@ def action_values(agent, params, states):
 
 @compiled
 def output_gradient(agent, delta_q):
-    """The gradient (O, B') of the network's outputs, given the gradient (A, B') of the action
-    values."""
+    """The gradient (O, B') of the outputs, given that of the action values (A, B')."""
     if not agent.settings.dueling:
         return delta_q
     n_actions, columns = delta_q.shape
@@ -118,11 +111,7 @@ def output_gradient(agent, delta_q):
 @implements(DDQNKernel, learn)
 @compiled
 def gradient_step(agent, rng):
-    """Make one gradient step on the minibatch in `agent`; return the mean squared error.
-
-    The online network chooses the next action, the target network values it
-    (van Hasselt et al., 2016); the raw done output weighs the future.
-    """
+    """Make one gradient step on the minibatch in `agent`; return the mean squared error."""
     settings, batch, theta = agent.settings, agent.batch, agent.theta
     q_next = action_values(agent, theta.online, batch.next_states)
     q_target = action_values(agent, theta.target, batch.next_states)
@@ -153,8 +142,7 @@ def gradient_step(agent, rng):
 @implements(DDQNKernel, greedy)
 @compiled
 def greedy_action(agent, state):
-    """The action with the highest value. (The advantages of a dueling network have the same
-    order.)"""
+    """The action with the highest value, or advantage: both have the same order."""
     y = np.empty(agent.net.sizes[-1], np.float32)
     forward_single(agent.net, agent.theta.online, state, agent.work, y)
     return np.argmax(y[1:] if agent.settings.dueling else y)

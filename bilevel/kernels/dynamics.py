@@ -14,8 +14,8 @@ import numpy as np
 
 from bilevel.kernels.jit import compiled
 
-#: Codes of the dynamics. OBSERVED has no compiled dynamics: its physics are observations of an
-#: environment that gymnasium runs.
+#: Codes of the dynamics. OBSERVED is an environment that gymnasium runs; its physics are
+#: observations.
 OBSERVED, CARTPOLE, ACROBOT = 0, 1, 2
 
 _ANGLE_LIMIT = 12 * 2 * math.pi / 360
@@ -37,10 +37,7 @@ def observe(dynamics, physics, state):
 
 @compiled
 def step(dynamics, physics, action):
-    """Advance `physics` in place by one step; return reward and termination.
-
-    OBSERVED returns a NaN reward, which ends training at once.
-    """
+    """Advance `physics` in place by one step; return reward (NaN for OBSERVED) and termination."""
     if dynamics == CARTPOLE:
         return _cartpole_step(physics, action)
     if dynamics == ACROBOT:
@@ -79,8 +76,7 @@ def _cartpole_step(physics, action):
 
 @compiled
 def _acrobot_derivatives(angle1, angle2, spin1, spin2, torque):
-    """Equations of motion (Sutton and Barto's variant), all masses, lengths and
-    moments of inertia 1, centres of mass at 0.5."""
+    """Equations of motion (Sutton and Barto's variant) for masses, lengths and inertia of 1."""
     cos2, sin2 = math.cos(angle2), math.sin(angle2)
     d1 = 0.25 + (1.25 + cos2) + 2.0
     d2 = 0.25 + 0.5 * cos2 + 1.0

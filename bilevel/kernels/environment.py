@@ -21,30 +21,7 @@ class Environment(NamedTuple):
     solved_reward: float  # read only if not synthetic
     initial_physics: NDArray[np.float64]  # (rows, p); episode e starts in row e mod rows
     physics: NDArray[np.float64]  # (p,) of the current episode
-    work: NDArray[np.float32]  # of the SE's networks
-
-
-def environment(
-    se: SEKernel,
-    synthetic: bool,
-    dynamics_code: int,
-    state_size: int,
-    step_limit: int,
-    solved_reward: float,
-    initial_physics: NDArray[np.float64],
-) -> Environment:
-    """An environment with its work space."""
-    return Environment(
-        synthetic,
-        se,
-        dynamics_code,
-        state_size,
-        step_limit,
-        solved_reward,
-        initial_physics,
-        np.zeros(initial_physics.shape[1]),
-        synthetic_env.work_space(se),
-    )
+    work: NDArray[np.float32]  # (2, 3H), a `work_space` of the SE
 
 
 @compiled

@@ -18,9 +18,8 @@ import numpy as np
 FAST_MATH = {"reassoc", "contract", "arcp", "nsz"}
 
 #: The compiler's options for a kernel. It is inlined, because the compiler may order its sums:
-#: otherwise several libraries contain a separately optimised copy of a function, whose sums differ
-#: in the last bits, and the copy that a call reaches depends on the kernels that the process has
-#: compiled or loaded before.
+#: separately optimised copies of a function would differ in the last bits, and the copy that a call
+#: reaches depends on the kernels that the process has compiled or loaded before.
 OPTIONS: dict[str, Any] = {
     "nogil": True,
     "error_model": "numpy",
@@ -30,24 +29,19 @@ OPTIONS: dict[str, Any] = {
 
 
 def cache_folder() -> Path:
-    """Create and return the folder of the cached machine code: in NUMBA_CACHE_DIR, else in this
-    package, else in the user's cache, else a temporary folder of this process.
-
-    Its name contains a digest of all kernels and of the modules that they share with the
-    definitions, since Numba notices a change in a function's own file only.
-    """
+    """Create and return the folder of the cached machine code: in NUMBA_CACHE_DIR, this package or
+    the user's cache, else a temporary folder of this process. Its name contains a digest of the
+    sources, since Numba notices a change in a function's own file only."""
     package, digest = Path(__file__).parent, hashlib.sha256()
-    shared = (package.parent / f"{name}.py" for name in ("activations", "networks", "splitmix"))
+    shared = (package.parent / f"{name}.py" for name in ("networks", "splitmix"))
     for source in [*sorted(package.glob("*.py")), *shared]:
         digest.update(source.read_bytes())
-    places = [package / "__pycache__"]
+    places = [package / "__pycache__", Path("~/.cache/bilevel")]
     if numba.config.CACHE_DIR:  # from NUMBA_CACHE_DIR
         places.insert(0, Path(numba.config.CACHE_DIR).absolute())
-    with suppress(RuntimeError):  # no home folder is known
-        places.append(Path.home() / ".cache" / "bilevel")
     for place in places:
-        folder = place / f"kernels-{digest.hexdigest()[:16]}"
-        with suppress(OSError):
+        with suppress(OSError, RuntimeError):  # RuntimeError: no home folder is known
+            folder = place.expanduser() / f"kernels-{digest.hexdigest()[:16]}"
             folder.mkdir(parents=True, exist_ok=True)
             if os.access(folder, os.W_OK):
                 return folder
@@ -70,7 +64,7 @@ def _compile(function: Callable[..., Any], **options: Any) -> Callable[..., Any]
 
 
 def compiled(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Compile with Numba on first call; later processes load the machine code from a disk cache."""
+    """Compile with Numba on first call, or load the machine code from the disk cache."""
     return _compile(function)
 
 
@@ -100,11 +94,8 @@ def square_root(x):
 
 @compiled
 def is_finite(x):
-    """Return True for a float that is neither infinite nor NaN.
-
-    `np.isfinite` would not work here: it computes `x - x`, which reassociation turns into 0 for
-    every x.
-    """
+    """Return True for a finite float. (`np.isfinite` computes `x - x`, which reassociation turns
+    into 0 for every x.)"""
     return abs(x) < np.inf
 
 

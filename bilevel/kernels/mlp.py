@@ -10,8 +10,7 @@ h        (depth, H, B')     hidden activations
 z        (depth, H, B')     values before activation (only PReLU reads them)
 y        (outputs, B')      outputs, the heads one below the other
 
-Columns are samples, so that a bias belongs to a row and every loop runs along the batch, in vector
-registers. Between two products (`products`) there is one pass over the batch.
+Columns are samples, so that every loop runs along the batch, in vector registers.
 """
 
 from typing import NamedTuple
@@ -20,12 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel import networks
-from bilevel.activations import LRELU, LRELU_SLOPE, PRELU
 from bilevel.kernels.activations import activate, activate_rows, activate_rows_backward
 from bilevel.kernels.jit import compiled
 from bilevel.kernels.products import product
 from bilevel.kernels.tiles import LANES
-from bilevel.networks import Network
+from bilevel.networks import LRELU, LRELU_SLOPE, PRELU, Network
 
 _ZERO = np.float32(0)
 _LRELU_SLOPE = np.float32(LRELU_SLOPE)
@@ -85,8 +83,8 @@ def forward(net, params, x, work, y):
 
 @compiled
 def backward(net, params, x, work, delta_y, gradient):
-    """Write the gradient of all parameters into `gradient`, given the gradient `delta_y`
-    (outputs, B') of the outputs, and the gradient of the hidden layers into `work`."""
+    """Write the gradient of all parameters into `gradient`, given that of the outputs, `delta_y`
+    (outputs, B')."""
     depth = net.sizes.size - 2
     for head in range(net.heads.shape[0]):
         unit, last_unit, output, last_output = _head(net, head)
@@ -107,8 +105,8 @@ def backward(net, params, x, work, delta_y, gradient):
 
 @compiled
 def propagate(net, params, work, delta_y, gradient):
-    """Compute the part of `backward` that passes down the layers: the gradients of the hidden
-    layers, of their biases and of the slope."""
+    """Compute the part of `backward` that passes down the layers: the gradients of hidden layers
+    (in `work`), of their biases and of the slope."""
     slope = _negative_slope(net, params)
     slope_gradient = _ZERO
     depth = net.sizes.size - 2

@@ -1,8 +1,7 @@
 """Products of small matrices, as `numpy.dot(a, b, out)`.
 
-The products of a gradient step are small, and some are thin: 4 inputs, 2 outputs. OpenBLAS copies
-all operands before it multiplies, which costs more than such a product, except on processors with
-AVX-512 (its pull request 3335). On all other processors `tiles` computes these products.
+OpenBLAS copies all operands before it multiplies, which costs more than a small product, except on
+processors with AVX-512 (its pull request 3335). On all other processors `tiles` computes these.
 """
 
 from typing import Any
@@ -12,14 +11,7 @@ import numpy as np
 from numba.extending import overload
 
 from bilevel.kernels.jit import compiled_apart
-from bilevel.kernels.tiles import (
-    DOTS_COLUMNS,
-    DOTS_ROWS,
-    LANES,
-    TILE_ROWS,
-    dots_tile,
-    rows_tile,
-)
+from bilevel.kernels.tiles import DOTS_COLUMNS, DOTS_ROWS, LANES, TILE_ROWS, dots_tile, rows_tile
 
 #: True on processors where products are made of tiles.
 TILED = not llvm.get_host_cpu_features().get("avx512f", False)
@@ -29,9 +21,7 @@ LARGEST = 128 * 128
 
 
 def product(a: Any, b: Any, out: Any) -> None:
-    """Write a @ b into `out`; all are float32 matrices. Either `b` or its transpose is contiguous,
-    and so is `out`."""
-    raise NotImplementedError
+    """Write a @ b into `out`, all float32; `b` or its transpose, and `out`, are contiguous."""
 
 
 @overload(product, strict=False)
@@ -39,13 +29,12 @@ def _product(a, b, out):
     if out.layout != "C" or b.layout not in "CF":
         return None
     if b.layout == "F":
-        return lambda a, b, out: product_of_rows(a, b, out)
-    return lambda a, b, out: product_with_rows(a, b, out)
+        return lambda a, b, out: _product_of_rows(a, b, out)
+    return lambda a, b, out: _product_with_rows(a, b, out)
 
 
 @compiled_apart
-def product_with_rows(a, b, out):
-    """Compute `product` for a `b` with contiguous rows."""
+def _product_with_rows(a, b, out):
     if TILED and b.shape[1] % LANES == 0 and a.size <= LARGEST:
         tiles_with_rows(a, b, out)
     else:
@@ -53,8 +42,7 @@ def product_with_rows(a, b, out):
 
 
 @compiled_apart
-def product_of_rows(a, b, out):
-    """Compute `product` for a `b` with contiguous columns: dot products with the rows of `a`."""
+def _product_of_rows(a, b, out):
     whole = b.shape[0] % LANES == 0 and b.shape[1] >= DOTS_COLUMNS
     if TILED and whole and out.size <= LARGEST:
         tiles_of_rows(a, b, out)
@@ -64,7 +52,7 @@ def product_of_rows(a, b, out):
 
 @compiled_apart
 def tiles_with_rows(a, b, out):
-    """Compute `product_with_rows` by tiles; LANES divides the number of columns."""
+    """Compute a product by tiles, for a `b` with contiguous rows, whose length LANES divides."""
     rows = a.shape[0]
     tiled = rows - rows % TILE_ROWS
     for column in range(0, b.shape[1], LANES):
@@ -78,8 +66,8 @@ def tiles_with_rows(a, b, out):
 
 @compiled_apart
 def tiles_of_rows(a, b, out):
-    """Compute `product_of_rows` by tiles; LANES divides the number of terms, and `b` has at least
-    DOTS_COLUMNS columns."""
+    """Compute a product by tiles, for a `b` with contiguous columns, at least DOTS_COLUMNS, whose
+    length LANES divides."""
     rows, columns = out.shape
     for start in range(0, columns, DOTS_COLUMNS):
         column = min(start, columns - DOTS_COLUMNS)  # the last tile may overlap the previous one

@@ -17,10 +17,7 @@ from bilevel.kernels.random import below
 
 
 class Batch(NamedTuple):
-    """A minibatch, one sample per column; the padding is zero and stays zero.
-
-    States and actions are views of one array, the input of a critic.
-    """
+    """A minibatch, one sample per column; the padding stays zero. `inputs` is a critic's input."""
 
     inputs: NDArray[np.float32]  # (S + M, B')
     states: NDArray[np.float32]  # (S, B'), a view of `inputs`
@@ -34,22 +31,18 @@ def new_batch(state_size: int, action_size: int, batch_size: int) -> Batch:
     """An empty minibatch."""
     columns = padded(batch_size)
     inputs = zeros(state_size + action_size, columns)
-    return Batch(
-        inputs,
+    states, actions, next_states = (
         inputs[:state_size],
         inputs[state_size:],
         zeros(state_size, columns),
-        zeros(batch_size),
-        zeros(batch_size),
     )
+    return Batch(inputs, states, actions, next_states, zeros(batch_size), zeros(batch_size))
 
 
 @compiled
 def store(memory, count, state, action, next_state, reward, done):
-    """Store transition number `count` (from 0); a full buffer overwrites its oldest one.
-
-    `memory` is (capacity, 2S + 2 + M) float32, `action` (M,); `done` is the raw done output.
-    """
+    """Store transition number `count` (from 0) in `memory` (capacity, 2S + 2 + M); a full buffer
+    overwrites its oldest one."""
     row = memory[count % memory.shape[0]]
     n = state.size
     for k in range(n):

@@ -74,8 +74,7 @@ def work_space(se: SEKernel) -> NDArray[np.float32]:
 
 @compiled
 def step(se, state, action, next_state, work):
-    """Write the next state into `next_state` (S,); return reward and raw done (an episode ends
-    above DONE). `work` is a `work_space`."""
+    """Write the next state into `next_state` (S,); return reward and raw done output."""
     h = work[0]
     for j in range(h.size):
         h[j] = se.action_biases[action, j]
@@ -116,7 +115,6 @@ def step(se, state, action, next_state, work):
 
 @compiled
 def step_all(se, states, actions, next_states, rewards, dones, work):
-    """`step` of N copies: `states` (N, S) and `actions` (N,) give `next_states` (N, S), `rewards`
-    (N,) and `dones` (N,)."""
+    """`step` of N copies: `states` and `next_states` are (N, S), the others (N,)."""
     for copy in range(actions.size):
         rewards[copy], dones[copy] = step(se, states[copy], actions[copy], next_states[copy], work)

@@ -135,11 +135,7 @@ def relax(logits, rho, batch_size, rng, soft):
 
 @compiled
 def critic_step(agent, rng):
-    """Make one gradient step of both critics; return the loss.
-
-    Their goal uses the minimum of both target critics at the target actor's action, which is
-    smoothed by clipped noise.
-    """
+    """Make one gradient step of both critics; return the loss."""
     settings, batch, net, work = agent.settings, agent.batch, agent.critic_net, agent.critic_work
     n_states, batch_size = batch.states.shape[0], batch.rewards.size
     next_states, next_actions = agent.next_inputs[:n_states], agent.next_inputs[n_states:]
@@ -177,8 +173,7 @@ def critic_step(agent, rng):
 
 @compiled
 def actor_step(agent, rng):
-    """Make one gradient ascent step of actor and temperature on the first critic's value of the
-    actor's actions."""
+    """Make one step of actor and temperature, uphill on the first critic's value."""
     settings, batch, actor, rho = agent.settings, agent.batch, agent.actor, agent.rho
     n_states, batch_size = batch.states.shape[0], batch.rewards.size
     n_actions = agent.logits.shape[0]
@@ -218,8 +213,7 @@ def actor_step(agent, rng):
 @implements(TD3Kernel, learn)
 @compiled
 def gradient_step(agent, rng):
-    """Make one step of the critics and, every `policy_delay` steps, one of the actor and of all
-    targets; return the critics' loss."""
+    """Make one step of the critics, and every `policy_delay` steps of actor and targets."""
     loss = critic_step(agent, rng)
     if agent.steps[0] % agent.settings.policy_delay == 0:
         actor_step(agent, rng)
@@ -243,8 +237,7 @@ def greedy_action(agent, state):
 @implements(TD3Kernel, act)
 @compiled
 def explore(agent, state, exploring, rng):
-    """The next training action: uniform in the initial episodes, then the argmax of a noisy
-    relaxed action, whose whole vector is stored in `agent.action`."""
+    """The next training action, uniform in the initial episodes; its vector is `agent.action`."""
     action, logits = agent.action, agent.single_logits
     if exploring:
         index = below(rng, action.size)

@@ -1,12 +1,7 @@
 """Tiles of a matrix product that stay in vector registers, as LLVM instructions.
 
-Numba vectorises loops, but keeps no block of a matrix in registers: it loads and stores every sum
-once per term. The two intrinsics here keep their sums in registers.
-
-symbol    meaning
-------    -----------------------------------------------------------------
-LANES     columns of a `rows_tile`: two AVX registers, four on ARM
-R         rows of a tile, a literal
+A loop of Numba loads and stores every sum once per term. The two intrinsics here keep their sums in
+registers.
 """
 
 from collections.abc import Callable, Sequence
@@ -17,13 +12,12 @@ from numba import types
 from numba.core import cgutils
 from numba.extending import intrinsic
 
-LANES = 16
-#: Rows of the largest `rows_tile`. Its sums occupy twelve of AVX's sixteen registers.
-TILE_ROWS = 6
-#: Rows and columns of the largest `dots_tile`. A third row would need more registers than AVX has.
-DOTS_ROWS, DOTS_COLUMNS = 2, 4
-#: Products that `dots_tile` adds at once.
-_DOTS_LANES = 8
+#: Columns of a `rows_tile`, two AVX registers, and its maximum number of rows, whose sums occupy
+#: twelve of AVX's sixteen registers.
+LANES, TILE_ROWS = 16, 6
+#: Maximum rows and columns of a `dots_tile`, and the products that it adds at once. A third row
+#: would need more registers than AVX has.
+DOTS_ROWS, DOTS_COLUMNS, _DOTS_LANES = 2, 4, 8
 
 _FLOAT, _INT, _INT32, _BYTE = ir.FloatType(), ir.IntType(64), ir.IntType(32), ir.IntType(8)
 #: Fuse a product with its sum, and reorder sums.
@@ -54,7 +48,7 @@ class _Matrix:
 
 def _tile(generate: Callable[..., None]) -> Any:
     """Make an intrinsic `(R, a, row, b, column, out)` of a function that generates its
-    instructions; R is a literal."""
+    instructions; R, the number of rows, is a literal."""
 
     def tile(typing_context, rows, a, row, b, column, out):
         if not isinstance(rows, types.IntegerLiteral):
@@ -77,8 +71,7 @@ def _tile(generate: Callable[..., None]) -> Any:
 def rows_tile(
     builder: Any, rows: Sequence[Any], a: _Matrix, b: _Matrix, column: Any, out: _Matrix
 ) -> None:
-    """out[row : row + R, column : column + LANES] = a[row : row + R] @ b[:, column : column +
-    LANES]; the rows of `b` and `out` are contiguous, those of `a` need not be."""
+    """Compute R rows and LANES columns of out = a @ b; rows of `b` and `out` are contiguous."""
 
     def add(k: Any, sums: Sequence[Any]) -> list[Any]:
         terms = b.load(k, column, LANES)
@@ -98,9 +91,8 @@ def rows_tile(
 def dots_tile(
     builder: Any, rows: Sequence[Any], a: _Matrix, b: _Matrix, column: Any, out: _Matrix
 ) -> None:
-    """out[row : row + R, column : column + DOTS_COLUMNS] = a[row : row + R] @ b[:, column : column
-    + DOTS_COLUMNS]; the rows of `a` and `out` and the columns of `b` are contiguous, and their
-    length is a multiple of eight."""
+    """Compute R rows and DOTS_COLUMNS columns of out = a @ b; the rows of `a` and `out` and the
+    columns of `b` are contiguous, and their length is a multiple of eight."""
     columns = _count_from(builder, column, DOTS_COLUMNS)
 
     def add(k: Any, sums: Sequence[Any]) -> list[Any]:
@@ -116,14 +108,7 @@ def dots_tile(
         builder.store(total, out.at(row, column, DOTS_COLUMNS), align=4)
 
 
-def _sum(
-    builder: Any,
-    count: int,
-    lanes: int,
-    end: Any,
-    step: int,
-    add: Callable[[Any, Sequence[Any]], Sequence[Any]],
-) -> Sequence[Any]:
+def _sum(builder: Any, count: int, lanes: int, end: Any, step: int, add: Any) -> Any:
     """Generate a loop over `range(0, end, step)`; `add(k, sums)` returns the new sums, which are
     `count` vectors and start from 0."""
     zeros = ir.Constant(ir.VectorType(_FLOAT, lanes), [0.0] * lanes)
@@ -144,8 +129,8 @@ def _sum(
 
 
 def _sum_each(builder: Any, vectors: Sequence[Any]) -> Any:
-    """Reduce four vectors of eight to a vector of their sums. Vectors are added in pairs, so that
-    every addition uses all lanes."""
+    """Reduce four vectors of eight to a vector of their sums, in pairs, so that every addition uses
+    all lanes."""
 
     def pairwise(x: Any, y: Any) -> Any:
         even = _shuffle(builder, x, y, [0, 2, 8, 10, 4, 6, 12, 14])

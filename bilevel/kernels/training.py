@@ -1,8 +1,7 @@
 """TrainAgent and EvaluateAgent (paper, Algorithm 1), compiled, for every compiled agent.
 
-An agent is a NamedTuple with the members of `Kernel`. Its module registers implementations of the
-functions `act`, `greedy`, `learn` and `end_episode` for this type with `implements`. The compiler
-resolves the calls.
+An agent is a `Kernel`. Its module implements the functions `act`,
+`greedy`, `learn` and `end_episode` for this type with `implements`.
 """
 
 from collections.abc import Callable
@@ -15,22 +14,15 @@ from numpy.typing import NDArray
 
 from bilevel.kernels.environment import reset, step
 from bilevel.kernels.jit import OPTIONS, all_finite, compiled, is_finite
-from bilevel.kernels.replay import Batch, sample, store
+from bilevel.kernels.replay import sample, store
 
 #: Reasons why training ended; CONVERGED is also that of a solved real task.
 CONVERGED, EPISODES_SPENT, NOT_FINITE = 0, 1, 2
 
 
 class Kernel(Protocol):
-    """The compiled twin of an agent: its parameters and its work space."""
-
-    @property
-    def batch(self) -> Batch:
-        """The minibatch that `learn` reads."""
-
-    @property
-    def action(self) -> NDArray[np.float32]:
-        """The last action (M,), as the replay buffer stores it."""
+    """The compiled twin of an agent: a NamedTuple with the fields `batch`, the minibatch that
+    `learn` reads, and `action` (M,), the last action as the replay buffer stores it."""
 
     def parameters(self) -> list[NDArray[np.float32]]:
         """All parameters, in the order of the definition's `parameters`."""
@@ -46,44 +38,36 @@ class Schedule(NamedTuple):
     replay_capacity: int
 
 
-def act(agent: Any, state: Any, exploring: Any, rng: Any) -> Any:
+def act(agent, state, exploring, rng):
     """Choose a training action in `state` (S,); `exploring` is true in the initial episodes."""
-    raise NotImplementedError
 
 
-def greedy(agent: Any, state: Any) -> Any:
+def greedy(agent, state):
     """Choose the action in tests in `state` (S,)."""
-    raise NotImplementedError
 
 
-def learn(agent: Any, rng: Any) -> Any:
+def learn(agent, rng):
     """Make one gradient step on `agent.batch`; return the loss."""
-    raise NotImplementedError
 
 
-def end_episode(agent: Any) -> Any:
+def end_episode(agent):
     """Handle the end of a training episode."""
-    raise NotImplementedError
 
 
-def implements(
-    agent_type: type, call: Callable[..., Any]
-) -> Callable[[Callable[..., Any]], Callable[..., Any]]:
-    """Decorator: register a kernel, with the parameters of `call`, as its implementation for an
-    agent type.
+def implements(agent_type: type, call: Callable[..., Any]) -> Callable[[Any], Any]:
+    """Decorator: register a kernel as the implementation of `call` for an agent type.
 
     The compiler gets the kernel's source: a call of the compiled kernel would be a separate
     function, optimised once more before it is inlined.
     """
 
-    def register(kernel: Any) -> Callable[..., Any]:
+    def register(kernel: Any) -> Any:
         def resolve(agent: Any, *others: Any) -> Callable[..., Any] | None:
             named = isinstance(agent, (types.NamedTuple, types.NamedUniTuple))
-            source: Callable[..., Any] = kernel.py_func
-            return source if named and agent.instance_class is agent_type else None
+            return kernel.py_func if named and agent.instance_class is agent_type else None
 
         overload(call, jit_options=OPTIONS, strict=False)(resolve)
-        return kernel  # type: ignore[no-any-return]
+        return kernel
 
     return register
 
@@ -109,14 +93,8 @@ def solved(returns, schedule, solved_reward):
 
 @compiled
 def train(agent, env, schedule, rng):
-    """Train on `env` until its stopping rule holds or all episodes were run.
-
-    for each episode:                            # at most max_episodes
-        for each step:                           # at most step_limit
-            act, store the transition
-            gradient step                        # after init_episodes
-        stop on an SE: returns have converged
-        stop on the real task: mean return reaches the solved reward
+    """`bilevel.agents.training.train`, compiled: train on `env` until its stopping rule holds, a
+    value is not finite, or all episodes were run.
 
     Returns environment steps, episodes and the reason of the end.
     """

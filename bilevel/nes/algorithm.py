@@ -10,8 +10,8 @@
         psi <- psi + alpha * gradient({F_i}, {eps_i})           # tell: bilevel.evolution
 
 NES moves a *genotype*, which a family of SEs decodes into psi (`bilevel.synthetic_env.families`).
-In the paper, and in the family `plain`, both are the same vector. In addition to the members, some
-agents train on the unperturbed SE. Their scores are the run's learning curve.
+In the paper, and in the family `plain`, both are the same vector. Some agents also train on the
+unperturbed SE. Their scores are the run's learning curve.
 
 Two parts are not in the paper. A run that stagnates restarts from other random SEs. A run that
 solves the task ends once fresh agents confirm its SE (`bilevel.nes.confirmation`).
@@ -71,18 +71,14 @@ class NES:
         require(Hyperparameters, self.hp, "a recipe of NES", "as bilevel.load_recipe returns it")
         object.__setattr__(self, "seed", checked_seed(self.seed))
         nes = self.hp.nes
-        if self.rule.needs_pairs and not nes.mirrored_sampling:
-            raise InvalidInput(
-                f"nes.update {nes.update!r} needs nes.mirrored_sampling true; got false"
-            )
+        if not self.rule.transforms and not nes.mirrored_sampling:
+            raise InvalidInput(f"nes.update {nes.update!r} needs nes.mirrored_sampling true")
         if self.rule.transforms and nes.score_transform in COMPARING and nes.population_size < 2:
             raise InvalidInput(
                 f"nes.score_transform {nes.score_transform!r} compares members: "
                 f"nes.population_size must be at least 2; got {nes.population_size}"
             )
         self.family(self.task.unit_scale)
-
-    # -- the parts of a run ----------------------------------------------------------
 
     @property
     def rule(self) -> Rule:
@@ -92,9 +88,8 @@ class NES:
     def strategy(self, refuted: int = 0) -> EvolutionStrategy:
         """Return the evolution strategy after `refuted` failed confirmations.
 
-        Once generations solve the task, the ranks of single generations are mostly noise. Each
-        failed confirmation shows that the SE is good but not good enough. It therefore shortens the
-        step and lengthens the memory of the average.
+        Once generations solve the task, their ranks are mostly noise. Each failed confirmation
+        therefore shortens the step and lengthens the memory of the average.
         """
         nes, rule = self.hp.nes, self.rule
         refinement = np.float32(nes.refinement ** min(refuted, _FINEST_STEP))
@@ -122,8 +117,6 @@ class NES:
         """Hyperparameters, seed and version, which the run's SE files and checkpoints store."""
         hp = self.hp.to_dict()
         return {"hyperparameters": hp, "seed": self.seed, "bilevel_version": __version__}
-
-    # -- the loop --------------------------------------------------------------------
 
     def run(
         self,
@@ -162,11 +155,8 @@ class NES:
                 return []
 
     def tell(self, state: NESState, results: Sequence[EvaluationResult]) -> NESState:
-        """Return the state after the evaluations `ask(state)`, in any order.
-
-        After a generation, its record is the last of `records`. Raises InvalidInput unless there is
-        exactly one result per request, with finite test returns.
-        """
+        """Return the state after the evaluations `ask(state)`, in any order. Raises InvalidInput
+        unless there is exactly one result per request."""
         results = ordered_results(results, len(self.ask(state)))
         state = replace(
             state,
@@ -190,30 +180,28 @@ class NES:
         fitness = Fitness(plus, minus[0] if minus else None, centre)
         seeds = self.requests.perturbations(state)
         search, step = self.strategy(state.refuted).tell(state.search, seeds, fitness)
-        psi = self.distribution(state).centre.psi
-        record = state.record(results, centre_agents, psi, step, self.task.solved_reward)
-        return replace(
-            state,
-            search=search,
-            generation=state.generation + 1,
-            finalists=best_finalists(state.finalists, state.search.average, record),
-            records=(*state.records, record),
+        record = GenerationRecord.of(
+            results,
+            centre_agents,
+            self.task.solved_reward,
+            generation=state.generation,
+            attempt=state.attempt,
+            real_env_steps=state.real_env_steps,
+            cost=state.cost,
+            psi_norm=float(np.linalg.norm(self.distribution(state).centre.psi)),
+            update_norm=float(np.linalg.norm(step)),
         )
-
-    # -- transitions between phases --------------------------------------------------
+        finalists = best_finalists(state.finalists, state.search.average, record)
+        records, generation = (*state.records, record), state.generation + 1
+        return replace(
+            state, search=search, generation=generation, finalists=finalists, records=records
+        )
 
     def _restart(self, state: NESState, attempt: int) -> NESState:
         """Start an attempt with the choice of a start."""
-        seeds = self.requests.candidates(attempt)
-        state = replace(
-            state,
-            phase=ChoosingStart.between(seeds),
-            attempt=attempt,
-            attempt_start=state.generation,
-            last_judged=state.generation,
-            refuted=0,
-        )
-        return self._start(state)
+        phase, now = ChoosingStart.between(self.requests.candidates(attempt)), state.generation
+        state = replace(state, phase=phase, attempt=attempt, attempt_start=now, last_judged=now)
+        return self._start(replace(state, refuted=0))
 
     def _start(self, state: NESState) -> NESState:
         """Evolve the chosen SE, unless several candidates are left."""
@@ -248,8 +236,6 @@ class NES:
             return replace(state, phase=Finished(confirmed=verdict))
         return replace(state, phase=Evolving())
 
-    # -- SEs of a state --------------------------------------------------------------
-
     def distribution(self, state: NESState) -> SEDistribution:
         """Return the search distribution over SEs, from which requests draw theirs."""
         return SEDistribution(self.family(state.scale), state.search)
@@ -279,16 +265,13 @@ class NES:
         info = {**self.provenance, "real_env_steps": state.real_env_steps, **info}
         return StoredSE(se, self.task.id, self.task.step_limit, self.task.solved_reward, info)
 
-    # -- checkpoints -----------------------------------------------------------------
-
     def save(self, state: NESState, path: Path) -> None:
         """Write a checkpoint durably. Raises StorageFailure."""
         save_state(state, path, self.task, self.provenance)
 
     def load(self, path: Path) -> NESState:
         """Read a checkpoint of this run; a run that was out of generations continues if
-        `nes.generations` has grown. Raises InvalidInput, OtherVersion and StorageFailure as
-        `bilevel.nes.checkpoint.load_state` does."""
+        `nes.generations` has grown. Raises the errors of `load_state`."""
         state = load_state(path, self.task, self.provenance)
         if state.search.mean.size != self.family(state.scale).size:
             raise InvalidInput(f"damaged checkpoint {str(path)!r}: its genotype has another length")

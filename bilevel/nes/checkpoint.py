@@ -27,12 +27,9 @@ def save_state(
 ) -> None:
     """Write a checkpoint durably. Raises StorageFailure."""
     tensors: _Tensors = {}
-    header = {
-        "format": RUN_FORMAT,
-        "run": _run_settings(task, provenance),
-        "state": _pack(state, "state", tensors),
-    }
-    header["sha256"] = _checksum(json.dumps(header), tensors)
+    run, packed = _run_settings(task, provenance), _pack(state, "state", tensors)
+    header = {"format": RUN_FORMAT, "run": run, "state": packed}
+    header["sha256"] = _checksum(header, tensors)
     # One metadata entry, because safetensors writes several in random order.
     write_aside(Path(path), safetensors.numpy.save(tensors, {"nes": json.dumps(header)}))
 
@@ -40,11 +37,11 @@ def save_state(
 def load_state(
     path: Path | str, task: Task | None = None, provenance: Mapping[str, Any] | None = None
 ) -> NESState:
-    """Read a checkpoint. If `task` and `provenance` are given, it must belong to their run.
+    """Read a checkpoint. If `task` and `provenance` are given, it must belong to their run, except
+    for the number of generations and the recipe's name.
 
-    Raises InvalidInput for a missing or damaged file, and for another run's; the number of
-    generations and the recipe's name may differ. Raises OtherVersion for another format, and
-    StorageFailure for a file that cannot be read.
+    Raises InvalidInput for a missing or damaged file, or another run's, OtherVersion for another
+    format, and StorageFailure for a file that cannot be read.
     """
     name = f"checkpoint {str(path)!r}"
     try:
@@ -55,24 +52,21 @@ def load_state(
         raise StorageFailure(f"cannot read {name}: {error.strerror or error}") from None
     try:
         header, tensors = _parse(content)
-        if (written := header["format"]) != RUN_FORMAT:
-            raise OtherVersion(name, written, RUN_FORMAT)
-        run, state = header["run"], _unpack(header["state"], tensors)
-        decoded = _Checkpoint.model_validate({"state": state}).state
-        if decoded.generation != len(decoded.records):
-            raise InvalidInput("its parts do not fit together")
-    except OtherVersion:
-        raise
+        run, written = header["run"], header["format"]
+        # Another format may have another state.
+        state = _decoded(header["state"], tensors) if written == RUN_FORMAT else None
     except (SafetensorError, ValueError, TypeError, KeyError) as error:
-        reason = " ".join(str(error).split()) or type(error).__name__
+        reason = " ".join(str(error).split())
         raise InvalidInput(f"damaged {name}: {reason}") from None
+    if state is None:
+        raise OtherVersion(name, written, RUN_FORMAT)
     if task is not None and provenance is not None:
         current = json.loads(json.dumps(_run_settings(task, provenance)))
         for setting, stored, value in differences(run, current):
             raise InvalidInput(
                 f"the {name} belongs to a run with {setting} = {stored}, not {value}"
             )
-    return decoded
+    return state
 
 
 class _Checkpoint(BaseModel, arbitrary_types_allowed=True, extra="forbid"):
@@ -111,23 +105,27 @@ def _unpack(value: Any, tensors: _Tensors) -> Any:
     return [_unpack(item, tensors) for item in value] if isinstance(value, list) else value
 
 
+def _decoded(packed: Any, tensors: _Tensors) -> NESState:
+    state = _Checkpoint.model_validate({"state": _unpack(packed, tensors)}).state
+    if state.generation != len(state.records):
+        raise ValueError("its parts do not fit together")
+    return state
+
+
 def _parse(content: bytes) -> tuple[dict[str, Any], _Tensors]:
-    """Return header and tensors. Raises ValueError if they are damaged, or of another kind."""
+    """Return header and tensors, whose checksum is right."""
     tensors = safetensors.numpy.load(content)
     size = int.from_bytes(content[:8], "little")
-    metadata = json.loads(content[8 : 8 + size]).get("__metadata__", {})
-    if "nes" not in metadata:
-        kind = "an SE file" if "se" in metadata else "another safetensors file"
-        raise InvalidInput(f"it is {kind}, not a checkpoint")
-    header = decode_json(dict[str, Any], metadata["nes"], "header")
-    if header.pop("sha256", None) != _checksum(json.dumps(header), tensors):
-        raise InvalidInput("its checksum is wrong")
+    text = json.loads(content[8 : 8 + size])["__metadata__"]["nes"]
+    header = decode_json(dict[str, Any], text, "header")
+    if header.pop("sha256", None) != _checksum(header, tensors):
+        raise ValueError("its checksum is wrong")
     return header, tensors
 
 
-def _checksum(text: str, tensors: Mapping[str, NDArray[Any]]) -> str:
+def _checksum(header: dict[str, Any], tensors: _Tensors) -> str:
     """Return the checksum of a header and of tensors, including dtypes and shapes."""
-    parts = [text.encode()]
+    parts = [json.dumps(header).encode()]
     for name in sorted(tensors):
         tensor = tensors[name]
         parts += [f"{name} {tensor.dtype} {tensor.shape}".encode(), tensor.tobytes()]

@@ -3,12 +3,10 @@
 The scores that suggest a solved task are the highest of many samples, so they are often high by
 chance. Therefore fresh agents train on the current SE by the stopping rule, in rounds, and an SE
 that fails a round is rejected. The agents are drawn from the paper's full ranges and narrowed
-(`bilevel.agents.variation`), because large agents would take most of the time. If `vary_agent` is
-"no", they have the recipe's hyperparameters.
+(`bilevel.agents.variation`), unless `vary_agent` is "no".
 
-Users will train a few agents on an SE, of which a single bad one can spoil the mean. Therefore an
-SE is confirmed if the mean score of FINAL_AGENTS agents solves the task nearly always, not if the
-mean score of all agents does.
+Users will train a few agents on an SE, of which a single bad one can spoil the mean. Therefore the
+mean score of FINAL_AGENTS agents must solve the task nearly always.
 """
 
 from collections.abc import Sequence
@@ -66,8 +64,8 @@ class Confirming:
     def verdict(self, solved_reward: float) -> bool | None:
         """Return whether the SE is confirmed, or None if more agents are needed.
 
-        After each round, the mean score of all agents must reach the solved reward. After the last
-        one, so must the means of most samples of FINAL_AGENTS agents.
+        The mean score of all agents must reach the solved reward after each round, and the means of
+        most samples of FINAL_AGENTS agents after the last one.
         """
         scores = self.all_scores
         if scores.mean() < solved_reward:

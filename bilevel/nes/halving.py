@@ -7,7 +7,7 @@ from typing import Self
 
 @dataclass(frozen=True)
 class Round:
-    """A round: the number of candidates that enter it, and of agents that evaluate each of them."""
+    """A round: how many candidates enter it, and how many agents evaluate each of them."""
 
     candidates: int  #: at most
     agents: int  #: in addition to those of earlier rounds

@@ -38,12 +38,8 @@ def learn(
     generation.
 
     The run ends when `nes.solved_for` generations solve the task on average and fresh agents
-    confirm it, or after `nes.generations`. In the second case `info["confirmed"]` of the SE is
-    False, and the SE is that of the highest mean score. (The command `bilevel nes` tests the best
-    SEs again before it chooses.)
-
-    Raises InvalidInput for an unknown task or recipe, fewer than one worker, or hyperparameters
-    that contradict each other.
+    confirm it. After `nes.generations` it ends with the SE of the highest mean score, whose
+    `info["confirmed"]` is False. Raises InvalidInput for invalid arguments.
     """
     task = get_task(task) if isinstance(task, str) else task
     require(Task, task, "the task to learn", "as bilevel.get_task returns it, or its id")
@@ -63,17 +59,11 @@ def learn(
 def _executor(
     workers: int, given: Executor | None, task: Task, hp: Hyperparameters
 ) -> AbstractContextManager[Executor | None]:
-    """Return the executor, or None for this process, as a context that closes what it created.
-
-    Raises InvalidInput for fewer than one worker.
-    """
-    if isinstance(given, type):
-        raise InvalidInput(f"executor must be an instance of {given.__name__}, not the class")
+    """Return the executor, or None for this process, as a context that closes what it created."""
     if given is not None:
         return nullcontext(given)
     if not is_number(workers, Integral) or workers < 1:
         raise InvalidInput(f"workers must be an integer of at least 1; got {workers!r}")
-    workers = int(workers)
     if workers == 1:
         return nullcontext(None)
     # loky's processes do not import the caller's script, which then needs no main guard. They
@@ -81,9 +71,9 @@ def _executor(
     from loky import ProcessPoolExecutor
 
     agents = [(type(agent), get_agent(agent.agent)) for agent in hp.agents]
-    pool: AbstractContextManager[Executor] = ProcessPoolExecutor(
-        workers, initializer=_register, initargs=(gymnasium.registry.get(task.id), agents)
-    )
+    initargs = (gymnasium.registry.get(task.id), agents)
+    pool: AbstractContextManager[Executor]
+    pool = ProcessPoolExecutor(int(workers), initializer=_register, initargs=initargs)
     return pool
 
 

@@ -1,18 +1,19 @@
 """Records of generations."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
+
+import numpy as np
+
+from bilevel.evaluation import EvaluationResult, scores_of
 
 
 @dataclass(frozen=True)
 class GenerationRecord:
-    """Aggregated results of one generation.
-
-    Scores are mean returns on the real task. `score_*`, `train_*` and `solved_fraction` belong to
-    the agents trained on the unperturbed SE. The caller measures the last three fields and adds
-    them by `timed`.
-    """
+    """Aggregated results of one generation. `score_*`, `train_*` and `solved_fraction` belong to
+    the agents trained on the unperturbed SE; `timed` adds the last three fields."""
 
     generation: int  #: from 0
     attempt: int  #: number of restarts so far
@@ -34,10 +35,35 @@ class GenerationRecord:
     core_utilisation: float = 0.0  #: share of the cores' time that was spent in evaluations
     finished: float = 0.0  #: unix time, seconds
 
+    @classmethod
+    def of(
+        cls,
+        results: Sequence[EvaluationResult],
+        centre_agents: int,
+        solved_reward: float,
+        **values: Any,
+    ) -> Self:
+        """Aggregate results; the first `centre_agents` belong to the unperturbed SE."""
+        scores = scores_of(results)
+        centre, on_centre = scores[:centre_agents], results[:centre_agents]
+        seconds = sum(result.seconds for result in results)
+        return cls(
+            score_mean=float(centre.mean()),
+            score_std=float(centre.std()),
+            score_best=float(centre.max()),
+            perturbed_score_mean=float(scores[centre_agents:].mean()),
+            train_steps_mean=float(np.mean([result.train_steps for result in on_centre])),
+            train_episodes_mean=float(np.mean([result.train_episodes for result in on_centre])),
+            solved_fraction=float((centre >= solved_reward).mean()),
+            non_finite=sum(not result.finite for result in results),
+            evaluation_seconds=seconds,
+            env_steps_per_second=sum(result.train_steps for result in results) / max(seconds, 1e-9),
+            **values,
+        )
+
     @property
     def episode_length(self) -> float:
-        """Mean steps of a training episode on the unperturbed SE; NaN if all agents diverged in
-        their first episode."""
+        """Mean steps of a training episode on the unperturbed SE; NaN without a whole episode."""
         episodes = self.train_episodes_mean
         return self.train_steps_mean / episodes if episodes else math.nan
 
@@ -49,7 +75,6 @@ class GenerationRecord:
         )
 
     def timed(self, seconds: float, cores: int, finished: float) -> Self:
-        """Add measurements: the generation took `seconds` on `cores` cores, and ended at the unix
-        time `finished`."""
+        """Add measured times: of the generation on `cores` cores, and the unix time of its end."""
         used = self.evaluation_seconds / max(seconds * cores, 1e-9)
         return replace(self, generation_seconds=seconds, core_utilisation=used, finished=finished)

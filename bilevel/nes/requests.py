@@ -6,18 +6,27 @@ reproducible, and a checkpoint stores no random state.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-
-import numpy as np
+from itertools import product
 
 from bilevel.agents.variation import draw_agent
 from bilevel.errors import InvalidInput
-from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, Perturbed
+from bilevel.evaluation import (
+    Centre,
+    EvaluationRequest,
+    EvaluationResult,
+    Initialized,
+    Perturbed,
+)
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters, NESHyperparameters
 from bilevel.hyperparameters.validation import within_range
 from bilevel.nes.confirmation import Confirming
 from bilevel.nes.start import ChoosingStart
 from bilevel.nes.state import NESState
 from bilevel.seeds import Purpose, derive
+
+#: Maximum number of training episodes in the choice of a start, or twice the agent's
+#: `init_episodes`, in which it does not learn, if that is more.
+BRIEF_EPISODES = 40
 
 #: Seed and hyperparameters of an agent.
 Trial = tuple[int, AgentHyperparameters]
@@ -42,16 +51,19 @@ class Requests:
 
     def start(self, choosing: ChoosingStart, attempt: int) -> list[EvaluationRequest]:
         """Return a round of the choice of a start: the same agents for every candidate."""
-        halving, vary = choosing.halving, self.hp.vary_agent
-        paths = [(attempt, halving.round, i) for i in range(halving.agents)]
-        return choosing.requests(
-            [self._trial(Purpose.START, path, i, vary) for i, path in enumerate(paths)]
-        )
+        halving, vary, trials = choosing.halving, self.hp.vary_agent, list[Trial]()
+        for i in range(halving.agents):
+            seed, agent = self._trial(Purpose.START, (attempt, halving.round, i), i, vary)
+            trials.append((seed, brief(agent)))
+        pairs = enumerate(product(halving.left, trials))
+        return [EvaluationRequest(i, *trial, Initialized(seed)) for i, (seed, trial) in pairs]
 
     def generation(self, state: NESState) -> list[EvaluationRequest]:
         """Return a generation: agents on the unperturbed SE, n_p on mean + eps_i, and, with
         mirrored sampling, n_p on mean - eps_i."""
-        nes, when, vary = self.hp.nes, (state.attempt, state.generation), self._variation(state)
+        nes, when, vary = self.hp.nes, (state.attempt, state.generation), self.hp.vary_agent
+        if vary == "small" and state.refuted:
+            vary = "narrowed"  # small agents no longer distinguish SEs
         chosen: list[tuple[Trial, Centre | Perturbed]] = [
             (self._trial(Purpose.CENTRE, (*when, i), i, vary), Centre())
             for i in range(nes.centre_agents)
@@ -64,8 +76,7 @@ class Requests:
         return [EvaluationRequest(index, *trial, on) for index, (trial, on) in enumerate(chosen)]
 
     def confirmation(self, confirming: Confirming, generation: int) -> list[EvaluationRequest]:
-        """Return a round of a confirmation: agents that train on the unperturbed SE until the
-        stopping rule ends their training."""
+        """Return a round of a confirmation: agents that train on the unperturbed SE."""
         vary = "no" if self.hp.vary_agent == "no" else "narrowed"
         trials = [
             fresh_agent(self.hp.agents, vary, self.seed, Purpose.CONFIRM, generation, number)
@@ -73,33 +84,24 @@ class Requests:
         ]
         return [EvaluationRequest(index, *trial) for index, trial in enumerate(trials)]
 
-    def _variation(self, state: NESState) -> str:
-        """Return the variation of a generation's agents.
-
-        Small agents are cheap. After a failed confirmation they no longer distinguish SEs, so that
-        narrowed agents replace them.
-        """
-        vary = self.hp.vary_agent
-        return "narrowed" if vary == "small" and state.refuted else vary
-
     def _trial(self, purpose: Purpose, path: Sequence[int], turn: int, vary: str) -> Trial:
         seed, agent = fresh_agent(self.hp.agents, vary, self.seed, purpose, *path)
         return seed, with_patience(agent, self.hp.nes, turn)
 
 
 def fresh_agent(
-    agents: tuple[AgentHyperparameters, ...],
-    vary: str,
-    root: int,
-    purpose: Purpose,
-    *path: int,
+    agents: tuple[AgentHyperparameters, ...], vary: str, root: int, purpose: Purpose, *path: int
 ) -> Trial:
-    """Return the seed of an evaluation, and its agent, drawn from `agents`.
-
-    The two have different seeds, so that equal agents have different random numbers.
-    """
+    """Return the seed of an evaluation, and its agent, drawn from `agents` by another seed."""
     agent_seed = derive(root, Purpose.AGENT, int(purpose), *path)
     return derive(root, purpose, *path), draw_agent(agents, vary, agent_seed)
+
+
+def brief(agent: AgentHyperparameters) -> AgentHyperparameters:
+    """Shorten the training of an agent in the choice of a start."""
+    episodes = max(BRIEF_EPISODES, 2 * agent.init_episodes)
+    episodes = within_range(type(agent), "max_episodes", episodes)
+    return replace(agent, max_episodes=min(agent.max_episodes, episodes))
 
 
 def with_patience(
@@ -115,17 +117,9 @@ def with_patience(
 
 
 def ordered_results(results: Sequence[EvaluationResult], expected: int) -> list[EvaluationResult]:
-    """Sort results by index. Raises InvalidInput for missing, repeated or non-finite results."""
+    """Sort results by index. Raises InvalidInput for missing or repeated results."""
     ordered = sorted(results, key=lambda result: result.index)
-    if [result.index for result in ordered] != [*range(expected)]:
-        raise InvalidInput(
-            f"NES asked for {expected} evaluations and needs one result for each; got results for "
-            f"the requests {[result.index for result in ordered]}"
-        )
-    for result in ordered:
-        if not (result.test_returns and np.isfinite(result.test_returns).all()):
-            raise InvalidInput(
-                f"the result of request {result.index} has the test returns "
-                f"{result.test_returns}: they must be finite numbers, one or more"
-            )
+    numbers = [result.index for result in ordered]
+    if numbers != [*range(expected)]:
+        raise InvalidInput(f"NES asked for {expected} evaluations; got results for {numbers}")
     return ordered

@@ -8,13 +8,11 @@ from typing import Annotated, Literal, Self
 import numpy as np
 from pydantic import Field
 
-from bilevel.evaluation import EvaluationResult, scores_of
 from bilevel.evolution import Genotype, SearchDistribution
 from bilevel.hyperparameters import NESHyperparameters
 from bilevel.nes.confirmation import Confirming
 from bilevel.nes.records import GenerationRecord
 from bilevel.nes.start import ChoosingStart
-from bilevel.synthetic_env import Psi
 from bilevel.tasks import ObservationScale
 
 #: Number of SEs that a run keeps for its end.
@@ -41,11 +39,7 @@ Phase = ChoosingStart | Evolving | Confirming | Finished
 
 @dataclass(frozen=True)
 class Finalist:
-    """One of the best SEs of a run, with the scores of its generation.
-
-    A run may degrade after it has solved the task. It keeps several SEs, because the highest score
-    is often a lucky sample; the end of a run tests all of them again.
-    """
+    """One of the best SEs so far; the end of a run tests all of them again."""
 
     genotype: Genotype  # (D,)
     generation: int
@@ -61,10 +55,7 @@ class Finalist:
 def best_finalists(
     finalists: Sequence[Finalist], genotype: Genotype, record: GenerationRecord
 ) -> tuple[Finalist, ...]:
-    """Return the best FINALISTS of these and of the unperturbed SE of a new generation.
-
-    The best one comes first; ties go to earlier generations.
-    """
+    """Return the FINALISTS best SEs, including the new generation; ties go to earlier ones."""
     new = Finalist(genotype, record.generation, record.score_mean, record.perturbed_score_mean)
     ranked = sorted([*finalists, new], key=lambda finalist: finalist.rank, reverse=True)
     return tuple(ranked[:FINALISTS])
@@ -89,7 +80,7 @@ class NESState:
 
     @property
     def finished(self) -> bool:
-        """Whether the run has ended."""
+        """Whether the run has finished."""
         return isinstance(self.phase, Finished)
 
     @property
@@ -103,18 +94,15 @@ class NESState:
         return max((record.score_mean for record in self.records), default=-math.inf)
 
     def solved(self, nes: NESHyperparameters, solved_reward: float) -> bool:
-        """Return whether the last `nes.solved_for` generations solve the task on average.
-
-        Generations before the last confirmation do not count.
-        """
+        """Return whether the last `nes.solved_for` generations, all after the last confirmation,
+        solve the task on average."""
         if not 0 < nes.solved_for <= self.generation - self.last_judged:
             return False
         recent = [record.score_mean for record in self.records[-nes.solved_for :]]
         return float(np.mean(recent)) >= solved_reward
 
     def stagnates(self, nes: NESHyperparameters, solved_reward: float) -> bool:
-        """Return whether this attempt has not solved the task and set no new best score for
-        `nes.restart_after` generations."""
+        """Return whether this attempt has not solved the task, nor improved for a while."""
         scores = [record.score_mean for record in self.records[self.attempt_start :]]
         if not nes.restart_after or not scores or max(scores) >= solved_reward:
             return False
@@ -124,38 +112,3 @@ class NESState:
         """Add the measured times of the last generation (`GenerationRecord.timed`)."""
         *earlier, last = self.records
         return replace(self, records=(*earlier, last.timed(seconds, cores, finished)))
-
-    def record(
-        self,
-        results: Sequence[EvaluationResult],
-        centre_agents: int,
-        psi: Psi,
-        step: Genotype,
-        solved_reward: float,
-    ) -> GenerationRecord:
-        """Aggregate a generation's results, in the order of their requests.
-
-        The first `centre_agents` results belong to the unperturbed SE psi (P,). `step` (D,) is the
-        update of the generation.
-        """
-        scores = scores_of(results)
-        centre, on_centre = scores[:centre_agents], results[:centre_agents]
-        seconds = sum(result.seconds for result in results)
-        return GenerationRecord(
-            generation=self.generation,
-            attempt=self.attempt,
-            score_mean=float(centre.mean()),
-            score_std=float(centre.std()),
-            score_best=float(centre.max()),
-            perturbed_score_mean=float(scores[centre_agents:].mean()),
-            train_steps_mean=float(np.mean([result.train_steps for result in on_centre])),
-            train_episodes_mean=float(np.mean([result.train_episodes for result in on_centre])),
-            solved_fraction=float((centre >= solved_reward).mean()),
-            non_finite=sum(not result.finite for result in results),
-            real_env_steps=self.real_env_steps,
-            cost=self.cost,
-            psi_norm=float(np.linalg.norm(psi)),
-            update_norm=float(np.linalg.norm(step)),
-            evaluation_seconds=seconds,
-            env_steps_per_second=sum(result.train_steps for result in results) / max(seconds, 1e-9),
-        )

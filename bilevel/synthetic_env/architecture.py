@@ -15,13 +15,20 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from bilevel.activations import LRELU_SLOPE, PRELU_INITIAL_SLOPE
 from bilevel.durable import checksum
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.hyperparameters.agents import Activation
 from bilevel.kernels.synthetic_env import SEKernel, prepare
-from bilevel.networks import Network, initial_parameters, layer_biases, layer_weights, network
+from bilevel.networks import (
+    LRELU_SLOPE,
+    PRELU_INITIAL_SLOPE,
+    Network,
+    initial_parameters,
+    layer_biases,
+    layer_weights,
+    network,
+)
 from bilevel.tasks import MAX_STEP_LIMIT, Task
 
 #: The networks of an SE, in the order of psi.

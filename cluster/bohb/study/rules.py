@@ -76,7 +76,7 @@ def _adapted_core(task: Task, base: Hyperparameters) -> Space:
 
 def _check_full(base: Hyperparameters) -> None:
     # `full` searches mirrored_sampling, which other rules need.
-    if RULES[base.nes.update].needs_pairs or base.se.family != "plain":
+    if not RULES[base.nes.update].transforms or base.se.family != "plain":
         raise InvalidInput(
             "the space 'full' needs plain SEs and the rule paper or authors (--recipe authors or "
             f"paper); the recipe {base.recipe!r} has {base.se.family} SEs and the rule "

@@ -36,10 +36,12 @@ def _findings(plan: Plan, material: Material) -> Findings:
     for done, agent in enumerate(agents):
         material.progress(done, len(agents))
         recordings.append(record(plan.task, se.se, agent.hp, agent.seed))
-    tested = [recording.tests for recording in recordings if recording.tests]
+    tested = [tests for _, tests in recordings if tests]
     if not tested:
         raise InvalidInput(f"all agents diverged on the SE; use another --seed than {plan.seed}")
-    seen = values_by_origin([*chain(*(r.training for r in recordings))], [*chain(*tested)], se)
+    seen = values_by_origin(
+        [*chain(*(training for training, _ in recordings))], [*chain(*tested)], se
+    )
     names = [*plan.task.labels.observations, "reward"]
     data = densities(seen, names)
     episodes = len(tested) * hp.test_episodes

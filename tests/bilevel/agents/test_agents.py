@@ -10,21 +10,18 @@ import pytest
 import torch
 
 from bilevel import InvalidInput
-from bilevel.agents import get_agent, register_agent, registered_agents
+from bilevel.agents import get_agent, register_agent
+from bilevel.agents.environments import environment_in_python
 from bilevel.agents.variation import draw_agent
 from bilevel.durable import checksum
 from bilevel.evaluation import train_and_test
-from bilevel.evaluation.run import environment_in_python
 from bilevel.hyperparameters import AgentHyperparameters, DDQNHyperparameters, default_agents
 from bilevel.hyperparameters.validation import hyperparameters
-from bilevel.nes import NES
-from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import SE
-from bilevel.tasks import Task, get_task
+from bilevel.tasks import Task
 from cluster.ray.agent_files import load_agent_file
 from search_spaces.bohb import search_space
 from tests.agent_files import forgotten_afterwards
-from tests.conftest import restored
 from tests.documents import documented_agent
 from tests.ses import make_se
 
@@ -79,40 +76,10 @@ class TestEveryAgent:
         fast = train_and_test(cartpole, se, hp, 7)
         assert train_and_test(cartpole, se, hp, 7, compiled=False) == fast
 
-    def test_trains_on_the_real_task(self, name: str, cartpole: Task) -> None:
-        outcome = train_and_test(cartpole, None, small(name, max_episodes=4), 1)
-        assert outcome.train_episodes == 4
-        assert all(1 <= value <= 200 for value in outcome.test_returns)
-
-    def test_trains_on_a_real_task_that_gymnasium_runs(self, name: str) -> None:
-        hp, task = small(name, max_episodes=2, test_episodes=1), get_task("MountainCar-v0")
-        outcome = train_and_test(task, None, hp, 1)
-        assert outcome == train_and_test(task, None, hp, 1)
-        assert outcome.train_steps == 400
-
-    def test_divergence_scores_worst(self, name: str, acrobot: Task) -> None:
-        architecture = make_se(acrobot).se.architecture
-        psi = np.full(architecture.parameter_count, 1e20, np.float32)
-        outcome = train_and_test(acrobot, SE(architecture, psi), small(name), 0)
-        assert not outcome.finite
-        assert set(outcome.test_returns) == {-500.0}
-
     def test_hyperparameters_vary_and_are_searched(self, name: str) -> None:
         drawn = [draw_agent((small(name),), "all", seed) for seed in range(5)]
         assert len({vars(agent)["learning_rate"] for agent in drawn}) == 5
         assert f"{name}.learning_rate" in search_space("full", (name,))
-
-    def test_hyperparameters_survive_json(self, name: str) -> None:
-        hp = load_recipe("paper", "", (name,))
-        assert restored(hp.to_dict()) == hp
-        with pytest.raises(InvalidInput, match="max_episodes"):
-            replace(hp.agents[0], max_episodes=0)
-
-
-def test_each_evaluation_draws_one_of_several_agents(cartpole: Task) -> None:
-    assert set(AGENTS) <= set(registered_agents())
-    nes = NES(cartpole, load_recipe("paper", cartpole.id, AGENTS), 0)
-    assert {request.agent.agent for request in nes.ask(nes.init())} == set(AGENTS)
 
 
 @pytest.mark.parametrize(

@@ -14,15 +14,17 @@ import torch
 
 from bilevel.agents import get_agent
 from bilevel.agents.agent import agent_seeds
-from bilevel.agents.environments import KernelEnvironment
+from bilevel.agents.environments import KernelEnvironment, compiled_environment
 from bilevel.agents.modules import set_parameters
 from bilevel.agents.training import returns_converged
 from bilevel.agents.training import train as train_in_python
 from bilevel.evaluation.run import schedule
 from bilevel.hyperparameters import default_agents
-from bilevel.kernels import dynamics, training
-from bilevel.kernels.environment import Environment, environment
+from bilevel.kernels import training
+from bilevel.kernels.dynamics import CARTPOLE, OBSERVED
+from bilevel.kernels.environment import Environment
 from bilevel.synthetic_env import SE, Architecture
+from bilevel.tasks import Task
 
 #: Hidden ReLU units, given (action 0, action 1, s): s and -s where positive, once for each action,
 #: and the actions.
@@ -54,8 +56,10 @@ class Probe:
             [np.concatenate([layer, np.atleast_1d(o[0]), np.atleast_1d(o[1])]) for o in outputs]
         )
         se = SE(Architecture(1, 2, 1, 6, "relu", step_limit=2), psi.astype(np.float32))
+        task = Task("probe", 1, 2, 2, 0.0, 0.0, CARTPOLE)
+        env = compiled_environment(task, se, episodes=1, seed=0)
         states = np.array(self.initial_states).reshape(-1, 1)
-        return environment(se.kernel, True, dynamics.OBSERVED, 1, 2, 0.0, states)
+        return env._replace(dynamics=OBSERVED, initial_physics=states, physics=np.zeros(1))
 
 
 PROBES = {
@@ -104,7 +108,7 @@ def value(definition: Any, parameters: Sequence[Any], state: float, action: int)
     with torch.no_grad():
         if hasattr(definition, "online"):
             set_parameters(definition.online, parameters[0])
-            return float(definition.online(torch.tensor([state]))[action])
+            return float(definition.values(definition.online, torch.tensor([state]))[action])
         set_parameters(definition.critics[0], parameters[2])
         one_hot = [float(action == 0), float(action == 1)]
         return float(definition.critics[0](torch.tensor([state, *one_hot])))
@@ -124,7 +128,7 @@ def test_agents_learn_the_action_values_of_probes(name: str, probe: str, compile
         training.train(agent, env, schedule(hp), np.array([loop], np.uint64))
     else:
         agent = definition
-        train_in_python(agent, hp, KernelEnvironment(env), returns_converged(hp))
+        train_in_python(agent, hp, KernelEnvironment(env, 2), returns_converged(hp))
     parameters = agent.parameters()
     values = PROBES[probe].values
     for (state, action), expected in values.items():

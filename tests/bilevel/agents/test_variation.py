@@ -8,7 +8,6 @@ import pytest
 from pydantic import Field
 from scipy.stats import chisquare, kstest
 
-from bilevel import InvalidInput
 from bilevel.agents.variation import NARROWEST, SMALL, VARIED, draw_agent
 from bilevel.hyperparameters import AgentHyperparameters, default_agents
 from bilevel.hyperparameters.validation import hyperparameters
@@ -111,14 +110,3 @@ def test_an_agents_ranges_are_respected(vary: str) -> None:
     assert vary == "narrowed" or max(sizes) == 128
     assert min(hp.batch_size for hp in drawn) == 100
     assert max(hp.learning_rate for hp in drawn) == 2e-3
-
-
-def test_several_agents_are_drawn_with_equal_probability() -> None:
-    agents = default_agents(BUILT_IN)
-    names = [draw_agent(agents, "all", seed).agent for seed in range(SAMPLES)]
-    assert chisquare([names.count(name) for name in BUILT_IN]).pvalue > 1e-3
-
-
-def test_an_unknown_variation_is_rejected() -> None:
-    with pytest.raises(InvalidInput, match="allowed are no, small, narrowed, all"):
-        draw_agent(default_agents(("ddqn",)), "some", 0)

@@ -9,7 +9,7 @@ import torch
 
 from bilevel.agents import get_agent
 from bilevel.agents.agent import agent_seeds
-from bilevel.agents.environments import KernelEnvironment
+from bilevel.agents.environments import KernelEnvironment, compiled_environment
 from bilevel.agents.training import returns_converged, task_solved
 from bilevel.agents.training import train as train_in_python
 from bilevel.evaluation.run import schedule
@@ -18,10 +18,9 @@ from bilevel.hyperparameters import (
     AgentHyperparameters,
     default_agents,
 )
-from bilevel.kernels import ddqn, random, td3, training
-from bilevel.kernels.environment import Environment, environment
-from bilevel.kernels.training import CONVERGED, NOT_FINITE, converged, solved
-from bilevel.splitmix import SplitMix64
+from bilevel.kernels import ddqn, td3, training
+from bilevel.kernels.environment import Environment
+from bilevel.kernels.training import NOT_FINITE, converged, solved
 from bilevel.tasks import Task
 from tests.ses import make_se
 
@@ -101,38 +100,22 @@ def test_parameters_agree_after_hundreds_of_gradient_steps(
     assert differences[2] < 0.05
 
 
-class TestGumbelSoftmax:
-    def drawn(self, logits: Any, rho: float, n: int) -> Any:
-        columns = np.repeat(np.array(logits, np.float32)[:, np.newaxis], n, axis=1)
-        soft = np.zeros_like(columns)
-        td3.relax(columns, np.float32(rho), n, np.array([7], np.uint64), soft)
-        return soft
-
-    @pytest.mark.parametrize("rho", [-1.0, 0.0, 1.0])
-    def test_hard_draws_follow_the_softmax(self, rho: float) -> None:
-        """The largest component is action a with probability softmax(logits)_a at any temperature
-        (Jang et al., 2017)."""
-        logits = [0.0, 1.0, -0.5]
-        soft = self.drawn(logits, rho, 20_000)
-        np.testing.assert_allclose(soft.sum(axis=0), 1.0, atol=1e-5)
-        frequencies = np.bincount(soft.argmax(axis=0), minlength=3) / 20_000
-        expected = np.exp(logits) / np.exp(logits).sum()
-        np.testing.assert_allclose(frequencies, expected, atol=0.015)
-
-    @pytest.mark.parametrize(("bound", "beyond"), [(0.1, -1.0), (10.0, 1.0)])
-    def test_the_temperature_is_clipped(self, bound: float, beyond: float) -> None:
-        _, kernel, rng = twins(small("td3", learning_rate=1e-6), 4, 2)
-        kernel.rho.online[0] = np.log(bound) + beyond
-        td3.actor_step(kernel, rng)
-        assert np.exp(kernel.rho.online[0]) == pytest.approx(bound)
+@pytest.mark.parametrize("rho", [-1.0, 0.0, 1.0])
+def test_hard_draws_follow_the_softmax(rho: float) -> None:
+    """The largest component is action a with probability softmax(logits)_a at any temperature
+    (Jang et al., 2017)."""
+    logits = np.array([0.0, 1.0, -0.5], np.float32)
+    columns = np.repeat(logits[:, np.newaxis], 20_000, axis=1)
+    soft = np.zeros_like(columns)
+    td3.relax(columns, np.float32(rho), 20_000, np.array([7], np.uint64), soft)
+    np.testing.assert_allclose(soft.sum(axis=0), 1.0, atol=1e-5)
+    frequencies = np.bincount(soft.argmax(axis=0), minlength=3) / 20_000
+    np.testing.assert_allclose(frequencies, np.exp(logits) / np.exp(logits).sum(), atol=0.015)
 
 
 def se_environment(task: Task, seed: int, episodes: int, step_limit: int) -> Environment:
-    physics = task.initial_physics(np.random.default_rng(seed + 1), episodes)
-    se = make_se(task, seed=seed).se.kernel
-    return environment(
-        se, True, task.dynamics, task.state_size, step_limit, task.solved_reward, physics
-    )
+    env = compiled_environment(task, make_se(task, seed=seed).se, episodes, seed + 1)
+    return env._replace(step_limit=step_limit)
 
 
 @pytest.mark.parametrize("seed", range(3))
@@ -143,7 +126,7 @@ def test_whole_training_runs_agree(seed: int, agent: str, cartpole: Task) -> Non
     env = se_environment(cartpole, seed, hp.max_episodes, 25)
     definition, kernel, rng = twins(hp, 4, 2)
     steps, episodes, finite = train_in_python(
-        definition, hp, KernelEnvironment(env), returns_converged(hp)
+        definition, hp, KernelEnvironment(env, 2), returns_converged(hp)
     )
     compiled = training.train(kernel, env, schedule(hp), rng)
     assert finite
@@ -160,9 +143,7 @@ def test_non_finite_numbers_end_training(agent: str, cartpole: Task) -> None:
     _, kernel, rng = twins(hp, 4, 2)
     assert training.train(kernel, env, schedule(hp), rng)[2] == NOT_FINITE
 
-    env = se_environment(cartpole, 0, hp.max_episodes, 50)
     env.se.output_biases[-1] = np.nan  # the done output
-    _, kernel, rng = twins(hp, 4, 2)
     assert training.train(kernel, env, schedule(hp), rng) == (0, 0, NOT_FINITE)
 
 
@@ -198,24 +179,3 @@ def test_training_on_the_real_task_stops_when_it_is_solved(
     hp = small("ddqn", init_episodes=init_episodes, early_out_episodes=3)
     assert solved(returns, schedule(hp), solved_reward) == expected
     assert task_solved(hp, solved_reward)(returns.tolist()) == expected
-
-
-def test_compiled_training_on_the_real_task_ends_when_solved() -> None:
-    task = Task("CartPole-v0", 4, 2, 200, 1.0, 0.0, 1)  # every agent reaches this solved reward
-    hp = small("ddqn", init_episodes=2)
-    env = se_environment(task, 0, 10, 200)._replace(synthetic=False)
-    _, kernel, rng = twins(hp, 4, 2)
-    _, episodes, reason = training.train(kernel, env, schedule(hp), rng)
-    assert (episodes, reason) == (hp.early_out_episodes, CONVERGED)
-
-
-@pytest.mark.parametrize(
-    ("name", "mean", "deviation"), [("gumbel", 0.577, np.pi / 6**0.5), ("normal", 0.0, 1.0)]
-)
-def test_the_definition_draws_the_same_noise(name: str, mean: float, deviation: float) -> None:
-    state = np.array([5], np.uint64)
-    compiled = [getattr(random, name)(state) for _ in range(500)]
-    drawn = getattr(SplitMix64(5), name)(500)
-    np.testing.assert_allclose(drawn, compiled, rtol=1e-6)
-    assert drawn.mean() == pytest.approx(mean, abs=0.15)
-    assert drawn.std() == pytest.approx(deviation, rel=0.1)

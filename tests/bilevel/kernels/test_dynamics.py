@@ -50,12 +50,6 @@ def test_initial_states_have_gymnasiums_distribution(task_id: str) -> None:
         assert ks_2samp(ours[:, k], np.array(theirs)[:, k]).pvalue > 0.001
 
 
-def test_observed_dynamics_end_a_run_at_once() -> None:
-    reward, terminated = dynamics.step(dynamics.OBSERVED, np.zeros(3), 0)
-    assert np.isnan(reward)
-    assert terminated
-
-
 @pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
 def test_observed_episodes_equal_single_steps(task_id: str) -> None:
     """Some episodes terminate, some end at the step limit."""

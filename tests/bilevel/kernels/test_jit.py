@@ -8,29 +8,21 @@ import pytest
 from bilevel.kernels import jit
 
 
-@pytest.fixture(autouse=True)
-def _package_is_read_only(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """The package is in a read-only folder, as if root had installed it."""
+@pytest.mark.parametrize(
+    ("setting", "home", "expected"),
+    [
+        ("{}", "/proc/none", "{}"),
+        ("/proc/none", "{}", "{}/.cache/bilevel"),
+        ("", "/proc/none", "{}"),  # a temporary folder
+    ],
+)
+def test_folders_of_a_read_only_package(
+    setting: str, home: str, expected: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As if root had installed it."""
     monkeypatch.setattr(jit, "__file__", "/proc/bilevel/kernels/jit.py")
     monkeypatch.setattr(Path, "read_bytes", lambda _: b"")
-    monkeypatch.setattr(numba.config, "CACHE_DIR", "")
-
-
-def test_numbas_setting_comes_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(numba.config, "CACHE_DIR", str(tmp_path))
-    assert jit.cache_folder().parent == tmp_path
-
-
-def test_the_users_cache_is_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(numba.config, "CACHE_DIR", "/proc/none")
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert jit.cache_folder().parent == tmp_path / ".cache" / "bilevel"
-
-
-def test_a_temporary_folder_is_last(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In a container whose user has no home."""
-    monkeypatch.setenv("HOME", "/proc/none")
+    monkeypatch.setattr(numba.config, "CACHE_DIR", setting.format(tmp_path))
+    monkeypatch.setenv("HOME", home.format(tmp_path))
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    first, second = jit.cache_folder(), jit.cache_folder()
-    assert first != second
-    assert {first.parent, second.parent} == {tmp_path}
+    assert str(jit.cache_folder().parent) == expected.format(tmp_path)

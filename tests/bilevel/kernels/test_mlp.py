@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 import torch
 
-from bilevel.agents.modules import MLP, set_parameters
+from bilevel.agents.modules import MLP
 from bilevel.hyperparameters import ACTIVATIONS
 from bilevel.kernels import mlp
 from bilevel.networks import initial_parameters, network
@@ -14,9 +14,7 @@ def networks(shape: tuple[int, int, int, int], activation: str):  # type: ignore
     n_in, hidden, depth, n_out = shape
     net = network(n_in, hidden, depth, n_out, activation)
     params = initial_parameters(net, np.random.default_rng(5))
-    module = MLP(n_in, n_out, hidden, depth, activation)
-    set_parameters(module, params)
-    return net, params, module
+    return net, params, MLP(net, activation, params)
 
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)
@@ -44,21 +42,6 @@ def test_forward_and_backward_equal_torch(
     expected = torch.cat([p.grad.flatten() for p in module.parameters()])
     np.testing.assert_allclose(y, outputs.detach().numpy().T, atol=2e-6)
     np.testing.assert_allclose(gradient, expected.numpy(), atol=2e-4, rtol=1e-4)
-
-
-@pytest.mark.parametrize("activation", ACTIVATIONS)
-@pytest.mark.parametrize("shape", SHAPES)
-def test_single_equals_batch(
-    shape: tuple[int, int, int, int], activation: str, rng: np.random.Generator
-) -> None:
-    net, params, _ = networks(shape, activation)
-    n_in, _, _, n_out = shape
-    x = rng.normal(0, 1, (n_in, 16)).astype(np.float32)
-    work, y, single = mlp.work_space(net, 16), mlp.zeros(n_out, 16), mlp.zeros(n_out)
-    mlp.forward(net, params, x, work, y)
-    for i in range(16):
-        mlp.forward_single(net, params, x[:, i].copy(), work, single)
-        np.testing.assert_allclose(single, y[:, i], atol=2e-6)
 
 
 def test_initial_parameters_are_uniform_in_the_fan_in_bound() -> None:

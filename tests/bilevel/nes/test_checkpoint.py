@@ -127,7 +127,7 @@ def test_checkpoints_of_other_runs(nes: NES, acrobot: Task, tmp_path: Path) -> N
     assert replace(nes, hp=longer).load(path).generation == 0
     assert load_state(path).generation == 0
     save_se(nes.current(nes.init()), path)
-    with pytest.raises(InvalidInput, match="is an SE file, not a checkpoint"):
+    with pytest.raises(InvalidInput, match="damaged checkpoint"):
         nes.load(path)
 
 
@@ -155,16 +155,6 @@ def test_a_flipped_byte_is_detected_or_harmless(
         read = default.load(path)
         np.testing.assert_array_equal(read.search.mean, whole.search.mean)
         assert read.records == whole.records
-
-
-@given(content=st.binary(max_size=200))
-def test_random_bytes_are_damaged(
-    content: bytes, default: NES, tmp_path_factory: pytest.TempPathFactory
-) -> None:
-    path = tmp_path_factory.mktemp("foreign") / "state"
-    path.write_bytes(content)
-    with pytest.raises(InvalidInput, match="damaged checkpoint"):
-        default.load(path)
 
 
 @pytest.mark.parametrize(

@@ -4,8 +4,6 @@ import numpy as np
 import pytest
 
 from bilevel.nes.confirmation import (
-    FINAL_AGENTS,
-    REQUIRED_SHARE,
     Confirming,
     solving_share,
 )
@@ -54,44 +52,6 @@ def test_each_failure_lowers_the_required_share() -> None:
     for scores in (FIRST, SECOND, [200.0] * 28 + [160.0] * 4):  # 87 %
         confirmation = confirmation.after(scores)
     assert confirmation.verdict(SOLVED) is False  # never below MIN_SHARE
-
-
-@pytest.mark.parametrize("bad", [0.0, 0.002, 0.01, 0.05])
-def test_confirmation_predicts_the_next_agents(bad: float) -> None:
-    """A share of the agents scores 100, the others 200; SEs with many bad agents are rejected."""
-    rng = np.random.default_rng(0)
-    confirmed = 0
-    for _ in range(200):
-        confirmation = Confirming(128)
-        while not confirmation.scores or confirmation.verdict(SOLVED) is None:
-            scores = np.where(rng.random(len(confirmation.coming)) < bad, 100.0, 200.0)
-            confirmation = confirmation.after(scores.tolist())
-        confirmed += bool(confirmation.verdict(SOLVED))
-    solves = (1 - bad) ** FINAL_AGENTS
-    if solves == 1:
-        assert confirmed == 200
-    else:
-        assert (confirmed > 100) is (solves > REQUIRED_SHARE)
-
-
-def test_agents_are_numbered_over_the_rounds() -> None:
-    confirmation, seen = Confirming(16), list[int]()
-    for size in (2, 6, 8):
-        assert len(confirmation.coming) == size
-        seen += confirmation.coming
-        confirmation = confirmation.after([200.0] * size)
-    assert seen == list(range(16))
-    assert confirmation.all_scores.size == 16
-
-
-@pytest.mark.parametrize("agents", [1, 2, 3])
-def test_few_agents_make_fewer_rounds(agents: int) -> None:
-    confirmation = Confirming(agents)
-    while not confirmation.scores or confirmation.verdict(SOLVED) is None:
-        assert len(confirmation.coming) > 0
-        confirmation = confirmation.after([SOLVED] * len(confirmation.coming))
-    assert confirmation.verdict(SOLVED) is True
-    assert confirmation.all_scores.size == agents
 
 
 def test_the_share_of_samples_is_binomial() -> None:

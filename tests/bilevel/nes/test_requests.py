@@ -11,8 +11,7 @@ from bilevel.evaluation import EvaluationRequest
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.nes.confirmation import Confirming
-from bilevel.nes.requests import Requests, with_patience
-from bilevel.nes.start import ChoosingStart
+from bilevel.nes.requests import Requests, brief, with_patience
 
 
 @pytest.fixture
@@ -36,8 +35,7 @@ class Long(AgentHyperparameters, agent="long"):
 
 def test_short_training_respects_an_agents_ranges(small_hp: Hyperparameters) -> None:
     """In the choice of a start and in patient turns."""
-    made = ChoosingStart.between([0]).requests([(0, Long())])
-    assert [request.agent.max_episodes for request in made] == [100]
+    assert brief(Long()).max_episodes == 100
     for patient, episodes, window in ((60, 100, 30), (150, 150, 30)):
         turn = with_patience(Long(), replace(small_hp.nes, patient_episodes=patient), 1)
         assert (turn.max_episodes, turn.early_out_episodes) == (episodes, window)
@@ -66,17 +64,3 @@ def test_confirmations_use_fresh_agents(requests: Requests) -> None:
         assert len(confirming.all_scores) == 16
     assert len(made) == 32
     require_fresh(made, 32)
-
-
-def test_rounds_of_the_start_use_fresh_agents(requests: Requests) -> None:
-    """In every round and attempt; the candidates of a round share their agents."""
-    made: list[EvaluationRequest] = []
-    for attempt in (0, 1):
-        choosing = ChoosingStart.between(range(64))
-        for left, agents in ((64, 1), (8, 4), (2, 8)):
-            new = requests.start(choosing, attempt)
-            assert len(new) == left * agents
-            made += new
-            halving = choosing.halving.after(range(left))
-            choosing = replace(choosing, halving=halving)
-    require_fresh(made, 2 * (1 + 4 + 8))

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from bilevel.errors import InvalidInput
-from bilevel.evaluation.recording import Recording
 from cluster.experiments.figures import behaviour
 from cluster.experiments.figures.behaviour import ORIGINS, densities
 from tests.cluster.experiments.artificial import findings_of
@@ -15,7 +14,7 @@ from tests.cluster.experiments.artificial import findings_of
 def test_diverged_agents_have_no_tests_to_show(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(behaviour, "record", lambda *arguments: Recording())
+    monkeypatch.setattr(behaviour, "record", lambda *arguments: ([], []))
     with pytest.raises(InvalidInput, match="all agents diverged on the SE"):
         findings_of(behaviour.BEHAVIOUR, tmp_path)
 
