@@ -15,7 +15,7 @@ from bilevel.synthetic_env import se_bytes
 from cluster.bohb.results import pictures
 from cluster.bohb.results.importance import importance, unit_values
 from cluster.bohb.results.summary import StudySummary
-from cluster.bohb.results.tables import TALLIED, leaders_csv, results_csv
+from cluster.bohb.results.tables import TALLIED, brackets_csv, results_csv, validation_csv
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.study.journal import ConfigLine, Journal, ResultLine
@@ -34,7 +34,7 @@ _DESCRIPTION = (
     "most half of one). The study's `objective` is the one of the best configuration at the "
     "largest budget so far, and rises when a larger budget is reached; `best_at_*` are the best "
     "ones at each budget. `validated_objective` is the objective of the final recipe in new runs "
-    "with other seeds (validation.md). `final_*` describe fresh agents trained on the best SE of "
+    "with other seeds (validation.csv). `final_*` describe fresh agents trained on the best SE of "
     "all configurations."
 )
 
@@ -120,7 +120,7 @@ class StudyViews:
             identity=self.identity,
             description=(
                 f"{study.method_name} over NES on **{study.task.id}**, recipe "
-                f"`{study.base.recipe}`, {study.start}rule `{study.base.nes.update}`: search space "
+                f"`{study.base.recipe}`, rule `{study.base.nes.update}`: search space "
                 f"`{study.space.name}`, budgets {budgets} core seconds, seed {study.seed}. "
                 f"{_DESCRIPTION}"
             ),
@@ -193,17 +193,14 @@ def study_points(summary: StudySummary) -> list[Point]:
 
 
 def hyperparameter_picture(study: Study, summary: StudySummary) -> Figure:
-    """Plot the values of all configurations, and the importance of each hyperparameter. Raises
-    InvalidInput if the file of the search space is damaged."""
-    space, journal = study.stored_space(), summary.journal
-    values = {line.id: unit_values(space, line.configuration) for line in journal.configs}
-    leaders = [line.id for _, line in summary.leaders()]
-    incumbent = summary.incumbent
-    if incumbent is not None and incumbent.id != leaders[-1]:
-        leaders.append(incumbent.id)  # the winner of the validation
+    """Plot the values of all configurations, and the importance of each hyperparameter, of a study
+    with an incumbent."""
+    space, journal, incumbent = study.space.build(study.agents), summary.journal, summary.incumbent
+    assert incumbent is not None
+    tried = [unit_values(space, summary.configuration(id)) for id in summary.ranked]
     return pictures.hyperparameters(
-        np.array([values[config_id] for config_id in summary.ranked]).reshape(-1, len(space)),
-        np.array([values[config_id] for config_id in leaders]).reshape(-1, len(space)),
+        np.array(tried),
+        unit_values(space, summary.configuration(incumbent.id)),
         unit_values(space, study.of_recipe),
         tuple(space),
         importance(space, journal),
@@ -235,17 +232,15 @@ def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Documen
     version = f"{len(journal.results)} results"
     if summary.validation is not None:
         version += f", {summary.validation.results} validated"
-        documents.append(Document.of_text("validation.md", summary.validation_table()))
+        documents.append(Document.of_text("validation.csv", validation_csv(summary)))
 
     def objectives() -> bytes:
-        points, validated = summary.points(), summary.validated_points()
-        return png(pictures.objective_against_cost(points, validated, study.task, study.name))
+        return png(pictures.objective_against_cost(summary, study.task, study.name))
 
     documents += [
         Document("objective_against_cost.png", version, objectives),
-        Document.of_text("brackets.md", summary.bracket_table()),
+        Document.of_text("brackets.csv", brackets_csv(summary)),
         Document.of_text("results.csv", results_csv(summary)),
-        Document.of_text("leaders.csv", leaders_csv(summary)),
         *(Document.of_file(path, "journal/") for path in journal.paths),
     ]
     if incumbent is not None:

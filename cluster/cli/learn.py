@@ -64,6 +64,7 @@ def nes(
 )
 @click.option(
     "--profile",
+    type=click.Choice(["smoke", "local", "paper"]),
     default="local",
     show_default=True,
     help="Size of the search: smoke (a quick check), local (30 minutes) or paper (the paper's).",
@@ -71,7 +72,7 @@ def nes(
 @click.option(
     "--space",
     help="Search space: full (the paper's 18 hyperparameters), core (eight of NES and the SE), or "
-    "a file of ConfigSpace, *.json or *.yaml (default: the profile's).",
+    "a file of ConfigSpace, *.json (default: the profile's).",
 )
 @click.option("--brackets", type=click.IntRange(1, 1000), help="Number (default: the profile's).")
 @click.option(
@@ -91,6 +92,7 @@ def nes(
 )
 @click.option(
     "--method",
+    type=click.Choice(["bohb", "hyperband", "random"]),
     default="bohb",
     show_default=True,
     help="bohb, hyperband (brackets without a model) or random (search at the largest budget).",
@@ -112,24 +114,22 @@ def bohb(
     **options: Any,
 ) -> None:
     """BOHB over NES runs on TASK: tune NES, SE and agent hyperparameters."""
-    from cluster.bohb.study.profiles import get_method, get_profile, sized
-    from cluster.bohb.study.rules import searched_space
+    from cluster.bohb.study.profiles import PROFILES, searched_space, sized
     from search_spaces.space import Space
 
     changes = {name: options.pop(name) for name in ("space", "brackets", "time_budget", "prior")}
     common = RunOptions(**options)
     task = common.the_task()
-    get_method(method)
-    size = get_profile(profile)
-    size = replace(size, **{name: value for name, value in changes.items() if value is not None})
+    size = replace(
+        PROFILES[profile], **{name: value for name, value in changes.items() if value is not None}
+    )
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
     searched = searched_space(Space.of(size.space), task, hp, common.replaced, size.prior)
     context = common.the_context()
     default = f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"
     folder = context.home.run_folder(task.id, study or plain_name(default))
 
-    from cluster.bohb.command import StudyCommand, run_study
-    from cluster.bohb.estimate import dry_run as estimate
+    from cluster.bohb.command import StudyCommand, estimate, run_study
     from cluster.bohb.study.brackets import Schedule
     from cluster.bohb.study.definition import Study
 

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from bilevel import InvalidInput
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES
 from bilevel.recipes import load_recipe
@@ -88,18 +87,8 @@ def test_full_has_the_dimensions_of_each_agent() -> None:
     assert not {"td3.initial_epsilon", "ddqn.init_episodes"} & names
 
 
-def test_core_has_no_dimensions_of_agents() -> None:
-    assert len(search_space("core")) == 8
-    assert search_space("core", ("td3", "dueling-ddqn")) == search_space("core")
-
-
 @pytest.mark.parametrize("task", ["CartPole-v0", "Acrobot-v1"])
 def test_core_contains_the_default_recipe(task: str) -> None:
     space = search_space("core")
     recipe = of_hyperparameters(load_recipe("default", task), space)
     assert nearest(space, recipe) == pytest.approx(recipe)
-
-
-def test_unknown_spaces_are_refused() -> None:
-    with pytest.raises(InvalidInput, match="unknown search space 'huge'"):
-        search_space("huge")

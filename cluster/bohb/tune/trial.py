@@ -86,8 +86,8 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
             node = socket.gethostname()
             raise StorageFailure(f"node {node} does not see the folder {str(study.folder)!r}")
         messages: list[str] = []
-        runs = self._runs or ConfigurationRuns.open(
-            study, tuple(job["id"]), job["configuration"], messages.append
+        runs = self._runs or ConfigurationRuns.read(
+            study, tuple(job["id"]), job["configuration"], log=messages.append
         )
         if self._spent_before is None:
             self._spent_before = runs.tally.cost

@@ -1,18 +1,16 @@
 """MLflow views of a study."""
 
-import json
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from bilevel import InvalidInput
 from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.search.validation import Validation
-from cluster.bohb.study.definition import SPACE_FILE, configuration_name
+from cluster.bohb.study.definition import configuration_name
 from cluster.bohb.study.journal import ConfigLine, Journal, ResultLine
-from cluster.bohb.view import StudyViews, hyperparameter_picture, study_points
+from cluster.bohb.view import StudyViews, study_points
 from cluster.storage.run_folder import RunStatus
 from tests.studies import make_study
 
@@ -72,29 +70,6 @@ def test_the_objective_of_a_validation(tmp_path: Path) -> None:
     summary = replace(summary, validation=Validation(6, (winner,)))
     (point,) = [p for p in study_points(summary) if "validated_objective" in p.values]
     assert (point.step, point.values["validated_objective"]) == (6, winner.loss)
-
-
-def test_the_picture_uses_the_ranges_with_which_the_study_started(tmp_path: Path) -> None:
-    """The package's ranges may have changed."""
-    study = make_study(tmp_path, brackets=1)
-    study.write_space()
-    path = tmp_path / SPACE_FILE
-    stored = json.loads(path.read_text())
-    (changed,) = [d for d in stored["hyperparameters"] if d["name"] == "nes.std_dev"]
-    changed["upper"] *= 2
-    path.write_text(json.dumps(stored))
-    summary = StudySummary.of(Journal(tmp_path), study.schedule.brackets(1))
-    axes = hyperparameter_picture(study, summary).axes[0]
-    row = [label.get_text() for label in axes.get_yticklabels()].index("nes.std_dev")
-    offsets = [np.asarray(artist.get_offsets(), np.float64) for artist in axes.collections]
-    (drawn,) = [
-        points
-        for points in offsets
-        if len(points) == len(summary.ranked) and set(points[:, 1]) == {row}
-    ]
-    values = [summary.configuration(one)["nes.std_dev"] for one in reversed(summary.ranked)]
-    ends = np.log([changed["lower"], changed["upper"]])
-    np.testing.assert_allclose(drawn[:, 0], (np.log(values) - ends[0]) / np.ptp(ends))
 
 
 def test_an_invalid_configuration_is_shown_with_its_error(tmp_path: Path) -> None:
