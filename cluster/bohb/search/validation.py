@@ -28,7 +28,7 @@ from bilevel.durable import write_aside
 from bilevel.errors import OtherVersion, StorageFailure
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import Study, configuration_name
-from cluster.bohb.study.journal import ConfigId, Journal, ResultLine
+from cluster.bohb.study.journal import ConfigId, Journal, Origin, ResultLine
 from cluster.nes.run import Pool
 from cluster.session.terminal import last_line
 
@@ -89,7 +89,8 @@ def finalists_of(journal: Journal, largest: int) -> list[ConfigId]:
     """
     core_seconds = validation_seconds(sum(journal.reached.values()))
     number = min(max(int(core_seconds / largest), 2), FINALISTS)
-    chosen = {journal.recipe} & journal.reached.keys()
+    recipe = {line.id for line in journal.configs if line.origin is Origin.RECIPE}
+    chosen = recipe & journal.reached.keys()
     for line in sorted(journal.successes, key=lambda line: (-line.budget, line.objective)):
         if len(chosen) < number:
             chosen.add(line.id)

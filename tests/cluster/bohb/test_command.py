@@ -65,9 +65,7 @@ def test_a_quarter_of_the_time_is_for_validation(
     ("requested", "status", "target", "brackets"),
     [
         (2, "FINISHED", 3, 5),
-        (2, None, 3, 5),
         (2, "KILLED", 3, 3),
-        (2, "KILLED", 4, 4),
         (5, "KILLED", 3, 5),
     ],
 )

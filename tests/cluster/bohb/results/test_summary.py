@@ -34,7 +34,8 @@ def test_summary_of_a_whole_study(tmp_path: Path) -> None:
 def test_summary_without_results(tmp_path: Path, cartpole: Task) -> None:
     summary = StudySummary(Journal(tmp_path), Schedule((1, 3), 2).brackets(1))
     assert summary.incumbent is None
-    assert summary.points() == summary.ranked == []
+    assert summary.points() == []
+    assert summary.ranked == []
     assert summary.core_seconds_left() == 3 + 2
     assert results_csv(summary).strip() == ""
     assert png(objective_against_cost(summary, cartpole, "study"))

@@ -38,12 +38,6 @@ def test_bracket_sizes_equal_hpbandsters_formula(smallest: int, exponent: int) -
         assert tuple(rung.budget for rung in rungs) == budgets[-s - 1 :]
 
 
-def test_with_a_cycle_of_one_all_brackets_start_at_the_smallest_budget() -> None:
-    rungs = Schedule((3, 9), 1).brackets(2)
-    found = [(r.bracket, r.configurations, r.budget) for r in rungs]
-    assert found == [(0, 3, 3), (0, 1, 9), (1, 3, 3), (1, 1, 9)]
-
-
 def test_promoted_configurations_count_once() -> None:
     begun = [initial_configurations(LADDER.brackets(count)) for count in range(1, 5)]
     assert begun == [9, 12, 15, 24]

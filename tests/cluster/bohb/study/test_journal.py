@@ -8,16 +8,6 @@ from cluster.bohb.study.journal import Journal
 from tests.searches import new_search, run_to_end
 
 
-@pytest.mark.parametrize("line", ["{}", "[1]", '[[0,0,0],"x",{},{}]', "nonsense", "[[0,0,0]]"])
-def test_a_damaged_line_is_reported(line: str, tmp_path: Path) -> None:
-    run_to_end(new_search(tmp_path, brackets=1))
-    path = tmp_path / "configs.json"
-    lines = path.read_text().splitlines()
-    path.write_text("\n".join([lines[0], line, *lines[1:]]) + "\n")
-    with pytest.raises(InvalidInput, match="damaged file"):
-        Journal(tmp_path)
-
-
 @pytest.mark.parametrize("value", [None, "text", -1.0, 1e9, float("nan")])
 @pytest.mark.parametrize("name", ["nes.std_dev", "nes.population_size", "nes.unknown"])
 def test_a_configuration_outside_the_space_is_reported(
