@@ -18,7 +18,7 @@ from cluster.bohb.tune.searcher import BohbSearcher
 from cluster.bohb.tune.stopping import StudyStopper
 from cluster.bohb.tune.tuner import run_trials
 from cluster.bohb.view import StudyViews
-from cluster.ray.connection import Capacity, require_server_for_nodes, scaled_to
+from cluster.ray.connection import Capacity, require_server_for_nodes
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext
 from cluster.session.session import Session
@@ -42,13 +42,6 @@ class StudyCommand:
     final_agents: int  # trained on the best SE at the end, with fresh seeds
     workers_per_trial: int = 1  # 0 until `placed` sets it
     concurrent_trials: int | None = None  # None fills the cluster's cores
-
-    @property
-    def cores_wanted(self) -> int:
-        """Cores that the study can use while it starts one cycle of brackets."""
-        rungs = self.study.schedule.brackets(min(self.brackets, self.study.schedule.cycle))
-        trials = self.concurrent_trials or initial_configurations(rungs)
-        return trials * max(self.workers_per_trial, 1)
 
     def placed(self, capacity: Capacity) -> Self:
         """Choose the workers per trial unless they are given: 1, or more if the study has fewer
@@ -94,7 +87,6 @@ def run_study(command: StudyCommand) -> int:
     study.prior_configuration()  # raises InvalidInput
     with (
         command.context.connected(workers, command.concurrent_trials or 1) as driver,
-        scaled_to(command.cores_wanted, command.context.address),
         driver.session(study.folder, study.task.id, study.settings()) as session,
     ):
         return _Runner(command.placed(Capacity.of_cluster()), session).run()

@@ -38,19 +38,6 @@ def test_workers_per_trial_grow_with_the_cluster(
 
 
 @pytest.mark.parametrize(
-    ("changes", "cores"),
-    [
-        ({}, 5),
-        ({"workers_per_trial": 4}, 20),
-        ({"workers_per_trial": 4, "concurrent_trials": 2}, 8),
-        ({"brackets": 1000}, 5),  # one cycle of brackets at a time
-    ],
-)
-def test_cores_wanted(changes: dict[str, int], cores: int, command: StudyCommand) -> None:
-    assert replace(command, **changes).cores_wanted == cores  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
     ("budget", "search", "end"),
     [(3660.0, 2700.0, 3600.0), (80.0, 30.0, 40.0), (None, math.inf, math.inf)],
 )
