@@ -4,7 +4,7 @@ The model is a random forest (Breiman, 2001) of the ranks of the results at the 
 results. Ranks are used because objectives of configurations without an SE have little meaning as
 numbers. The forest predicts held-out results, a fifth at a time. The importance of a hyperparameter
 is the drop of R^2 on all held-out results when its values are permuted. It applies to the search
-space and the configurations that were tried, and is meaningless unless R^2 is positive.
+space and the configurations that were tried.
 """
 
 from collections import Counter
@@ -32,11 +32,11 @@ class Importance:
     std: Floats  # (d,) over permutations
     budget: int
     results: int
-    explained: float  # R^2 on held-out results
+    explained: float  # R^2 on held-out results, positive
 
 
 def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | None:
-    """Return the importances in a study; None if it has too few results, or equal ones."""
+    """Return the importances in a study; None if it has too few results to predict others."""
     counts = Counter(line.budget for line in journal.successes)
     budget = max(counts, key=lambda budget: (counts[budget], budget), default=0)
     lines = [line for line in journal.successes if line.budget == budget]
@@ -46,7 +46,7 @@ def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | N
     proposals = journal.proposals
     inputs = np.array([unit_values(space, proposals[line.id].configuration) for line in lines])
     mean, std, explained = _fitted(inputs, ranks)
-    return Importance(mean, std, budget, len(lines), explained)
+    return Importance(mean, std, budget, len(lines), explained) if explained > 0 else None
 
 
 def _fitted(inputs: Floats, ranks: Floats) -> tuple[Floats, Floats, float]:

@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -90,23 +89,13 @@ def hyperparameters(
     places.set_xlabel("value within the search space")
     figure.colorbar(shown, ax=places, ticks=[0, 1], pad=0.01).ax.set_yticklabels(["worst", "best"])
     figure.legend(frameon=False, fontsize="small", loc="outside lower center", ncols=2)
-    _plot_importance(bars, found)
-    for axes in (places, bars):
-        axes.spines[["top", "right"]].set_visible(False)
+    bars.set_xlabel("importance (drop of R²)")
+    if found is None:
+        bars.set_title("too few results for importances", fontsize="x-small")
+    else:
+        bars.barh(rows, found.mean, xerr=found.std, color=BLUE, height=0.6)
+        basis = f"{found.results} results of {found.budget} core s, R² {found.explained:.2f}"
+        bars.set_title(basis, fontsize="x-small")
     places.invert_yaxis()
     places.set_title(title, fontsize="medium")
     return figure
-
-
-def _plot_importance(axes: Axes, found: Importance | None) -> None:
-    if found is None or found.explained <= 0:
-        axes.set_xticks([])
-        axes.set_title("too few results for importances", fontsize="x-small")
-        return
-    axes.barh(np.arange(len(found.mean)), found.mean, xerr=found.std, color=BLUE, height=0.6)
-    axes.set_xlabel("importance (drop of R²)")
-    axes.set_title(
-        f"ranks of {found.results} results of {found.budget} core seconds;\n"
-        f"R² of a forest on held-out ones: {found.explained:.2f}",
-        fontsize="x-small",
-    )

@@ -44,21 +44,20 @@ def test_importance_for_a_known_objective(tmp_path: Path) -> None:
     np.testing.assert_array_equal(other.mean, found.mean)  # ranks are equal
 
 
-def test_a_forest_cannot_predict_noise(tmp_path: Path) -> None:
-    found = importance(SPACE, searched(tmp_path, 40, power=None))
-    assert found is not None
-    assert found.explained <= 0
+@pytest.mark.parametrize(
+    ("results", "power", "enough"),
+    [(0, 1.0, False), (9, 1.0, False), (20, 1.0, True), (40, None, False)],  # None is noise
+)
+def test_importance_needs_enough_results(
+    results: int, power: float | None, enough: bool, tmp_path: Path
+) -> None:
+    assert (importance(SPACE, searched(tmp_path, results, power)) is not None) == enough
 
 
-@pytest.mark.parametrize(("results", "enough"), [(0, False), (9, False), (10, True)])
-def test_importance_needs_enough_results(results: int, enough: bool, tmp_path: Path) -> None:
-    assert (importance(SPACE, searched(tmp_path, results)) is not None) == enough
-
-
-@pytest.mark.parametrize(("explained", "bars"), [(0.5, 2), (-0.1, 0), (None, 0)])
-def test_importances_of_an_accurate_forest_only(explained: float | None, bars: int) -> None:
+@pytest.mark.parametrize("bars", [2, 0])
+def test_hyperparameters_are_drawn_with_and_without_importances(bars: int) -> None:
     tried, mean = np.random.default_rng(0).random((5, 2)), np.array([0.4, 0.1])
-    found = None if explained is None else Importance(mean, mean / 2, 3, 40, explained)
+    found = Importance(mean, mean / 2, 3, 40, 0.5) if bars else None
     figure = hyperparameters(tried, tried[0], np.array([0.5, np.nan]), ("a", "b"), found, "study")
     assert len(figure.axes[1].patches) == bars
     assert png(figure)
