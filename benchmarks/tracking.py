@@ -76,7 +76,7 @@ class MeasuredStudy:
             record = state.records[-1] if runs.generations > before else None
             earlier = sum(run.generation for run in runs.states if run is not state)
             run = len(runs.states) - 1
-            report = TrialReport(runs.tally, reached, record, run, earlier, runs.tally.cost)
+            report = TrialReport(runs.tally, reached, record, run, earlier)
             trial.last_result = {REPORT: report}
             cost = self._cost("on_trial_result", trial, trial.last_result)
             if record is not None:

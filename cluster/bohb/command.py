@@ -15,7 +15,6 @@ from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import Journal
 from cluster.bohb.tune.report import StudyReport
 from cluster.bohb.tune.searcher import BohbSearcher
-from cluster.bohb.tune.stopping import StudyStopper
 from cluster.bohb.tune.tuner import run_trials
 from cluster.bohb.view import StudyViews
 from cluster.ray.connection import Capacity, require_server_for_nodes
@@ -189,14 +188,14 @@ class _Runner:
 
     def _search(self, views: StudyViews, mirror: Mirror, deadline: float) -> None:
         command = self.command
-        searcher = BohbSearcher(self.search, self._trials, deadline, command.workers_per_trial)
+        searcher = BohbSearcher(self.search, self._trials, deadline)
         report = StudyReport(
             self.brackets, deadline, self.journal, searcher, views, mirror, self.terminal
         )
-        stopper = StudyStopper(searcher, self.session.guard)
-        with self.session.guard.orderly():
-            run_trials(command.study, command.workers_per_trial, searcher, stopper, report)
-        self.session.guard.check()
+        guard = self.session.guard
+        with guard.orderly():
+            run_trials(command.study, command.workers_per_trial, searcher, guard, report)
+        guard.check()
         if searcher.stopped_by is not None:
             raise searcher.stopped_by
         if searcher.time_is_up and not self.search.finished:

@@ -2,15 +2,13 @@
 
 import json
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 from matplotlib.figure import Figure
 
 from bilevel.errors import InvalidInput
-from bilevel.nes import NESState
 from bilevel.synthetic_env import se_bytes
 from cluster.bohb.results import pictures
 from cluster.bohb.results.importance import importance, unit_values
@@ -26,17 +24,8 @@ from cluster.session.terminal import last_line
 from cluster.storage.run_folder import BEST_FILE, Lifetime, RunIdentity, Status, finals
 from cluster.tracking import Document, Point, Progress, RunView
 
-_DESCRIPTION = (
-    "Each nested run is one configuration, which runs NES with one seed after the other; a "
-    "promoted configuration continues in the same run. `objective`, which is minimised, is the "
-    "expected core time until fresh agents confirm an SE: the core seconds of all runs of a "
-    "configuration, divided by the number of its confirmed SEs (an unfinished run counts as at "
-    "most half of one). The study's `objective` is the one of the best configuration at the "
-    "largest budget so far, and rises when a larger budget is reached; `best_at_*` are the best "
-    "ones at each budget. `validated_objective` is the objective of the final recipe in new runs "
-    "with other seeds (validation.csv). `final_*` describe fresh agents trained on the best SE of "
-    "all configurations."
-)
+#: Settings that are parameters of the MLflow run.
+_PARAMS = ("seed", "method", "prior", "budgets", "cycle", "base")
 
 
 @dataclass(frozen=True)
@@ -95,25 +84,18 @@ class StudyViews:
         study, ends = self.study, finals(self.study.folder)
         lifetime = Lifetime.of(study.folder, self.identity.began, self.live)
         summary = StudySummary.of(journal, study.schedule.brackets(lifetime.target))
-        tags = {"bilevel.kind": KIND}
-        if summary.incumbent is not None:
-            tags["bilevel.incumbent"] = configuration_name(summary.incumbent.id)
-        budgets = list(study.schedule.budgets)
+        incumbent, settings = summary.incumbent, study.settings()
+        name = "" if incumbent is None else configuration_name(incumbent.id)
         return RunView(
             self.parent,
             study.name,
             lifetime,
             {
+                **{name: settings[name] for name in _PARAMS},
                 "task": study.task.id,
-                "seed": study.seed,
                 "space": study.space.name,
-                "budgets": budgets,
-                "cycle": study.schedule.cycle,
-                "method": study.method,
-                "prior": study.prior,
-                "base": study.base.to_dict(),
             },
-            tags,
+            {"bilevel.kind": KIND, "bilevel.incumbent": name},
             (*study_points(summary), *(Point.of_final(end) for end in ends)),
             tuple(_documents(study, summary, bool(ends))),
             model=registered(study.folder, study.task.id, ends[-1]) if ends else None,
@@ -121,8 +103,9 @@ class StudyViews:
             description=(
                 f"{study.method_name} over NES on **{study.task.id}**, recipe "
                 f"`{study.base.recipe}`, rule `{study.base.nes.update}`: search space "
-                f"`{study.space.name}`, budgets {budgets} core seconds, seed {study.seed}. "
-                f"{_DESCRIPTION}"
+                f"`{study.space.name}`, budgets {settings['budgets']} core seconds. Each "
+                "nested run is one configuration. `objective` is the expected number of core "
+                "seconds until fresh agents confirm an SE (lower is better)."
             ),
         )
 
@@ -145,16 +128,23 @@ class StudyViews:
         if failure is not None:
             tags["bilevel.error"] = last_line(failure)[:250]
             documents.append(Document.of_text("error.txt", failure))
-        best = runs.best
+        best = runs.best if runs.states else None
         if best is not None and not running:
             document = Document(BEST_FILE, f"generation {runs.generations}", lambda: se_bytes(best))
             title = f"{study.name}, {name}"
             documents += run_documents(runs.states, runs.run(0), title, document)
-        points = _generations(runs.states)
+        points: list[Point] = []
+        for number, state in enumerate(runs.states):
+            before = len(points)
+            points += [Point.of(record, before, run=number) for record in state.records]
         started = self.identity.began if results else time.time()
         if points:
             started = points[0].time - points[0].values["generation_seconds"]
-        points += [_result(line) for line in results if line.loss is not None]
+        for result in results:
+            if result.loss is not None:
+                tally = {name: float(result.info[name]) for name in TALLIED if name in result.info}
+                values = {"objective": result.loss, "budget": float(result.budget), **tally}
+                points.append(Point(values, result.budget, result.finished))
         ended = max([started, *(p.time for p in points), *(r.finished for r in results)])
         status = "RUNNING" if running else _status(results, runs.tally.cost)
         return RunView(
@@ -166,25 +156,22 @@ class StudyViews:
             tuple(points),
             tuple(documents),
             parent=self.parent,
-            identity=replace(self.identity, code={}),  # unknown: the study may have run several
+            identity=self.identity,
             description=f"Configuration {name} of the study `{study.name}`.",
         )
 
 
 def study_points(summary: StudySummary) -> list[Point]:
     """Points of a study's own run; the step is the number of the result, from 1."""
-    points = []
-    for number, line in summary.leaders():
-        values = {"objective": line.objective, "budget": float(line.budget)}
-        points.append(Point(values, number, line.finished))
+    points = [
+        Point({"objective": line.objective, "budget": float(line.budget)}, number, line.finished)
+        for number, line in summary.leaders()
+    ]
     best: dict[int, float] = {}
     for number, line in enumerate(summary.journal.results, start=1):
         if line.loss is not None and line.loss < best.get(line.budget, np.inf):
             best[line.budget] = line.loss
             points.append(Point({f"best_at_{line.budget}": line.loss}, number, line.finished))
-        if "core_utilisation" in line.info:
-            values = {"core_utilisation": line.info["core_utilisation"]}
-            points.append(Point(values, number, line.finished))
     if summary.validation is not None:
         winner = summary.validation.winner
         values = {"validated_objective": winner.objective}
@@ -245,31 +232,15 @@ def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Documen
     ]
     if incumbent is not None:
         values = summary.configuration(incumbent.id)
+        picture = Document(
+            "hyperparameters.png", version, lambda: png(hyperparameter_picture(study, summary))
+        )
         documents += [
-            Document(
-                "hyperparameters.png",
-                version,
-                lambda: png(hyperparameter_picture(study, summary)),
-            ),
+            picture,
             Document.of_text("incumbent.json", json.dumps(values, indent=2)),
             Document.of_text(RECIPE_FILE, study.recipe_text(incumbent.id, values)),
         ]
     return documents
-
-
-def _generations(states: Sequence[NESState]) -> list[Point]:
-    """One point per generation of consecutive runs."""
-    points: list[Point] = []
-    for number, state in enumerate(states):
-        before = len(points)
-        points += [Point.of(record, before, run=number) for record in state.records]
-    return points
-
-
-def _result(line: ResultLine) -> Point:
-    tally = {name: float(line.info[name]) for name in TALLIED if name in line.info}
-    values = {"objective": line.objective, "budget": float(line.budget), **tally}
-    return Point(values, line.budget, line.finished)
 
 
 def _status(results: list[ResultLine], cost: float) -> Status:

@@ -19,10 +19,8 @@ from cluster.tracking import Progress, Views
 
 @dataclass(frozen=True)
 class Kind:
-    """Readers of run folders of one kind.
-
-    Both functions raise InvalidInput for a damaged folder. `progress` also takes the run's target.
-    """
+    """Readers of run folders of one kind, which raise InvalidInput for a damaged folder. `progress`
+    also takes the run's target."""
 
     views: Callable[[Path], Views]
     progress: Callable[[Path, int], Progress]
@@ -38,8 +36,7 @@ KINDS = {
 
 
 def kind_of(folder: Path) -> str:
-    """Name of the kind of run in a folder. Raises InvalidInput for a damaged folder or an unknown
-    kind."""
+    """Name of the kind of run in a folder. Raises InvalidInput for a damaged folder."""
     kind = str(read_settings(folder).get("kind"))
     if kind not in KINDS:
         raise one_of("kind of run", kind, KINDS)

@@ -4,7 +4,6 @@ from dataclasses import astuple, dataclass
 from pathlib import Path
 
 from rich.console import Console
-from rich.table import Table
 
 from bilevel.errors import InvalidInput, OtherVersion
 from cluster.catalog.kinds import KINDS, kind_of
@@ -12,7 +11,6 @@ from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus, finals, is_held
 
 _STATES = {"FINISHED": "finished", "KILLED": "stopped", "FAILED": "failed", "RUNNING": "killed"}
-_PIPED_WIDTH = 1000  # columns of output that is not a terminal: more than any line needs
 
 
 @dataclass(frozen=True)
@@ -35,28 +33,16 @@ def overview(home: Home) -> list[Line]:
 
 
 def print_overview(lines: list[Line], console: Console) -> None:
-    """Print a table, and the errors of runs that cannot be read. Names are folded if the table is
-    too wide for a terminal."""
-    table = Table(box=None, pad_edge=False, header_style="bold")
-    for column in ("task", "name", "kind", "state", "progress"):
-        table.add_column(column, no_wrap=column not in ("name", "progress"), overflow="fold")
-    for column in ("best", "final"):
-        table.add_column(column, justify="right", no_wrap=True)
-    for line in lines:
-        table.add_row(*astuple(line)[:-1])
-    if not console.is_terminal:
-        console.width = _PIPED_WIDTH
-    console.print(table)
-    faults = [f"{line.task}/{line.name}: {line.fault}" for line in lines if line.fault]
-    if faults:
-        console.print("\n".join(("", *faults)), highlight=False, markup=False, emoji=False)
-    if any(line.state == "damaged" for line in lines):
-        console.print(
-            "Run the same command again to repair a run with a damaged state.safetensors; it "
-            "repeats the generations. Restore other damaged files from a backup, or move the run's "
-            "folder away and start again.",
-            highlight=False,
-        )
+    """Print a table, and the errors of runs that cannot be read."""
+    head = ("task", "name", "kind", "state", "progress", "best", "final")
+    rows = [head, *(astuple(line)[:-1] for line in lines)]
+    widths = [max(map(len, column)) for column in zip(*rows, strict=True)]
+    texts = [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+        for row in rows
+    ]
+    texts += [f"{line.task}/{line.name}: {line.fault}" for line in lines if line.fault]
+    console.print("\n".join(texts), highlight=False, markup=False, emoji=False, soft_wrap=True)
 
 
 def _line(folder: Path) -> Line:

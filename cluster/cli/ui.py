@@ -20,19 +20,20 @@ from cluster.storage.home import Home
 )
 def ui(home: Path, host: str, port: int) -> None:
     """Serve the MLflow UI on the runs of the home folder until Ctrl-C."""
-    from cluster.tracking.database import experiments
-    from cluster.tracking.experiment import HOME_PAGE, runs_page
+    from cluster.tracking.connection import connected
+    from cluster.tracking.tracker import HOME_PAGE, runs_page
 
     place = Home(home)
     if not place.database.exists():
         start = place.hint("nes CartPole-v0", "nes-cartpole")
         raise InvalidInput(f"no runs in {str(place.folder)!r} yet: start with {start}")
-    tasks = experiments(place.database)
+    with connected(place.database_uri) as client:
+        tasks = client.search_experiments(order_by=["experiment_id ASC"])
     _require_free(host, port)
     server = f"http://{'127.0.0.1' if host == '0.0.0.0' else host}:{port}"
     click.echo(f"MLflow UI: {server}{HOME_PAGE} (Ctrl-C stops it)")
-    for number, task_id in tasks.items():
-        click.echo(f"{task_id}: {server}{runs_page(number)}")
+    for task in tasks:
+        click.echo(f"{task.name}: {server}{runs_page(task.experiment_id)}")
     sys.stdout.flush()
     command, environment = mlflow_server(place, host, port)
     os.execvpe(command[0], command, {**os.environ, **environment})

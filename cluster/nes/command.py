@@ -1,16 +1,14 @@
 """`bilevel nes`: one NES run on the cluster, tracked in MLflow."""
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 
 from bilevel.durable import write_aside
-from bilevel.evaluation import EvaluationResult, scores_of
 from bilevel.nes import GenerationRecord, NESState
-from bilevel.nes.confirmation import FINAL_AGENTS, Confirming, solving_share
+from bilevel.nes.confirmation import FINAL_AGENTS, Confirming
 from bilevel.nes.start import ChoosingStart
 from bilevel.synthetic_env import save_se
-from cluster.nes import pictures
+from cluster.nes.pictures import learning_curve
 from cluster.nes.run import NESRun, start_of
 from cluster.nes.selection import (
     RETEST,
@@ -29,9 +27,6 @@ from cluster.session.terminal import count, duration
 from cluster.storage.run_folder import LAST_FILE
 from cluster.tracking import Point
 from cluster.tracking.registry import model_address
-
-#: Mean steps of an episode below which the terminal prints a warning.
-_SHORT = 3.0
 
 
 @dataclass(frozen=True)
@@ -63,8 +58,6 @@ def run_on(run: NESRun, driver: Driver, pool: EvaluationPool) -> NESState:
 
 
 class _Runner:
-    """Runs NES from the last checkpoint to the end."""
-
     def __init__(self, run: NESRun, session: Session, pool: EvaluationPool) -> None:
         self.run = run
         self.session = session
@@ -85,82 +78,43 @@ class _Runner:
             state = run.open(self.terminal.log)
             if state.generation > 0:
                 self.terminal.log(f"resuming after generation {state.generation - 1}")
-            key = self.session.identity.uuid
-            state = self._run_phases(state, lambda record: mirror.append(key, [Point.of(record)]))
+            while not state.finished:
+                self.session.guard.check()
+                before, state = state, self._advance(state)
+                if state.generation > before.generation:
+                    mirror.append(self.session.identity.uuid, [Point.of(state.records[-1])])
             self._finish(state)
             return state
 
-    # -- phases --------------------------------------------------------------------------
-
-    def _run_phases(self, state: NESState, track: Callable[[GenerationRecord], None]) -> NESState:
-        started, first, attempt = time.monotonic(), state.generation, state.attempt
-        while not state.finished:
-            self.session.guard.check()
-            if state.attempt > attempt:
-                attempt = state.attempt
-                self.terminal.log(
-                    f"no new best SE for {self.run.hp.nes.restart_after} generations: attempt "
-                    f"{attempt + 1} starts from other random SEs"
-                )
-            match state.phase:
-                case ChoosingStart() as choosing:
-                    state = self._choose_start(state, choosing)
-                case Confirming() as confirming:
-                    state = self._confirm(state, confirming)
-                case _:
-                    done = state.generation - first
-                    pace = (time.monotonic() - started) / done if done else 0.0
-                    state = self._run_generation(state, pace)
-                    track(state.records[-1])
-        return state
-
-    def _advance(
-        self, state: NESState, on_result: Callable[[EvaluationResult], None] = lambda result: None
-    ) -> NESState:
-        def count_result(result: EvaluationResult) -> None:
-            self.terminal.step()
-            on_result(result)
-
-        return self.run.advance(state, self.pool, count_result)
-
-    def _run_generation(self, state: NESState, pace: float) -> NESState:
-        """Run a generation; `pace` are the seconds of one so far (0 if unknown)."""
-        nes = self.run.hp.nes
-        seconds = pace * (nes.generations - state.generation)
-        note = f"at most {duration(seconds)} to the last one" if pace else ""
-        title = f"generation {state.generation}"
-        self.terminal.bar(title, 0, nes.evaluations, "evaluations", note)
-        state = self._advance(state)
-        record = state.records[-1]
-        self.terminal.log(generation_line(record, state.best_score))
-        if warning := short_episode_warning(record):
-            self.terminal.log(warning)
-        return state
-
-    def _choose_start(self, state: NESState, choosing: ChoosingStart) -> NESState:
-        halving = choosing.halving
-        if halving.round == 0:
-            self.terminal.log(f"choosing a start among {len(halving.left)} random SEs")
-        self.terminal.bar("choosing the start", 0, halving.evaluations, "evaluations")
-        return self._advance(state)
-
-    def _confirm(self, state: NESState, confirming: Confirming) -> NESState:
-        """Train the agents of one round of a confirmation, and log its verdict."""
-        self.terminal.bar("confirming", confirming.coming.start, confirming.agents, "agents")
-        results: list[EvaluationResult] = []
-        state = self._advance(state, results.append)
-        if not isinstance(state.phase, Confirming):
-            scores = confirming.after(scores_of(results).tolist()).all_scores
-            share = solving_share(scores, self.run.task.solved_reward)
-            verdict = "confirmed" if state.confirmed else "not confirmed, continuing"
-            self.terminal.log(
-                f"{scores.size} fresh agents score {scores.mean():.1f} ± {scores.std():.1f} on the "
-                f"current SE; the mean of {FINAL_AGENTS} of them solves the task with probability "
-                f"{share:.0%} ({confirming.required:.0%} required): {verdict}"
+    def _advance(self, state: NESState) -> NESState:
+        """Run a generation, or a round of another phase, and log its result."""
+        nes, log = self.run.hp.nes, self.terminal.log
+        match state.phase:
+            case ChoosingStart(halving):
+                if halving.round == 0:
+                    log(f"choosing a start among {len(halving.left)} random SEs")
+                self.terminal.bar("choosing the start", 0, halving.evaluations, "evaluations")
+            case Confirming() as confirming:
+                begun = confirming.coming.start
+                self.terminal.bar("confirming", begun, confirming.agents, "agents")
+            case _:
+                title, note = f"generation {state.generation}", ""
+                if state.records:
+                    left = nes.generations - state.generation
+                    note = f"at most {duration(left * state.records[-1].generation_seconds)} left"
+                self.terminal.bar(title, 0, nes.evaluations, "evaluations", note)
+        after = self.run.advance(state, self.pool, lambda result: self.terminal.step())
+        if after.generation > state.generation:
+            log(generation_line(after.records[-1], after.best_score))
+        if isinstance(state.phase, Confirming) and not isinstance(after.phase, Confirming):
+            verdict = "confirmed" if after.confirmed else "not confirmed, continuing"
+            log(f"fresh agents trained on the current SE: {verdict}")
+        if after.attempt > state.attempt:
+            log(
+                f"no new best SE for {nes.restart_after} generations: attempt "
+                f"{after.attempt + 1} starts from other random SEs"
             )
-        return state
-
-    # -- the end -------------------------------------------------------------------------
+        return after
 
     def _best(self, state: NESState) -> Contender:
         """Return the confirmed SE, or test the best SEs again."""
@@ -175,15 +129,18 @@ class _Runner:
 
     def _finish(self, state: NESState) -> None:
         run, log = self.run, self.terminal.log
+        solved = state.solved(run.hp.nes, run.task.solved_reward)
+        reason = "solved" if solved else "all generations done"
+        if state.confirmed:
+            reason = "solved and confirmed"
         elapsed = duration(time.monotonic() - self.terminal.started)
-        log(f"{_reason(run, state)}: {count(state.generation, 'generation')} in {elapsed}")
+        log(f"{reason}: {count(state.generation, 'generation')} in {elapsed}")
         steps_before = self.pool.real_env_steps
         best = self._best(state)
         score = evaluate_holdout(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
         tests = self.pool.real_env_steps - steps_before
         self._save_last(state)
-        title = f"{run.folder.name} on {run.task.id}"
-        figure = pictures.learning_curve(state.records, run.task, title)
+        figure = learning_curve(state.records, run.task, f"{run.folder.name} on {run.task.id}")
         write_aside(run.folder / CURVE_FILE, png(figure))
         path, real_steps = export_best(
             best.se, score, run.folder, state.generation, state.real_env_steps, tests
@@ -193,41 +150,14 @@ class _Runner:
         model = model_address(run.task.id, "newest")
         log(f"best SE: {path}  ({model} in MLflow's model registry)")
         log(f"learning curve: {self.session.shown_at(self.session.identity.uuid)}")
-        modules = "bilevel", "gymnasium", run.task.id.rpartition(":")[0]
-        log("load the SE with")
-        log(
-            f"  import {', '.join(filter(None, modules))}; "
-            f'gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")'
-        )
+        log(f'use the SE with `gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")`')
 
     def _save_last(self, state: NESState) -> None:
         """Save the SE after the last step, unless its parameters have diverged."""
-        last = self.run.nes.current(state)
+        last, path = self.run.nes.current(state), self.run.folder / LAST_FILE
+        path.unlink(missing_ok=True)
         if last.se.finite:
-            save_se(last, self.run.folder / LAST_FILE)
-        else:
-            (self.run.folder / LAST_FILE).unlink(missing_ok=True)
-            self.terminal.log("the last SE is not saved: its parameters are not finite")
-
-
-def _reason(run: NESRun, state: NESState) -> str:
-    """Return why the run has ended."""
-    if state.confirmed:
-        return "solved and confirmed"
-    if state.solved(run.hp.nes, run.task.solved_reward):
-        return "solved"
-    unconfirmed = ", no SE confirmed" if run.hp.nes.confirming_agents else ""
-    return f"all generations done{unconfirmed}"
-
-
-def short_episode_warning(record: GenerationRecord) -> str | None:
-    """Return a warning if episodes end immediately in the first generation."""
-    if record.generation or not record.episode_length < _SHORT:
-        return None
-    return (
-        f"episodes on the SE last {record.episode_length:.1f} steps on average: agents see little "
-        "but the task's initial states (docs/other-tasks.md)"
-    )
+            save_se(last, path)
 
 
 def generation_line(record: GenerationRecord, best: float) -> str:

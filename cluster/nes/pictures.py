@@ -23,29 +23,15 @@ def learning_curve(records: Sequence[GenerationRecord], task: Task, title: str) 
     figure = Figure(figsize=(8, 5.5), layout="constrained")
     scores, steps = figure.subplots(2, 1, sharex=True, height_ratios=[3, 1])
     scores.fill_between(generations, mean - std, mean + std, color=BLUE, alpha=0.15, lw=0)
-    scores.plot(
-        generations,
-        mean,
-        color=BLUE,
-        marker="o",
-        ms=3,
-        label="agents trained on the current SE (mean, std)",
-    )
+    label = "agents trained on the current SE (mean, std)"
+    scores.plot(generations, mean, color=BLUE, marker="o", ms=3, label=label)
     perturbed = [record.perturbed_score_mean for record in records]
-    scores.plot(
-        generations, perturbed, color=GREY, lw=1, label="agents trained on perturbed SEs (mean)"
-    )
+    label = "agents trained on perturbed SEs (mean)"
+    scores.plot(generations, perturbed, color=GREY, lw=1, label=label)
     scores.axhline(task.solved_reward, color=ORANGE, ls="--", lw=1, label="solved")
     best = int(np.argmax(mean))
-    scores.scatter(
-        [generations[best]],
-        [mean[best]],
-        marker="*",
-        s=120,
-        color="black",
-        zorder=3,
-        label=f"best: {mean[best]:.1f} in generation {generations[best]}",
-    )
+    label = f"best: {mean[best]:.1f} in generation {best}"
+    scores.plot(best, mean[best], "*", ms=11, color="black", label=label)
     scores.set_ylabel(f"test return on {task.id}")
     scores.set_title(title)
     scores.legend(frameon=False, fontsize="small")

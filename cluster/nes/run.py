@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Protocol, Self
+from typing import Any, Protocol
 
 from bilevel.decode import decode
 from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
@@ -48,11 +48,6 @@ def start_of(nes: NESHyperparameters) -> str:
 class NESSettings(Settings, StoredHyperparameters):
     """Settings of an NES run: its hyperparameters without `nes.generations`."""
 
-    @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Read the settings of the run in a folder. Raises InvalidInput."""
-        return decode(cls, read_settings(folder), f"{str(folder)!r} holds no NES run")
-
 
 @dataclass(frozen=True)
 class NESRun:
@@ -70,8 +65,7 @@ class NESRun:
         _ = self.nes  # raises InvalidInput before anything is written
 
     def settings(self) -> dict[str, Any]:
-        """Return the settings that must not change on resume: all but the number of
-        generations."""
+        """Return the settings that must not change on resume, without `nes.generations`."""
         hp = self.hp.to_dict()
         del hp["nes"]["generations"]
         agents = [agent.agent for agent in self.hp.agents]
@@ -80,13 +74,14 @@ class NESRun:
     @classmethod
     def read(cls, folder: Path) -> "NESRun":
         """Read the run in a folder. Raises InvalidInput."""
-        settings, run_status = NESSettings.read(folder), RunStatus.load(folder)
-        generations = 1 if run_status is None else run_status.target
+        wrong = f"{str(folder)!r} holds no NES run"
+        settings, status = decode(NESSettings, read_settings(folder), wrong), RunStatus.load(folder)
+        generations = 1 if status is None else status.target
         whole = replace(settings, nes={**settings.nes, "generations": generations})
         try:
             return cls(settings.task, whole.checked(), settings.seed, folder)
         except InvalidInput as error:
-            raise InvalidInput(f"{str(folder)!r} holds no NES run: {error}") from None
+            raise InvalidInput(f"{wrong}: {error}") from None
 
     @property
     def nes(self) -> NES:
@@ -96,10 +91,10 @@ class NESRun:
     @property
     def ended(self) -> bool:
         """Whether a process has finished the run with its current number of generations."""
-        run_status = RunStatus.load(self.folder)
-        if run_status is None or run_status.status != "FINISHED":
+        status = RunStatus.load(self.folder)
+        if status is None or status.status != "FINISHED":
             return False
-        return run_status.target >= self.hp.nes.generations
+        return status.target >= self.hp.nes.generations
 
     @property
     def state_file(self) -> Path:
@@ -116,10 +111,8 @@ class NESRun:
         return self.nes.load(self.state_file) if self.begun else None
 
     def load_if_sound(self) -> NESState | None:
-        """Return the state on disk, or None if it is missing or damaged.
-
-        Raises StorageFailure if it cannot be read.
-        """
+        """Return the state on disk, or None if it is missing or damaged. Raises StorageFailure if
+        it cannot be read."""
         try:
             return self.load()
         except StorageFailure:
@@ -154,10 +147,8 @@ class NESRun:
         pool: Pool,
         on_result: Callable[[EvaluationResult], None] = lambda result: None,
     ) -> NESState:
-        """Run a generation, or a round of another phase, and save the state.
-
-        Raises StorageFailure.
-        """
+        """Run a generation, or a round of another phase, and save the state. Raises
+        StorageFailure."""
         nes, generation = self.nes, state.generation
         started = time.perf_counter()
         results = pool.run(self.task, nes.distribution(state), nes.ask(state), on_result)

@@ -4,6 +4,7 @@ import math
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from operator import attrgetter
 from pathlib import Path
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, scores_of
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes.halving import Halving, Round
-from bilevel.nes.requests import Trial, fresh_agent, with_patience
+from bilevel.nes.requests import fresh_agent, with_patience
 from bilevel.seeds import Purpose
 from bilevel.synthetic_env import StoredSE, save_se
 from bilevel.tasks import Task
@@ -31,11 +32,6 @@ class FinalScore:
     train_steps: NDArray[np.int64]
     solved_reward: float
 
-    @property
-    def solved(self) -> bool:
-        """Whether the agents solve the task on average."""
-        return bool(self.scores.mean() >= self.solved_reward)
-
     def metrics(self) -> dict[str, float]:
         """Return metrics for MLflow."""
         return {
@@ -46,12 +42,12 @@ class FinalScore:
         }
 
     def __str__(self) -> str:
-        solved = int((self.scores >= self.solved_reward).sum())
-        verdict = "solved" if self.solved else "not solved"
+        solving = int((self.scores >= self.solved_reward).sum())
+        verdict = "solved" if self.scores.mean() >= self.solved_reward else "not solved"
         return (
             f"{self.scores.size} fresh agents trained on the best SE score "
             f"{self.scores.mean():.1f} ± {self.scores.std():.1f} on the real task "
-            f"({verdict}: {solved} of {self.scores.size} agents reach {self.solved_reward:g}), "
+            f"({verdict}: {solving} of {self.scores.size} agents reach {self.solved_reward:g}), "
             f"after {self.train_steps.mean():.0f} steps"
         )
 
@@ -104,10 +100,11 @@ def choose_best(
     halving = Halving.between(range(len(contenders)), rounds)
     while halving.winner is None and not (halving.round and is_late()):
         for i in halving.left:
-            hp, tested = contenders[i].hp, len(results[i])
-            numbers = range(tested, tested + halving.agents)
-            drawn = _agents(hp, hp.vary_agent, numbers, Purpose.RETEST, seed)
-            results[i] += _tested(task, contenders[i].se, drawn, pool, on_test)
+            vary, first = contenders[i].hp.vary_agent, len(results[i])
+            numbers = range(first, first + halving.agents)
+            agents = _fresh_agents(contenders[i].hp, vary, numbers, Purpose.RETEST, seed)
+            tested = pool.run(task, contenders[i].se.se, agents, lambda result: on_test())
+            results[i] += sorted(tested, key=attrgetter("index"))
         halving = halving.after(_ranking([results[i] for i in halving.left]))
     return contenders[halving.left[0]]
 
@@ -133,38 +130,23 @@ def evaluate_holdout(
     hp = contender.hp
     vary = "no" if hp.vary_agent == "no" else "all"
     impatient = replace(hp, nes=replace(hp.nes, patient_episodes=0))
-    drawn = _agents(impatient, vary, range(agents), Purpose.FINAL, seed)
-    results = _tested(task, contender.se, drawn, pool)
-    return FinalScore(
-        scores_of(results),
-        np.array([result.train_steps for result in results]),
-        task.solved_reward,
-    )
+    requests = _fresh_agents(impatient, vary, range(agents), Purpose.FINAL, seed)
+    results = sorted(pool.run(task, contender.se.se, requests), key=attrgetter("index"))
+    steps = np.array([result.train_steps for result in results])
+    return FinalScore(scores_of(results), steps, task.solved_reward)
 
 
-def _agents(
+def _fresh_agents(
     hp: Hyperparameters, vary: str, numbers: range, purpose: Purpose, seed: Seed
-) -> list[Trial]:
+) -> list[EvaluationRequest]:
     """Return fresh agents; if NES has patient agents, every second one is patient."""
     root, *when = seed
-    drawn = []
-    for number in numbers:
+    requests = []
+    for index, number in enumerate(numbers):
         trial_seed, agent = fresh_agent(hp.agents, vary, root, purpose, *when, number)
-        drawn.append((trial_seed, with_patience(agent, hp.nes, number)))
-    return drawn
-
-
-def _tested(
-    task: Task,
-    se: StoredSE,
-    agents: Sequence[Trial],
-    pool: EvaluationPool,
-    on_test: Callable[[], None] = lambda: None,
-) -> list[EvaluationResult]:
-    """Return the results of these agents, in order."""
-    requests = [EvaluationRequest(i, *trial) for i, trial in enumerate(agents)]
-    results = pool.run(task, se.se, requests, lambda result: on_test())
-    return sorted(results, key=lambda result: result.index)
+        agent = with_patience(agent, hp.nes, number)
+        requests.append(EvaluationRequest(index, trial_seed, agent))
+    return requests
 
 
 def export_best(

@@ -36,16 +36,12 @@ def run_documents(
     ]
 
 
-def registered(folder: Path, task_id: str, last: Final) -> RegisteredSE | None:
-    """The best SE of a finished run for the model registry; None while its file belongs to a later
-    end of the run, whose scores are not written yet. Raises InvalidInput if the file cannot be
-    read."""
-    content = Document.of_file(folder / BEST_FILE).content()
-    info = load_se(folder / BEST_FILE).info  # read later, because the file may be replaced
-    if any(info.get(name, value) != value for name, value in last.metrics.items()):
-        return None
-    tags = {name: f"{value:.6g}" for name, value in last.metrics.items()}
-    return RegisteredSE(content, task_id, last.time, tags)
+def registered(folder: Path, task_id: str, last: Final) -> RegisteredSE:
+    """The best SE of a finished run for the model registry. Its tags are the scores in its file,
+    which may be newer than `last`. Raises InvalidInput if the file cannot be read."""
+    file, info = Document.of_file(folder / BEST_FILE), load_se(folder / BEST_FILE).info
+    tags = {name: f"{info.get(name, value):.6g}" for name, value in last.metrics.items()}
+    return RegisteredSE(file, task_id, last.time, tags)
 
 
 @dataclass(frozen=True)
@@ -77,6 +73,8 @@ class NESViews:
         lifetime = Lifetime.of(run.folder, self.identity.began, self.live)
         points = [] if state is None else [Point.of(record) for record in state.records]
         points += [Point.of_final(end) for end in ends]
+        params: dict[str, Any] = run.hp.to_dict()
+        del params["nes"]["generations"]  # may grow, and MLflow's parameters cannot change
         documents: list[Document] = []
         if lifetime.over and state is not None and state.finalists:
             version, best_se = f"generation {state.generation}", run.nes.best(state)
@@ -89,31 +87,18 @@ class NESViews:
             key,
             run.folder.name,
             lifetime,
-            self._params(),
+            {**params, "seed": run.seed, "task": run.task.id},
             {"bilevel.kind": KIND, "bilevel.generations": str(run.hp.nes.generations)},
             tuple(points),
             tuple(documents),
             model=registered(run.folder, run.task.id, ends[-1]) if ends else None,
             identity=self.identity,
-            description=self._description(),
-        )
-
-    def _params(self) -> dict[str, Any]:
-        """All hyperparameters except the number of generations, which may grow: MLflow's parameters
-        cannot change."""
-        params: dict[str, Any] = self.run.hp.to_dict()
-        del params["nes"]["generations"]
-        return {**params, "seed": self.run.seed, "task": self.run.task.id}
-
-    def _description(self) -> str:
-        run, nes = self.run, self.run.hp.nes
-        return (
-            f"One NES run on **{run.task.id}**, recipe `{run.hp.recipe}`, {start_of(nes)} "
-            f"(rule `{nes.update}`, SE family `{run.hp.se.family}`, population "
-            f"{nes.population_size}, step size {nes.step_size:g}, std. dev. {nes.std_dev:g}, "
-            f"seed {run.seed}). `score_*`, `train_*` and `solved_fraction` describe agents trained "
-            "on a generation's unperturbed SE, and `final_*` fresh agents trained on the best SE. "
-            "`real_env_steps` counts all steps on the real task."
+            description=(
+                f"One NES run on **{run.task.id}**, recipe `{run.hp.recipe}`, "
+                f"{start_of(run.hp.nes)}, rule `{run.hp.nes.update}`, seed {run.seed}. `score_*` "
+                "describes agents trained on a generation's unperturbed SE, and `final_*` fresh "
+                "agents trained on the best SE."
+            ),
         )
 
 

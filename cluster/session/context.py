@@ -16,7 +16,7 @@ from cluster.session.terminal import Terminal
 from cluster.storage.home import Home, require_writable
 from cluster.storage.run_folder import locked_settings
 from cluster.tracking import Tracker
-from cluster.tracking.connection import check_tracking_uri, mlflow_imported_meanwhile
+from cluster.tracking.connection import check_tracking_uri, preload_mlflow
 
 
 @dataclass(frozen=True)
@@ -40,9 +40,9 @@ class RunContext:
         check_tracking_uri(self.tracking_uri)
         if self.address is None:  # check before the start, which takes seconds
             Capacity.of_own().require(workers_per_trial, trials)
+        preload_mlflow()
         with (
             Terminal() as terminal,
-            mlflow_imported_meanwhile(),
             ray_cluster(self.address),
             InterruptGuard(terminal) as guard,  # after Ray, which installs its own SIGTERM handler
         ):

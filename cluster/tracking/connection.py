@@ -1,69 +1,53 @@
 """Connection to MLflow: valid tracking URIs, and the import of MLflow, which takes seconds."""
 
+import logging
 import os
 import socket
+import sqlite3
 import threading
 import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
+from pathlib import Path
 from typing import Any
 from urllib.parse import urlparse
 
+from filelock import FileLock
+
 from bilevel.errors import InvalidInput, first_line
 from cluster.storage.author import without_password
-from cluster.tracking.database import database_ready, mlflow_client
 
+_DATABASES = ("sqlite:///", "sqlite+", "postgresql", "mysql", "mssql")
 _TIMEOUT = 5.0  # seconds until a server counts as unreachable
 #: One thread imports at a time: SQLAlchemy's modules import each other.
 _IMPORT = threading.Lock()
 
 
 def check_tracking_uri(uri: str) -> None:
-    """Raise InvalidInput for an unsupported URI, a server that does not answer, or a database whose
-    driver is not installed."""
+    """Raise InvalidInput for an unsupported URI or a server that does not answer."""
     shown = without_password(uri)
-    invalid = InvalidInput(
-        f"tracking URI {shown!r} is not valid: allowed are http(s)://host:port, "
-        "sqlite:///path and other database URIs"
-    )
+    if uri.startswith(_DATABASES):
+        return
     try:
         parts = urlparse(uri)
         port = parts.port or (443 if parts.scheme == "https" else 80)
+        supported = parts.scheme in ("http", "https")
     except ValueError:
-        raise invalid from None
-    if parts.scheme in ("http", "https"):
-        try:
-            socket.create_connection((parts.hostname or "", port), _TIMEOUT).close()
-        except OSError as error:
-            raise InvalidInput(f"no MLflow server at {shown!r}: {error}") from None
-        return
-    if uri.startswith("sqlite://"):
-        return
-    if parts.scheme.partition("+")[0] not in ("sqlite", "postgresql", "mysql", "mssql"):
-        raise invalid
-    with _IMPORT:
-        from sqlalchemy.engine import make_url
-        from sqlalchemy.exc import SQLAlchemyError
-    try:
-        make_url(uri).get_dialect().import_dbapi()
-    except SQLAlchemyError:
-        raise invalid from None
-    except ImportError as error:
+        supported = False
+    if not supported:
         raise InvalidInput(
-            f"a tracking URI of the kind {parts.scheme}:// needs a package that is not installed "
-            f"({error}): install it, or name another driver, as in postgresql+psycopg2://"
-        ) from None
-
-
-@contextmanager
-def mlflow_imported_meanwhile() -> Iterator[None]:
-    """Import MLflow in a thread while the block waits for the processes of a Ray cluster."""
-    thread = threading.Thread(target=_import_mlflow, name="import mlflow")
-    thread.start()
+            f"tracking URI {shown!r} is not valid: allowed are http(s)://host:port, "
+            "sqlite:///path and other database URIs"
+        )
     try:
-        yield
-    finally:
-        thread.join()  # the process must not exit during an import
+        socket.create_connection((parts.hostname or "", port), _TIMEOUT).close()
+    except OSError as error:
+        raise InvalidInput(f"no MLflow server at {shown!r}: {error}") from None
+
+
+def preload_mlflow() -> None:
+    """Import MLflow in a thread, while this one waits for the processes of a Ray cluster."""
+    threading.Thread(target=_import_mlflow, name="import mlflow").start()
 
 
 def _import_mlflow() -> None:
@@ -71,6 +55,20 @@ def _import_mlflow() -> None:
         warnings.simplefilter("ignore")
         import mlflow  # noqa: F401
         import sqlalchemy.orm  # noqa: F401
+
+
+@contextmanager
+def mlflow_errors(uri: str) -> Iterator[None]:
+    """Raise MLflow's errors in the block as InvalidInput."""
+    _import_mlflow()
+    from mlflow.exceptions import MlflowException
+    from sqlalchemy.exc import SQLAlchemyError
+
+    try:
+        yield
+    except (MlflowException, SQLAlchemyError, ImportError, OSError) as error:
+        reason = without_password(f"MLflow at {uri!r} cannot be used: {first_line(error)}")
+        raise InvalidInput(reason) from None
 
 
 @contextmanager
@@ -82,13 +80,39 @@ def connected(uri: str) -> Iterator[Any]:
     os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")
     os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "30")
     os.environ.setdefault("MLFLOW_SUPPRESS_PRINTING_URL_TO_STDOUT", "true")
-    _import_mlflow()
-    from mlflow.exceptions import MlflowException
-    from sqlalchemy.exc import SQLAlchemyError
+    with mlflow_errors(uri):
+        if not uri.startswith("sqlite"):
+            yield _client(uri)
+            return
+        path = Path(uri.partition(":///")[2].partition("?")[0]).absolute()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # MLflow creates the tables of a new database in many steps and without a lock.
+        with FileLock(path.with_name(f".{path.name}.lock")):
+            new = not path.exists()
+            if not new:
+                _check_readable(path)
+            client = _client(uri)
+            if new:
+                client.delete_experiment("0")  # "Default", which stays empty
+            yield client
 
+
+def _client(uri: str) -> Any:
+    """Return an MLflow client. Log messages are suppressed; errors are raised anyway."""
+    import mlflow
+
+    for name in ("alembic", "mlflow", "mlflow.store.db.utils", "urllib3"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    return mlflow.MlflowClient(uri, registry_uri=uri)
+
+
+def _check_readable(path: Path) -> None:
+    """Raise InvalidInput for a damaged database. MLflow would retry for minutes."""
     try:
-        with database_ready(uri):
-            yield mlflow_client(uri)
-    except (MlflowException, SQLAlchemyError, OSError) as error:
-        reason = without_password(f"MLflow at {uri!r} cannot be used: {first_line(error)}")
-        raise InvalidInput(reason) from None
+        with closing(sqlite3.connect(path)) as database:
+            database.execute("PRAGMA schema_version")
+    except sqlite3.DatabaseError as error:
+        raise InvalidInput(
+            f"MLflow's database {str(path)!r} cannot be read: {error}; if it is damaged, move it "
+            "away and write each run to a new one with `bilevel sync`"
+        ) from None

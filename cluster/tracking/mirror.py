@@ -9,39 +9,34 @@ import threading
 import time
 from collections.abc import Callable, Iterable, Sequence
 
-from bilevel.errors import first_line
+from bilevel.errors import InvalidInput, first_line
 from cluster.storage.author import without_password
-from cluster.tracking.tracker import Incomplete, Tracker
+from cluster.tracking.tracker import Tracker
 from cluster.tracking.view import Point, RunView
 
 #: First and longest delay in seconds between attempts to reach MLflow; the delay doubles.
 _FIRST_RETRY, _LAST_RETRY = 1.0, 30.0
+#: Seconds for which `close` waits if MLflow answers, and if it is unreachable.
+_TIMEOUTS = (120.0, 10.0)
 
 
 class Mirror:
     """Writes runs to MLflow, in the order in which they change.
 
     `view_of` builds the complete view of a run from disk, in the mirror's thread. `log` gets a line
-    when MLflow becomes unreachable or reachable again, and for runs that stay incomplete.
-    `timeouts` limit the wait in `close`, in seconds: if MLflow answers, and if it is unreachable.
+    when MLflow becomes unreachable or reachable again, and for runs that cannot be shown.
     """
 
     def __init__(
-        self,
-        tracker: Tracker,
-        view_of: Callable[[str], RunView],
-        log: Callable[[str], None],
-        timeouts: tuple[float, float] = (120.0, 10.0),
+        self, tracker: Tracker, view_of: Callable[[str], RunView], log: Callable[[str], None]
     ) -> None:
         self.tracker = tracker
         self._view_of = view_of
         self._log = log
-        self._timeouts = timeouts
-        self._logged: set[str] = set()
         #: New points by key, in order; None for a complete view.
         self._pending: dict[str, list[Point] | None] = {}
         self._writing: set[str] = set()
-        self._incomplete: set[str] = set()
+        self._failed: dict[str, str] = {}  # errors by key
         self._changed = threading.Condition()
         self._closing = self._timed_out = self._unreachable = False
         self._thread = threading.Thread(target=self._run, name="mirror", daemon=True)
@@ -70,8 +65,8 @@ class Mirror:
         while self._thread.is_alive() and not self._timed_out:
             self._thread.join(0.1)
             waited = time.monotonic() - started
-            self._timed_out = waited > self._timeouts[self._unreachable]
-        return len(self.waiting | self._incomplete)
+            self._timed_out = waited > _TIMEOUTS[self._unreachable]
+        return len({*self.waiting, *self._failed})
 
     @property
     def waiting(self) -> set[str]:
@@ -90,28 +85,23 @@ class Mirror:
                 points = self._pending.pop(key)
                 self._writing = {key}
             try:
-                self._write(key, points)
+                if points is None or not self.tracker.append(key, points):
+                    self._show(key)
+                delay = _FIRST_RETRY
+                self._writing = set()
             except Exception as error:  # whatever MLflow raises, the study continues
                 self._retry_later(key, error, delay)
                 delay = min(2 * delay, _LAST_RETRY)
-            else:
-                delay = _FIRST_RETRY
-                self._writing = set()
 
-    def _write(self, key: str, points: list[Point] | None) -> None:
-        if points is not None and self.tracker.append(key, points):
-            return
+    def _show(self, key: str) -> None:
+        """Write the complete view of a run. An error of the run itself is logged once."""
+        earlier = self._failed.pop(key, None)
         try:
-            view = self._view_of(key)
-        except Exception as error:  # a damaged file, not MLflow
-            self._log_once(f"{first_line(error)}; MLflow does not show this run")
-            return
-        self._incomplete.discard(key)
-        try:
-            self.tracker.show(view)
-        except Incomplete as error:
-            self._incomplete.add(key)
-            self._log_once(str(error))
+            self.tracker.show(self._view_of(key))
+        except InvalidInput as error:
+            self._failed[key] = str(error)
+            if str(error) != earlier:
+                self._log(str(error))
         if self._unreachable and not self._timed_out:
             self._unreachable = False
             self._log("MLflow is reachable again and catches up")
@@ -131,8 +121,3 @@ class Mirror:
             closing = self._changed.wait_for(lambda: self._closing, delay)
         if closing:
             time.sleep(_FIRST_RETRY)
-
-    def _log_once(self, line: str) -> None:
-        if line not in self._logged:
-            self._logged.add(line)
-            self._log(line)

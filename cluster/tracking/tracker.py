@@ -3,47 +3,67 @@ configuration of a study. A tag holds the run's key.
 
     show(view):
         run <- the run with the view's key, created if missing
-        for each of params, points, documents, model, tags, status:
+        for each of params, tags, points, status, documents, model:
             write the part that the run lacks
+
+Repeating a write changes nothing. A point carries the time of its event, and MLflow's database
+keeps one row per metric, step, time and value.
 """
 
 import copy
-from collections.abc import Sequence
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
-from bilevel.errors import first_line
+from bilevel.errors import InvalidInput, first_line
 from cluster.storage.author import without_password
-from cluster.storage.run_folder import RunIdentity
 from cluster.tracking.connection import connected
-from cluster.tracking.experiment import NOTE, experiment_of, runs_page
-from cluster.tracking.run import MLflowRun
-from cluster.tracking.view import Point, RunView
+from cluster.tracking.registry import register_se
+from cluster.tracking.view import Document, Point, RunView
 
-#: Tag with the run's key.
-KEY = "bilevel.key"
+#: Tags with the run's key, and with the versions of its documents as JSON.
+KEY, _DOCUMENTS = "bilevel.key", "bilevel.documents"
+#: MLflow's documented tag for the description of a run.
+_NOTE = "mlflow.note.content"
+#: Points per request: a generation has about 20 metrics, and MLflow accepts 1000.
+_BATCH = 40
+_WORKFLOW = "workflowType=machine_learning"
+#: Page of all experiments. Without the workflow type, the UI opens its pages for language models.
+HOME_PAGE = f"/#/experiments?{_WORKFLOW}"
 
 
-class Incomplete(Exception):
-    """MLflow lacks a run, or parts of it, that it rejects or that cannot be created."""
+def runs_page(experiment_id: str, run_id: str | None = None) -> str:
+    """Path of the UI's page of a run, or of all runs of an experiment."""
+    run = "" if run_id is None else f"/{run_id}"
+    return f"/#/experiments/{experiment_id}/runs{run}?{_WORKFLOW}"
+
+
+@dataclass
+class _Run:
+    """The points and documents of a run in MLflow."""
+
+    id: str
+    points: set[tuple[str, int, int]]  # see `Point.key`
+    documents: dict[str, str]  # versions by path
 
 
 class Tracker:
     """Writes the runs of one task to an MLflow server or database.
 
-    `artifacts` is the folder of artifacts if `uri` is a database, which stores no files. A
-    `thorough` tracker uploads every document again, whatever the run's tags say. Raises
+    `artifacts` is the folder of artifacts if `uri` is a database, which stores no files. Raises
     InvalidInput if MLflow cannot be reached.
     """
 
-    def __init__(self, uri: str, task_id: str, artifacts: Path, thorough: bool = False) -> None:
+    def __init__(self, uri: str, task_id: str, artifacts: Path) -> None:
         self.uri = uri
-        self._thorough = thorough
-        self._runs: dict[str, MLflowRun] = {}
+        self._runs: dict[str, _Run] = {}
         location = (artifacts / task_id).resolve().as_uri() if self.server is None else None
         with connected(uri) as self._client:
-            self.experiment_id = experiment_of(self._client, task_id, location)
+            self.experiment_id = _experiment(self._client, task_id, location)
 
     def another(self) -> Self:
         """Return a tracker of the same task and MLflow for another thread. It does not connect, so
@@ -68,69 +88,63 @@ class Tracker:
     def show(self, view: RunView) -> None:
         """Write the parts of the view that MLflow lacks.
 
-        Raises Incomplete after everything else is written, and MLflow's exceptions if it is
-        unreachable; repeating the call completes the run.
+        Raises InvalidInput if MLflow rejects the run or a document cannot be created, and MLflow's
+        exceptions if it is unreachable. Repeating the call completes the run.
         """
         from mlflow.exceptions import MlflowException
 
-        run = self._runs.pop(view.key, None)
         try:
-            if run is None or run.contradicts(view.points):
-                run = self._open(view)
-            missing = run.complete(view)
+            run = self._runs.pop(view.key, None) or self._open(view)
+            self._write_values(run, view)
+            self._runs[view.key] = run
+            self._write_documents(run, view)
         except MlflowException as error:
             if not _rejected(error):
                 raise
             reason = without_password(first_line(error))
-            raise Incomplete(f"{view.name}: MLflow rejects the run ({reason})") from None
-        self._runs[view.key] = run  # after a failed write, the run is read again
-        if missing:
-            raise Incomplete(f"{view.name}: MLflow lacks {', '.join(missing)}")
+            raise InvalidInput(f"{view.name}: MLflow rejects the run ({reason})") from None
 
     def append(self, key: str, points: Sequence[Point]) -> bool:
-        """Add new points to a run that this tracker has shown; return whether that was possible.
-        If not, `show` is needed."""
-        from mlflow.exceptions import MlflowException
-
-        run = self._runs.pop(key, None)
-        if run is None or run.contradicts(points):
-            return False
-        try:
-            run.add(points)
-        except MlflowException as error:
-            if not _rejected(error):
-                raise
-            return False  # the run was deleted in the UI
-        self._runs[key] = run
-        return True
+        """Add new points to a run that this tracker has shown. Return False if `show` is needed.
+        Raises MLflow's exceptions."""
+        run = self._runs.get(key)
+        if run is not None:
+            self._add(run, points)
+        return run is not None
 
     def forget(self) -> None:
         """Compare all runs with MLflow again: it was unreachable and may have lost data."""
         self._runs.clear()
 
-    def _open(self, view: RunView) -> MLflowRun:
-        found = self._client.search_runs(
+    def _open(self, view: RunView) -> _Run:
+        """Find the run with the view's key, or create it."""
+        client = self._client
+        found = client.search_runs(
             [self.experiment_id],
             f"tags.`{KEY}` = '{view.key}'",
             order_by=["attributes.start_time ASC", "attributes.run_id ASC"],
         )
         for twin in found[1:]:  # created twice, because the first request timed out
-            self._client.delete_run(twin.info.run_id)
-        run = self._read(found[0] if found else self._create(view), view)
-        if run.contradicts(view.points):
-            self._client.delete_run(run.id)
-            run = self._read(self._create(view), view)
-        return run
-
-    def _read(self, run: Any, view: RunView) -> MLflowRun:
-        return MLflowRun.read(self._client, run, view.points, self._thorough)
+            client.delete_run(twin.info.run_id)
+        run = found[0] if found else self._create(view)
+        points = {
+            (name, metric.step, metric.timestamp)
+            for name in {point.key[0] for point in view.points} & set(run.data.metrics)
+            for metric in client.get_metric_history(run.info.run_id, name)
+        }
+        return _Run(run.info.run_id, points, json.loads(run.data.tags.get(_DOCUMENTS, "{}")))
 
     def _create(self, view: RunView) -> Any:
-        tags = {KEY: view.key, **_authorship(view.identity), **view.tags, NOTE: view.note}
-        if view.parent is not None:
-            parent = self._run_id(view.parent)
-            if parent is None:
-                raise Incomplete(f"{view.name}: MLflow lacks its parent run")
+        tags = {KEY: view.key}
+        if view.identity is not None and view.identity.author is not None:
+            author = view.identity.author
+            tags |= {
+                "mlflow.user": author.user,
+                "mlflow.source.name": author.program,
+                "mlflow.source.type": "LOCAL",
+                "mlflow.source.git.commit": author.commit,
+            }
+        if view.parent is not None and (parent := self._run_id(view.parent)):
             tags["mlflow.parentRunId"] = parent
         began = int(view.lifetime.began * 1000)
         return self._client.create_run(self.experiment_id, began, tags, run_name=view.name)
@@ -141,21 +155,95 @@ class Tracker:
         found = self._client.search_runs([self.experiment_id], f"tags.`{KEY}` = '{key}'")
         return str(found[0].info.run_id) if found else None
 
+    def _write_values(self, run: _Run, view: RunView) -> None:
+        from mlflow.entities import Param, RunTag
+
+        self._client.log_batch(
+            run.id,
+            params=[Param(name, str(value)) for name, value in _flatten(view.params).items()],
+            tags=[RunTag(*tag) for tag in {**view.tags, _NOTE: view.note}.items()],
+        )
+        self._add(run, view.points)
+        status, ended = view.lifetime.status, view.lifetime.ended
+        if ended is None:
+            self._client.update_run(run.id, status=status)
+        else:
+            self._client.set_terminated(run.id, status, int(ended * 1000))
+
+    def _add(self, run: _Run, points: Sequence[Point]) -> None:
+        """Write the points that the run lacks."""
+        from mlflow.entities import Metric
+
+        missing = [point for point in points if point.key not in run.points]
+        for first in range(0, len(missing), _BATCH):
+            batch = missing[first : first + _BATCH]
+            metrics = [
+                Metric(name, float(value), point.milliseconds, point.step)
+                for point in batch
+                for name, value in point.values.items()
+            ]
+            self._client.log_batch(run.id, metrics=metrics)
+            run.points.update(point.key for point in batch)
+
+    def _write_documents(self, run: _Run, view: RunView) -> None:
+        """Upload the documents and the model that the run lacks, or has in another version."""
+        before, se = dict(run.documents), view.model
+        for document in view.documents:
+            if run.documents.get(document.path) != document.version:
+                self._upload(run.id, document, view.name)
+                run.documents[document.path] = document.version
+        if se is not None and run.documents.get("model") != se.file.version:
+            path = f"{se.folder}/{se.file.path}"
+            self._upload(run.id, replace(se.file, path=path), view.name)
+            register_se(self._client, run.id, se)
+            run.documents["model"] = se.file.version
+        if run.documents != before:
+            self._client.set_tag(run.id, _DOCUMENTS, json.dumps(run.documents))
+
+    def _upload(self, run_id: str, document: Document, name: str) -> None:
+        try:
+            content = document.content()
+        except Exception as error:  # a picture or a file, not MLflow
+            raise InvalidInput(f"{name}: no {document.path} ({first_line(error)})") from None
+        parent, _, file = document.path.rpartition("/")
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / file
+            path.write_bytes(content)
+            self._client.log_artifact(run_id, str(path), parent or None)
+
+
+def _experiment(client: Any, task_id: str, location: str | None) -> str:
+    """Return the ID of a task's experiment, and create it if missing.
+
+    `location` is the folder of its artifacts; None leaves the choice to the server. Raises
+    InvalidInput if the experiment was deleted in the UI.
+    """
+    from mlflow.exceptions import MlflowException
+
+    found = client.get_experiment_by_name(task_id)
+    if found is None:
+        with suppress(MlflowException):  # another client may have created it
+            return str(client.create_experiment(task_id, location))
+        found = client.get_experiment_by_name(task_id)
+    if found is None or found.lifecycle_stage == "deleted":
+        raise InvalidInput(
+            f"MLflow's experiment {task_id!r} was deleted; restore it with "
+            "`mlflow experiments restore` (MLFLOW_TRACKING_URI must be set)"
+        )
+    return str(found.experiment_id)
+
 
 def _rejected(error: Any) -> bool:
     """Whether MLflow answers but does not accept a value or a run. Other errors are temporary."""
     return error.error_code in ("INVALID_PARAMETER_VALUE", "RESOURCE_DOES_NOT_EXIST")
 
 
-def _authorship(identity: RunIdentity | None) -> dict[str, str]:
-    """Tags from which MLflow takes a run's user and source."""
-    if identity is None or identity.author is None:
-        return {}
-    author = identity.author
-    tags = {
-        "mlflow.user": author.user,
-        "mlflow.source.name": author.program,
-        "mlflow.source.type": "LOCAL",
-        "mlflow.source.git.commit": author.commit,
-    }
-    return {name: value for name, value in tags.items() if value}
+def _flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Flatten nested dictionaries and join their keys by dots."""
+    flat: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= _flatten(value, f"{prefix}{name}.")
+        else:
+            flat[prefix + name] = value
+    return flat

@@ -22,8 +22,6 @@ class Point:
     values: Mapping[str, float]
     step: int
     time: float  # of the event, unix seconds; not of the write, which may be repeated
-    #: Whether no other point has this step. A run that has one at another time is out of date.
-    unique: bool = False
 
     @property
     def milliseconds(self) -> int:
@@ -31,9 +29,9 @@ class Point:
         return int(self.time * 1000)
 
     @property
-    def position(self) -> tuple[str, int]:
-        """Name of the first metric, and step."""
-        return next(iter(self.values)), self.step
+    def key(self) -> tuple[str, int, int]:
+        """Name of the first metric, step, and time in milliseconds."""
+        return next(iter(self.values)), self.step, self.milliseconds
 
     @classmethod
     def of(cls, record: GenerationRecord, before: int = 0, **more: float) -> "Point":
@@ -41,7 +39,7 @@ class Point:
         the generations of earlier NES runs."""
         values = asdict(record) | more
         time, step = values.pop("finished"), values.pop("generation")
-        return cls(values, before + step, time, unique=True)
+        return cls(values, before + step, time)
 
     @classmethod
     def of_final(cls, final: Final) -> "Point":
@@ -70,31 +68,34 @@ class Document:
         """Return a document with the content of a small file. Raises InvalidInput if it cannot be
         read."""
         try:
-            content = path.read_bytes()
+            return cls.of(folder + path.name, path.read_bytes())
         except OSError as error:
             raise InvalidInput(f"cannot read {str(path)!r}: {error.strerror}") from None
-        return cls(folder + path.name, hashlib.sha256(content).hexdigest(), lambda: content)
+
+    @classmethod
+    def of(cls, path: str, content: bytes) -> "Document":
+        """Return a document with that content."""
+        return cls(path, hashlib.sha256(content).hexdigest(), lambda: content)
 
     @classmethod
     def of_text(cls, path: str, text: str) -> "Document":
         """Return a document with that text."""
-        content = text.encode()
-        return cls(path, hashlib.sha256(content).hexdigest(), lambda: content)
+        return cls.of(path, text.encode())
 
 
 @dataclass(frozen=True)
 class RegisteredSE:
     """SE for the model registry."""
 
-    content: bytes  # of its file
+    file: Document
     task_id: str
     time: float  # unix time in seconds when the SE was saved
     tags: Mapping[str, str]
 
     @property
-    def version(self) -> str:
-        """SHA-256 checksum of the file."""
-        return hashlib.sha256(self.content).hexdigest()
+    def folder(self) -> str:
+        """Folder of the run's artifacts with this version of the file."""
+        return f"model-{self.file.version[:12]}"
 
 
 @dataclass(frozen=True)
@@ -115,13 +116,10 @@ class RunView:
 
     @property
     def note(self) -> str:
-        """Text of the run's page: description, command, whether the command resumes the run, and
-        whether users' code has changed."""
+        """Text of the run's page: how to resume it, description, command, mixture of code."""
         paragraphs = [self.description]
         if self.lifetime.status == "KILLED":
-            paragraphs.insert(
-                0, "**Stopped, and nothing is lost:** run the same command again to resume."
-            )
+            paragraphs.insert(0, "**Stopped:** run the same command again to resume.")
         if self.identity is not None and self.identity.author is not None:
             paragraphs.append(f"Command: `{self.identity.author.command}`")
         if self.identity is not None and self.identity.mixture:

@@ -17,7 +17,7 @@ from ray.cluster_utils import Cluster
 from bilevel.nes import NESState
 from cluster.ray.connection import ray_cluster
 from cluster.ray.environment import environment_kept
-from cluster.tracking.database import database_ready
+from cluster.tracking.connection import connected
 from tests.commands import BILEVEL
 from tests.faults.outcome import TIMES
 from tests.faults.stage import WITHOUT_VIEWS
@@ -56,7 +56,7 @@ def joined_ray(address: str) -> Iterator[None]:
 def database(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """MLflow's database without runs. Copying it saves the seconds of creating one."""
     path = tmp_path_factory.mktemp("database") / "mlflow.db"
-    with database_ready(f"sqlite:///{path}"):
+    with connected(f"sqlite:///{path}"):
         return path
 
 

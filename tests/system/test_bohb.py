@@ -60,7 +60,6 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     study = Study.read(home / "CartPole-v0" / "smoke")
     assert (study.folder / SPACE_FILE).exists()
     journal = Journal(study.folder)
-    assert all(0 < line.info["core_utilisation"] < 1 for line in journal.results)
     runs = [ConfigurationRuns.read(study, line.id, line.configuration) for line in journal.configs]
     assert sorted(round(each.tally.cost) for each in runs) == [1, 1, 3]
     learned = sum(state.real_env_steps for each in runs for state in each.states)

@@ -12,24 +12,17 @@ from dataclasses import replace
 from pathlib import Path
 
 import mlflow
-import numpy as np
 import pytest
 
 from bilevel import InvalidInput
-from bilevel.synthetic_env import SE, load_se
-from cluster.bohb.search.runs import ConfigurationRuns
-from cluster.bohb.study.definition import Study
-from cluster.bohb.study.journal import Journal
 from cluster.bohb.view import StudyViews
 from cluster.catalog.kinds import views_of
 from cluster.catalog.sync import sync
-from cluster.nes.selection import FinalScore, export_best
 from cluster.session.context import RunContext
-from cluster.session.session import shown_at
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
-from cluster.storage.run_folder import BEST_FILE, held
-from cluster.tracking import Document, Mirror, RunView, Tracker
+from cluster.storage.run_folder import held
+from cluster.tracking import Mirror, Tracker
 from cluster.tracking.tracker import KEY
 from tests.mlflow_shown import Server, disagreements
 from tests.studies import make_study
@@ -64,13 +57,11 @@ def client_of(home: Home) -> mlflow.MlflowClient:
     return mlflow.MlflowClient(home.database_uri, registry_uri=home.database_uri)
 
 
-def mirror_of(
-    folder: Path, uri: str, log: Callable[[str], None], unreachable: float = 10.0
-) -> tuple[Mirror, list[str]]:
+def mirror_of(folder: Path, uri: str, log: Callable[[str], None]) -> tuple[Mirror, list[str]]:
     """A mirror of a study, and the keys of its runs."""
     views = StudyViews.of(folder)
     tracker = Tracker(uri, "CartPole-v0", folder.parents[1] / "artifacts")
-    return Mirror(tracker, views.view, log, (120.0, unreachable)), views.keys()
+    return Mirror(tracker, views.view, log), views.keys()
 
 
 def wait_for(condition: Callable[[], bool]) -> None:
@@ -78,19 +69,6 @@ def wait_for(condition: Callable[[], bool]) -> None:
     while not condition():
         assert time.monotonic() < deadline, "timeout"
         time.sleep(0.05)
-
-
-def test_the_address_of_a_database_outside_of_the_home_is_its_uri(
-    home: Home, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """`bilevel ui` would show the home's database instead."""
-    monkeypatch.chdir(tmp_path)
-    tracker = Tracker("sqlite:///mine.db", "CartPole-v0", home.artifacts)
-    assert (tmp_path / "mine.db").exists()
-    assert shown_at(home, tracker) == f"sqlite:///mine.db, experiment {tracker.experiment_id}"
-    tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
-    page = f"http://127.0.0.1:5000/#/experiments/{tracker.experiment_id}/runs?"
-    assert shown_at(home, tracker).startswith(page)
 
 
 def test_sync_rebuilds_a_study_in_an_empty_database(home: Home, folder: Path) -> None:
@@ -129,35 +107,31 @@ def test_four_runs_may_start_at_once_in_a_new_home(tmp_path: Path) -> None:
         assert process.returncode == 0, errors
 
 
-def test_sync_completes_a_run_and_removes_a_duplicate(home: Home, folder: Path) -> None:
+def test_sync_completes_a_run(home: Home, folder: Path) -> None:
+    """It was created twice after a timeout, and a damaged checkpoint was computed again."""
     views = views_of(folder)
     parent, child, *_ = views.keys()
     tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
     tracker.show(views.view(parent))
-    tracker.show(views.view(child))
-    twin = client_of(home).create_run("1", tags={KEY: child})  # after a timeout of the first one
+    view = views.view(child)
+    earlier = tuple(replace(point, time=point.time - 9) for point in view.points)
+    tracker.show(replace(view, points=earlier))
+    twin = client_of(home).create_run("1", tags={KEY: child})
     client_of(home).log_metric(twin.info.run_id, "score_mean", 1.0, step=0)
     assert disagreements(folder, home.database_uri) != []
     sync(folder, home, home.database_uri, Terminal())
     assert disagreements(folder, home.database_uri) == []
 
 
-def test_a_configuration_with_repeated_generations_replaces_the_old_run(
-    home: Home, folder: Path
+def test_sync_reports_a_rejected_run(
+    home: Home, folder: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """After a damaged checkpoint the scores are the same, but the times differ."""
-    sync(folder, home, home.database_uri, Terminal())
-    for line in Journal(folder).configs:
-        run = ConfigurationRuns(Study.read(folder), line.id, line.configuration).run(0)
-        state = run.load()
-        if state is not None and state.records:
-            break
-    assert state is not None
-    later = tuple(replace(r, finished=r.finished + 9, generation_seconds=7) for r in state.records)
-    run.nes.save(replace(state, records=later), run.state_file)
-    assert disagreements(folder, home.database_uri) != []
-    sync(folder, home, home.database_uri, Terminal())
-    assert disagreements(folder, home.database_uri) == []
+    view = StudyViews.view
+    monkeypatch.setattr(
+        StudyViews, "view", lambda self, key: replace(view(self, key), params={"a|b": 1})
+    )
+    with pytest.raises(InvalidInput, match=r"made: MLflow rejects the run \("):
+        sync(folder, home, home.database_uri, Terminal())
 
 
 @pytest.mark.parametrize(("score", "best"), [(100.0, "newer"), (99.0, "made")])
@@ -172,50 +146,6 @@ def test_the_aliases_do_not_depend_on_the_order_of_registration(
     for alias, name in (("best", best), ("newest", "newer")):
         version = client.get_model_version_by_alias("SE-CartPole-v0", alias)
         assert client.get_run(version.run_id or "").info.run_name == name
-
-
-def test_another_best_se_without_another_result(home: Home, folder: Path) -> None:
-    """A study may be continued and stopped before any job is complete."""
-    sync(folder, home, home.database_uri, Terminal())
-    stored, number = load_se(folder / BEST_FILE), len(Journal(folder).results)
-    other = replace(stored, se=SE(stored.architecture, stored.psi + np.float32(1)))
-    final = FinalScore(np.array([90.0]), np.array([7]), 195.0)
-    export_best(other, final, folder, number, 1000, 0)
-    for _ in range(2):
-        sync(folder, home, home.database_uri, Terminal())
-    newest = client_of(home).get_model_version_by_alias("SE-CartPole-v0", "newest")
-    assert newest.tags["final_score_mean"] == "90"
-    history = client_of(home).get_metric_history(newest.run_id or "", "final_score_mean")
-    assert [(metric.step, metric.value) for metric in history] == [(number, 100.0), (number, 90.0)]
-
-
-def test_sync_continues_after_a_rejected_run(
-    home: Home, folder: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    keys = views_of(folder).keys()
-    view = StudyViews.view
-
-    def broken() -> bytes:
-        raise ValueError("broken")
-
-    def spoiled(self: StudyViews, key: str) -> RunView:
-        """One run has a parameter that MLflow rejects, another one a picture that fails."""
-        good = view(self, key)
-        if key == keys[1]:
-            return replace(good, params={"a|b": 1})
-        if key == keys[2]:
-            return replace(good, documents=(Document("broken.png", "1", broken),))
-        return good
-
-    monkeypatch.setattr(StudyViews, "view", spoiled)
-    with pytest.raises(InvalidInput, match="could not sync 2 runs of 'made'"):
-        sync(folder, home, home.database_uri, Terminal())
-    out = capsys.readouterr().out
-    assert "MLflow rejects the run (" in out
-    assert "MLflow lacks broken.png" in out
-    assert f"{len(keys) - 2} of {len(keys)} runs in MLflow now match the disk" in out
-    shown = {run.data.tags[KEY] for run in client_of(home).search_runs(["1"])}
-    assert set(keys) - {keys[1]} <= shown
 
 
 def test_sync_leaves_a_running_study_alone(home: Home, folder: Path) -> None:
@@ -241,18 +171,6 @@ def test_a_restarted_server_gets_everything_once(folder: Path, server: Server) -
 
 
 def test_sync_writes_the_runs_that_an_unreachable_server_missed(
-    home: Home, folder: Path, server: Server
-) -> None:
-    mirror, keys = mirror_of(folder, server.uri, print, unreachable=1.0)
-    server.kill()
-    mirror.mark(keys)
-    assert mirror.close() == len(keys)
-    server.start()
-    sync(folder, home, server.uri, Terminal())
-    assert disagreements(folder, server.uri) == []
-
-
-def test_the_command_for_a_later_sync_names_the_tracking_uri(
     home: Home, folder: Path, server: Server, capsys: pytest.CaptureFixture[str]
 ) -> None:
     settings = json.loads((folder / "settings.json").read_text())
@@ -265,6 +183,8 @@ def test_the_command_for_a_later_sync_names_the_tracking_uri(
     out = " ".join(capsys.readouterr().out.split())
     options = f"--tracking-uri {server.uri} --home {home.folder}"
     assert f"sync CartPole-v0/made {options}` writes" in out
+    sync(folder, home, server.uri, Terminal())
+    assert disagreements(folder, server.uri) == []
 
 
 def test_later_runs_of_a_command_start_while_mlflow_is_unreachable(

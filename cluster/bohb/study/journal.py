@@ -51,7 +51,7 @@ class ResultLine:
     id: ConfigId
     budget: int  # core seconds
     loss: float | None  # the objective, which is minimised
-    info: dict[str, Any]  # `Tally.info` and core_utilisation
+    info: dict[str, Any]  # `Tally.info`
     timestamps: dict[str, float]  # submitted, started, finished; unix time, seconds
     exception: str | None = None
 

@@ -9,7 +9,6 @@ from typing import Any
 
 from ray.tune import Callback
 
-from bilevel.errors import StorageFailure
 from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.search.bracket_search import Job
 from cluster.bohb.search.objective import Tally
@@ -18,7 +17,7 @@ from cluster.bohb.study.journal import Journal
 from cluster.bohb.tune.searcher import BohbSearcher, DriverOnly
 from cluster.bohb.tune.trial import REPORT, TrialReport
 from cluster.bohb.view import StudyViews, study_points
-from cluster.session.terminal import Terminal, count, duration, last_line
+from cluster.session.terminal import Terminal, count, last_line
 from cluster.tracking import Mirror, Point
 
 
@@ -45,12 +44,11 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._views = views
         self._mirror = mirror
         self._terminal = terminal
-        self._rungs = views.study.schedule.brackets(brackets)
-        self._summary = StudySummary(journal, self._rungs)
+        self._summary = StudySummary(journal, views.study.schedule.brackets(brackets))
         self._jobs: dict[str, Job] = {}  # by trial
         self._pictures = (0.0, len(journal.results))  # time and number of results of the last ones
         self._started = time.monotonic()
-        self._spent: dict[str, float] = {}  # estimated core seconds of this process, by trial
+        self._left_before = self._summary.core_seconds_left()
 
     # -- called by Ray Tune ------------------------------------------------------
 
@@ -68,27 +66,23 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     ) -> None:
         """Show a finished generation."""
         report: TrialReport = result[REPORT]
-        if report.tally is None:
-            return
-        job = self._jobs[trial.trial_id]
-        name = configuration_name(job.id)
-        for line in report.messages:
-            self._terminal.log(line)
-        self._spent[trial.trial_id] = report.spent
-        if report.record is not None:
+        if report.record is not None and report.tally is not None:
+            job = self._jobs[trial.trial_id]
+            name = configuration_name(job.id)
             point = Point.of(report.record, report.before, run=report.run)
             self._mirror.append(self._views.key(name), [point])
-            done = f"{name} {report.tally.cost:.0f}/{job.budget}s"
-            self._bar(f"{done}: {report.record.score_mean:.1f}")
+            score = report.record.score_mean
+            self._bar(f"{name} {report.tally.cost:.0f}/{job.budget}s: {score:.1f}")
 
     def on_trial_complete(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
         """Show a job that is complete, stopped or failed; the journal already has its result."""
         job = self._close(trial.trial_id)
         report: TrialReport = (trial.last_result or {}).get(REPORT, TrialReport())
-        if job is None or isinstance(report.error, StorageFailure):
+        if job is None:
             return
         if report.error is not None:
-            self._log_failure(job, str(report.error))
+            name = configuration_name(job.id)
+            self._terminal.log(f"{name} failed: {last_line(str(report.error))}")
         elif report.tally is not None and report.budget_reached:
             self._log_result(job, report.tally)
         self._show_result()
@@ -96,14 +90,8 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
     def on_trial_error(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
         """Show that a trial's process died: its job runs again, or failed after many crashes."""
         job = self._close(trial.trial_id)
-        if job is None:
-            return
-        last = self._journal.results[-1] if self._journal.results else None
-        if last is not None and (last.id, last.budget) == (job.id, job.budget):
-            self._log_failure(job, last.exception or "")
-        else:
-            name = configuration_name(job.id)
-            self._terminal.log(f"{name}: the trial's process died; it is restarted")
+        if job is not None:
+            self._terminal.log(f"{configuration_name(job.id)}: the trial's process died")
 
     # -- MLflow ------------------------------------------------------------------
 
@@ -128,18 +116,14 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
 
     # -- terminal ----------------------------------------------------------------
 
-    def _log_failure(self, job: Job, reason: str) -> None:
-        self._terminal.log(f"{configuration_name(job.id)} failed: {last_line(reason)}")
-
     def _log_result(self, job: Job, tally: Tally) -> None:
         """Log the result in a line of 80 columns, and the configuration in another one."""
-        leader, seconds = self._summary.leader, self._seconds_left()
+        leader = self._summary.leader
         # Results compete at the largest budget that has any.
         best = "" if leader is None else f" (best at {leader.budget}: {leader.loss:.0f})"
-        left = f"; {duration(seconds)} left" if math.isfinite(seconds) else ""
         self._terminal.log(
             f"{configuration_name(job.id)} {Tally.describe(tally.info)}; "
-            f"objective {tally.objective:.0f}{best}{left}"
+            f"objective {tally.objective:.0f}{best}"
         )
         values = (
             f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
@@ -148,26 +132,15 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self._terminal.log(f"    {job.origin}: {', '.join(values)}")
 
     def _bar(self, now: str) -> None:
-        """Show progress in minutes if the time budget ends the study, else in results."""
-        results, seconds = len(self._journal.results), self._seconds_left()
-        if self._brackets_left() <= self._time_left():
-            total = sum(rung.configurations for rung in self._rungs)
-            self._terminal.bar("searching", results, total, "results", now, seconds)
-        else:
-            minutes = (self._deadline - self._terminal.started) / 60
+        """Show progress in minutes of the time budget, or else in results."""
+        results, elapsed = len(self._journal.results), time.monotonic() - self._started
+        if math.isfinite(self._deadline):
+            end = (self._deadline - self._started) / 60
             note = f"{count(results, 'result')}, {now}"
-            self._terminal.bar("searching", minutes - seconds / 60, minutes, "min", note)
-
-    def _seconds_left(self) -> float:
-        return min(self._brackets_left(), self._time_left())
-
-    def _brackets_left(self) -> float:
-        """Estimate the seconds until all brackets are complete from this process's speed so far;
-        infinite before its first generation."""
-        left, spent = self._summary.core_seconds_left(), sum(self._spent.values())
-        if left and not spent:
-            return math.inf
-        return (time.monotonic() - self._started) / max(spent, 1e-9) * left
-
-    def _time_left(self) -> float:
-        return self._deadline - time.monotonic()
+            self._terminal.bar("searching", elapsed / 60, end, "min", note)
+        else:
+            total = sum(rung.configurations for rung in self._summary.rungs)
+            left = self._summary.core_seconds_left()
+            done = self._left_before - left
+            seconds = left * elapsed / done if done else math.inf
+            self._terminal.bar("searching", results, total, "results", now, seconds)

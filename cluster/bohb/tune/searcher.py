@@ -31,29 +31,19 @@ class DriverOnly:
 
 
 class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
-    """Suggests at most `concurrent()` jobs at a time, each with `workers_per_trial` cores.
-
-    It suggests no job after `deadline` (seconds of `time.monotonic`), nor after an error, which is
-    stored in `stopped_by`. Tune could limit the number of trials, but not to a number that follows
-    the size of the cluster.
-    """
+    """Suggests at most `concurrent()` jobs at a time, none after `deadline` (seconds of
+    `time.monotonic`), and none after an error, which is stored in `stopped_by`."""
 
     def __init__(
         self,
         search: BracketSearch,
         concurrent: Callable[[], int],
         deadline: float,
-        workers_per_trial: int = 1,
     ) -> None:
         super().__init__()
         self._search = search
         self._concurrent = concurrent
-        self._slots = 0  # last value of `concurrent()`
         self._deadline = deadline
-        self._workers_per_trial = workers_per_trial
-        self._reported: float | None = None  # time.monotonic of the last report or first job
-        self._core_seconds = 0.0  # available core time until then
-        self._evaluation_seconds: dict[str, float] = {}  # by trial
         self.jobs: dict[str, Job] = {}  # of the live trials
         self._crashes: Counter[tuple[ConfigId, int]] = Counter()  # by job
         self.stopped_by: InvalidInput | None = None
@@ -63,37 +53,19 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         """True after the deadline."""
         return time.monotonic() >= self._deadline
 
-    @property
-    def core_utilisation(self) -> float:
-        """Share of the cores' time that was spent in evaluations, from the first job of this
-        process to the last report of a trial."""
-        if self._core_seconds == 0:
-            return 0.0
-        return sum(self._evaluation_seconds.values()) / self._core_seconds
-
     def suggest(self, trial_id: str) -> dict[str, Any] | str | None:
         """Return the next job, None while no job can start, or FINISHED."""
         if self.time_is_up or self.stopped_by is not None or self._search.finished:
             return str(Searcher.FINISHED)
         try:
-            self._slots = self._concurrent()
-            job = self._search.next_job() if len(self.jobs) < self._slots else None
+            job = self._search.next_job() if len(self.jobs) < self._concurrent() else None
         except InvalidInput as error:
             self.stopped_by = error
             return None
         if job is None:
             return None
         self.jobs[trial_id] = job
-        self._reported = self._reported or time.monotonic()
         return {JOB: {"id": list(job.id), "configuration": job.configuration, "budget": job.budget}}
-
-    def on_trial_result(self, trial_id: str, result: dict[str, Any]) -> None:
-        """Add up core and evaluation time. (Tune does not call this for a trial's last result.)"""
-        now = time.monotonic()
-        cores = self._slots * self._workers_per_trial
-        self._core_seconds += (now - (self._reported or now)) * cores
-        self._reported = now
-        self._evaluation_seconds[trial_id] = result[REPORT].evaluation_seconds
 
     def on_trial_complete(
         self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False
@@ -112,16 +84,14 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
             elif result is None or REPORT not in result:
                 self._search.put_back(job)
             else:
-                self.on_trial_result(trial_id, result)
                 self._register(job, result[REPORT])
         except InvalidInput as reason:
             self.stopped_by = reason
             self._search.put_back(job)
 
     def _crashed(self, job: Job) -> None:
-        key = job.id, job.budget
-        self._crashes[key] += 1
-        if self._crashes[key] < MAX_CRASHES:
+        self._crashes[job.id, job.budget] += 1
+        if self._crashes[job.id, job.budget] < MAX_CRASHES:
             self._search.put_back(job)
         else:
             crashed = f"the trial's process died {MAX_CRASHES} times"
@@ -137,13 +107,9 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         elif not report.budget_reached or report.tally is None:
             self._search.put_back(job)
         elif math.isfinite(objective := report.tally.objective):
-            info = {**report.tally.info, "core_utilisation": round(self.core_utilisation, 4)}
-            self._search.register(job, objective, info)
+            self._search.register(job, objective, report.tally.info)
         else:
             self._search.register(job, None, exception=f"the objective is {objective}")
 
     def save(self, checkpoint_path: str) -> None:
-        """Do nothing: the journal is the search's state."""
-
-    def restore(self, checkpoint_path: str) -> None:
         """Do nothing: the journal is the search's state."""

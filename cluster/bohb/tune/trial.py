@@ -2,8 +2,8 @@
 
 Tune places the trial and its pool in one placement group: an empty bundle for the trial itself,
 which mostly waits, and a core for each worker. The job of a trial whose process or node dies is
-suggested again and resumes from its checkpoints. An error in the run is retried here and then
-reported, so that the searcher can distinguish it from a crash.
+suggested again and resumes from its checkpoints. An error in the run is reported as a result, so
+that the searcher can distinguish it from a crash.
 """
 
 import socket
@@ -24,12 +24,10 @@ from cluster.storage.run_folder import SETTINGS_FILE
 
 #: Key of a trial's job in its configuration, and of the `TrialReport` in its results.
 JOB, REPORT = "job", "report"
-#: Errors of one step after which the configuration counts as failed.
-_ATTEMPTS = 3
 
 
 class StepFailed(Exception):
-    """The step of a trial failed repeatedly; the message is the traceback."""
+    """The step of a trial failed; the message is the traceback."""
 
 
 @dataclass(frozen=True)
@@ -41,9 +39,6 @@ class TrialReport:
     record: GenerationRecord | None = None  # of the generation that the step completed
     run: int = 0  # number of the record's NES run
     before: int = 0  # generations of earlier NES runs
-    spent: float = 0.0  # core seconds (estimated) of this job so far
-    evaluation_seconds: float = 0.0  # measured, of this job so far
-    messages: tuple[str, ...] = ()  # for the terminal
     error: StorageFailure | Mistake | StepFailed | None = None  # ends the job
 
 
@@ -60,37 +55,26 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         """Take the next job and reuse the pool."""
         self._job = new_config[JOB]
         self._runs: ConfigurationRuns | None = None
-        self._spent_before: float | None = None  # by earlier jobs of the configuration
-        self._evaluation_seconds_before = self._pool.evaluation_seconds
         return True
 
     def step(self) -> dict[str, Any]:
         """Run one generation and return its report."""
-        report = self._attempt()
+        try:
+            report = self._generation()
+        except (StorageFailure, Mistake) as error:
+            report = TrialReport(error=error)
+        except Exception:
+            report = TrialReport(error=StepFailed(traceback.format_exc()))
         return {REPORT: report, "done": report.budget_reached or report.error is not None}
-
-    def _attempt(self) -> TrialReport:
-        for _ in range(_ATTEMPTS):
-            try:
-                return self._generation()
-            except (StorageFailure, Mistake) as error:
-                return TrialReport(error=error)
-            except Exception:
-                failure = StepFailed(traceback.format_exc())
-                self._runs = None
-        return TrialReport(error=failure)
 
     def _generation(self) -> TrialReport:
         study, job = self._study, self._job
         if not (study.folder / SETTINGS_FILE).exists():
             node = socket.gethostname()
             raise StorageFailure(f"node {node} does not see the folder {str(study.folder)!r}")
-        messages: list[str] = []
-        runs = self._runs or ConfigurationRuns.read(
-            study, tuple(job["id"]), job["configuration"], log=messages.append
-        )
-        if self._spent_before is None:
-            self._spent_before = runs.tally.cost
+        if self._runs is None:
+            self._runs = ConfigurationRuns.read(study, tuple(job["id"]), job["configuration"])
+        runs = self._runs
         record, run, before = None, 0, 0
         while record is None and not runs.spent(job["budget"]):
             generations = runs.generations
@@ -99,23 +83,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
                 record = state.records[-1]
                 run = next(i for i, other in enumerate(runs.states) if other is state)
                 before = sum(earlier.generation for earlier in runs.states[:run])
-        self._runs = runs
-        return TrialReport(
-            runs.tally,
-            runs.spent(job["budget"]),
-            record,
-            run,
-            before,
-            runs.tally.cost - self._spent_before,
-            self._pool.evaluation_seconds - self._evaluation_seconds_before,
-            tuple(messages),
-        )
-
-    def save_checkpoint(self, checkpoint_dir: str) -> None:
-        """Do nothing: the state is in the study's folder."""
-
-    def load_checkpoint(self, checkpoint: Any) -> None:
-        """Do nothing: the state is in the study's folder."""
+        return TrialReport(runs.tally, runs.spent(job["budget"]), record, run, before)
 
     def cleanup(self) -> None:
         """Stop the pool."""

@@ -3,15 +3,16 @@
 import logging
 import os
 import shutil
+from typing import Any
 
 from ray import tune
 
 from cluster.bohb.study.definition import Study
 from cluster.bohb.tune.report import StudyReport
-from cluster.bohb.tune.searcher import BohbSearcher
-from cluster.bohb.tune.stopping import StudyStopper
+from cluster.bohb.tune.searcher import BohbSearcher, DriverOnly
 from cluster.bohb.tune.trial import NESTrial
 from cluster.ray.environment import environment_kept
+from cluster.session.interrupts import InterruptGuard
 
 #: Folder of Tune's own files within the study's folder; the study never reads them.
 _FOLDER = "ray"
@@ -23,14 +24,29 @@ _ENVIRONMENT = {
 }
 
 
+class _Stopper(DriverOnly, tune.Stopper):  # type: ignore[misc]
+    """Stops all trials at the deadline, after an error such as a full disk, or after Ctrl-C."""
+
+    def __init__(self, searcher: BohbSearcher, guard: InterruptGuard) -> None:
+        self._searcher = searcher
+        self._guard = guard
+
+    def __call__(self, trial_id: str, result: dict[str, Any]) -> bool:
+        return False  # never stop a single trial
+
+    def stop_all(self) -> bool:
+        searcher = self._searcher
+        return self._guard.interrupted or searcher.time_is_up or searcher.stopped_by is not None
+
+
 def run_trials(
     study: Study,
     workers_per_trial: int,
     searcher: BohbSearcher,
-    stopper: StudyStopper,
+    guard: InterruptGuard,
     report: StudyReport,
 ) -> None:
-    """Run the searcher's jobs until it has no more, or the stopper stops all trials."""
+    """Run the searcher's jobs until it has no more, its deadline, an error, or Ctrl-C."""
     trainable = tune.with_parameters(NESTrial, study=study, workers=workers_per_trial)
     bundles: list[dict[str, float]] = [{}, *({"CPU": 1.0} for _ in range(workers_per_trial))]
     shutil.rmtree(study.folder / _FOLDER, ignore_errors=True)
@@ -45,7 +61,7 @@ def run_trials(
                 name=_FOLDER,
                 storage_path=str(study.folder),
                 callbacks=[report],
-                stop=stopper,
+                stop=_Stopper(searcher, guard),
                 checkpoint_config=tune.CheckpointConfig(checkpoint_at_end=False),
                 failure_config=tune.FailureConfig(max_failures=0),
                 verbose=0,

@@ -7,7 +7,6 @@ import pytest
 
 from bilevel import InvalidInput
 from cluster.bohb.results.summary import StudySummary
-from cluster.bohb.search.validation import Validation
 from cluster.bohb.study.definition import configuration_name
 from cluster.bohb.study.journal import ConfigLine, Journal, ResultLine
 from cluster.bohb.view import StudyViews, study_points
@@ -61,15 +60,6 @@ def test_points_of_the_best_objective_over_time(tmp_path: Path) -> None:
         best = [point.values[name] for point in points if name in point.values]
         assert best == sorted(best, reverse=True)
         assert best[-1] == min(r.objective for r in summary.journal.results if r.budget == budget)
-
-
-def test_the_objective_of_a_validation(tmp_path: Path) -> None:
-    study = make_study(tmp_path)
-    summary = StudySummary.of(Journal(tmp_path), study.schedule.brackets(2))
-    winner = next(line for line in summary.journal.results if line != summary.leader)
-    summary = replace(summary, validation=Validation(6, (winner,)))
-    (point,) = [p for p in study_points(summary) if "validated_objective" in p.values]
-    assert (point.step, point.values["validated_objective"]) == (6, winner.loss)
 
 
 def test_an_invalid_configuration_is_shown_with_its_error(tmp_path: Path) -> None:

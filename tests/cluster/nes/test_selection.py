@@ -48,18 +48,12 @@ class ByHand:
         self.asked += requests
         score, steps = self.outcomes[int(se.psi[0])]
         results = [
-            made_up_result(
-                request.index, self.score(score, request, len(requests)), train_steps=steps
-            )
+            made_up_result(request.index, score, train_steps=steps)
             for request in reversed(requests)
         ]
         for result in results:
             on_result(result)
         return results
-
-    def score(self, score: float, request: EvaluationRequest, asked: int) -> float:
-        """Return the score of one of `asked` requests."""
-        return score
 
 
 def contenders(task: Task, hp: Hyperparameters, count: int) -> list[Contender]:
@@ -118,23 +112,6 @@ def test_each_round_keeps_the_best(count: int, cartpole: Task, small_hp: Hyperpa
     needed = {1: 0, 2: 2 * 2 + 2 * 3, 3: 3 * 2 + 2 * 3, 9: 4 * 2 + 2 * 3}[count]
     assert len(by_hand.seeds) == len(steps) == agents_needed(count, rounds) == needed
     assert len(set(by_hand.seeds)) == (0 if count == 1 else 5)
-
-
-@pytest.mark.parametrize(("later", "expected"), [(10.0, 1), (95.0, 0)])
-def test_later_rounds_detect_lucky_scores(
-    cartpole: Task, small_hp: Hyperparameters, later: float, expected: int
-) -> None:
-    """The agents of all rounds count: the first two score 120, the next six `later`."""
-
-    class Lucky(ByHand):
-        def score(self, score: float, request: EvaluationRequest, asked: int) -> float:
-            return later if score == 120.0 and asked == 6 else score
-
-    pool = cast(EvaluationPool, Lucky((120.0, 1000), (100.0, 1000)))
-    entered = contenders(cartpole, small_hp, 2)
-    rounds = (Round(2, 2), Round(2, 6))
-    assert choose_best(cartpole, entered, (1,), pool, rounds=rounds[:1]) is entered[0]
-    assert choose_best(cartpole, entered, (1,), pool, rounds=rounds) is entered[expected]
 
 
 def test_only_the_first_round_starts_late(cartpole: Task, small_hp: Hyperparameters) -> None:

@@ -19,9 +19,15 @@ GOOD = Document.of_text("good.txt", "content")
 BAD = Document("bad.png", "1", fail)
 VIEWS = {
     "good": RunView("good", "good", OVER, {}, {}, documents=(GOOD,)),
-    "broken": RunView("broken", "broken", OVER, {}, {}, documents=(BAD, GOOD)),
+    "broken": RunView("broken", "broken", OVER, {}, {}, documents=(GOOD, BAD)),
     "rejected": RunView("rejected", "rejected", OVER, {"a|b": 1}, {}),
 }
+
+
+def view_of(key: str) -> RunView:
+    if key == "unreadable":
+        raise InvalidInput("damaged file")
+    return VIEWS[key]
 
 
 @pytest.fixture
@@ -36,17 +42,17 @@ def runs_of(tracker: Tracker) -> dict[str, mlflow.entities.Run]:
 
 def test_the_rest_is_written(tracker: Tracker) -> None:
     log: list[str] = []
-    mirror = Mirror(tracker, VIEWS.__getitem__, log.append)
+    mirror = Mirror(tracker, view_of, log.append)
     mirror.mark(["rejected", "broken", "unreadable", "good"])
-    assert mirror.close() == 2
+    assert mirror.close() == 3
     runs = runs_of(tracker)
     assert runs["good"].info.status == runs["broken"].info.status == "FINISHED"
     files = mlflow.MlflowClient(tracker.uri).list_artifacts(runs["broken"].info.run_id)
     assert [file.path for file in files] == ["good.txt"]
     rejected, broken, unreadable = log
     assert rejected.startswith("rejected: MLflow rejects the run (")
-    assert broken == "broken: MLflow lacks bad.png (broken)"
-    assert unreadable == "'unreadable'; MLflow does not show this run"
+    assert broken == "broken: no bad.png (broken)"
+    assert unreadable == "damaged file"
 
 
 def test_points_are_appended_to_a_run_that_was_deleted_in_the_ui(tracker: Tracker) -> None:

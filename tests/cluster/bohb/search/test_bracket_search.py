@@ -61,6 +61,7 @@ def test_a_resumed_search_has_the_same_jobs(seed: int, whole: list[Job], tmp_pat
         done.append(job)
         if chance.random() < 0.2:
             search = new_search(tmp_path)
+    assert search.next_job() is None
     assert search.finished
     found, expected = (
         [(job.id, job.budget, job.configuration) for job in jobs] for jobs in (done, whole)
