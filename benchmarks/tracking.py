@@ -46,7 +46,7 @@ class MeasuredStudy:
         with locked_settings(folder, self.study.settings()) as identity:
             RunStatus("RUNNING", time.time(), BRACKETS).save(folder)
         journal = Journal(folder)
-        search = BracketSearch.of(self.study, journal, BRACKETS)
+        search = BracketSearch(self.study, journal, BRACKETS)
         self.searcher = BohbSearcher(search, lambda: 1, math.inf)
         views = StudyViews(self.study, identity, live=True, journal=journal)
         tracker = Tracker(f"sqlite:///{folder}/mlflow.db", "CartPole-v0", folder / "artifacts")
@@ -67,7 +67,7 @@ class MeasuredStudy:
         assert isinstance(suggested, dict)
         job = suggested[JOB]
         started = self._cost("on_trial_start", trial)
-        runs = ConfigurationRuns.open(self.study, tuple(job["id"]), job["configuration"])
+        runs = ConfigurationRuns.read(self.study, tuple(job["id"]), job["configuration"])
         reached = False
         while not reached:
             before = runs.generations

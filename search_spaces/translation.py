@@ -10,7 +10,7 @@ from dataclasses import fields, replace
 from typing import Any
 
 from bilevel.errors import InvalidInput, unknown_value
-from bilevel.hyperparameters import Hyperparameters, agent_names
+from bilevel.hyperparameters import Hyperparameters
 
 #: Prefix of the field in the name of an inverted dimension.
 INVERSE = "1-"
@@ -42,26 +42,12 @@ def changed(sections: Mapping[str, Any], configuration: Mapping[str, Any]) -> di
             if not isinstance(plain, float):
                 raise InvalidInput(f"hyperparameter {name!r} must be a float; got {plain!r}")
             field, plain = field.removeprefix(INVERSE), 1.0 - plain
-        _require_field(sections, section, field)
-        if field in changes[section]:
-            raise InvalidInput(f"hyperparameter {section}.{field} is set twice")
+        known = [spec.name for spec in fields(sections[section])] if section in sections else []
+        if field not in known:
+            names = [f"{section}.{one}" for one in known] or [f"{one}.*" for one in sections]
+            raise unknown_value("hyperparameter", f"{section}.{field}", names)
         changes[section][field] = plain
     return {section: replace(hp, **changes[section]) for section, hp in sections.items()}
-
-
-def _require_field(sections: Mapping[str, Any], section: str, field: str) -> None:
-    name = f"{section}.{field}"
-    if section in sections:
-        allowed = [f"{section}.{spec.name}" for spec in fields(sections[section])]
-        if name not in allowed:
-            raise unknown_value("hyperparameter", name, allowed)
-    elif section in agent_names():
-        agents = ", ".join(agent for agent in sections if agent not in ("nes", "se"))
-        raise InvalidInput(
-            f"{name} is of an agent that takes no part; these do: {agents} (--agent)"
-        )
-    else:
-        raise unknown_value("hyperparameter", name, [f"{known}.*" for known in sections])
 
 
 def of_hyperparameters(hp: Hyperparameters, names: Iterable[str]) -> dict[str, Any]:

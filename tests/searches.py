@@ -1,12 +1,16 @@
 """Searches in one process, whose losses are computed from the configuration."""
 
+from dataclasses import replace
 from math import log
 from pathlib import Path
+
+import ConfigSpace as CS
 
 from cluster.bohb.search.bracket_search import BracketSearch, Job
 from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.journal import Journal
-from search_spaces.bohb import search_space
+from search_spaces.space import Space
+from tests.studies import new_study
 
 #: Hyperband's brackets.
 LADDER = Schedule((1, 3, 9), 3)
@@ -20,7 +24,17 @@ def loss_of(job: Job) -> float:
 
 
 def new_search(folder: Path, brackets: int = 6, seed: int = 0) -> BracketSearch:
-    return BracketSearch(search_space("core"), LADDER, brackets, seed, Journal(folder))
+    study = replace(new_study(folder, seed), schedule=LADDER)
+    return BracketSearch(study, Journal(folder), brackets)
+
+
+def search_of(
+    space: CS.ConfigurationSpace, folder: Path, brackets: int, **changes: object
+) -> BracketSearch:
+    """A search over a space, with other fields of the study in `changes`."""
+    content = Space("mine", dict(space.to_serialized_dict()))
+    study = replace(new_study(folder), space=content, **changes)  # type: ignore[arg-type]
+    return BracketSearch(study, Journal(folder), brackets)
 
 
 def run_to_end(search: BracketSearch, fail: tuple[int, ...] = ()) -> list[Job]:

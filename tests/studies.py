@@ -17,7 +17,7 @@ from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import Journal
-from cluster.bohb.study.profiles import get_profile, sized
+from cluster.bohb.study.profiles import PROFILES, sized
 from cluster.nes.selection import FinalScore, export_best
 from cluster.ray.pool import EvaluationPool
 from cluster.storage.run_folder import RunStatus, locked_settings
@@ -27,7 +27,7 @@ from tests.results import made_up_result
 
 def new_study(folder: Path, seed: int = 0) -> Study:
     """A study of the smoke profile's size."""
-    task, profile = get_task("CartPole-v0"), get_profile("smoke")
+    task, profile = get_task("CartPole-v0"), PROFILES["smoke"]
     base = sized(load_recipe("default", task.id), profile)
     return Study(folder, task, seed, Space("core"), Schedule((1, 3), 2), base)
 
@@ -57,7 +57,7 @@ class MadeUpPool(EvaluationPool):
 
 def run_job(study: Study, job: Job) -> Tally:
     """Run NES up to the job's budget; return its tally."""
-    runs = ConfigurationRuns.open(study, job.id, job.configuration)
+    runs = ConfigurationRuns.read(study, job.id, job.configuration)
     runs.spend(job.budget, MadeUpPool())
     return runs.tally
 
@@ -69,7 +69,7 @@ def make_study(
     score on its best SE."""
     study = new_study(folder)
     with locked_settings(folder, study.settings()):
-        search = BracketSearch.of(study, Journal(folder), brackets)
+        search = BracketSearch(study, Journal(folder), brackets)
         number = 0
         while (job := search.next_job()) is not None:
             if number in fail:

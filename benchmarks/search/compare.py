@@ -35,12 +35,11 @@ from bilevel.tasks import Task, get_task
 from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.search.bracket_search import BracketSearch
 from cluster.bohb.search.runs import ConfigurationRuns
-from cluster.bohb.search.validation import Plan, validate
+from cluster.bohb.search.validation import validate
 from cluster.bohb.study.brackets import Schedule, core_seconds_to_run
 from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import Journal, Origin
-from cluster.bohb.study.profiles import METHODS, get_profile, sized
-from cluster.bohb.study.rules import searched_space
+from cluster.bohb.study.profiles import METHODS, PROFILES, searched_space, sized
 from cluster.nes.run import Pool
 from cluster.storage.run_folder import locked_settings
 from search_spaces.space import Space
@@ -60,13 +59,13 @@ FRESH_SEED = 10_000
 
 def brackets_of(method: str, core_seconds: int) -> tuple[int, Schedule]:
     """Return the number of brackets that cost about this much, and the schedule."""
-    schedule = Schedule.of(method, *BUDGETS, get_profile("local").cycle)
+    schedule = Schedule.of(method, *BUDGETS, PROFILES["local"].cycle)
     return max(round(core_seconds / core_seconds_to_run(schedule.brackets(1))), 1), schedule
 
 
 def base_of(task: Task) -> Hyperparameters:
     """Return the hyperparameters that are not searched."""
-    return sized(load_recipe("default", task), get_profile("local"))
+    return sized(load_recipe("default", task), PROFILES["local"])
 
 
 class InProcess:
@@ -95,10 +94,10 @@ def run_in_process(
     """Run or resume a study and its validation in this process, one job after the other."""
     journal = Journal(study.folder)
     rungs = study.schedule.brackets(brackets)
-    bracket_search = BracketSearch.of(study, journal, brackets)
+    bracket_search = BracketSearch(study, journal, brackets)
     while (job := bracket_search.next_job()) is not None:
         try:
-            runs = ConfigurationRuns.open(study, job.id, job.configuration, log)
+            runs = ConfigurationRuns.read(study, job.id, job.configuration, log=log)
             runs.spend(job.budget, pool)
         except (StorageFailure, OtherVersion):
             raise
@@ -108,9 +107,7 @@ def run_in_process(
         bracket_search.register(job, runs.tally.objective, runs.tally.info)
         left = StudySummary.of(journal, rungs).core_seconds_left()
         log(f"{study.name}: objective {runs.tally.objective:.1f}, {left} core s left")
-    plan = Plan.of(journal, None, study.schedule.budgets[-1])
-    if plan is not None:
-        validate(study, journal, plan, pool, log, lambda spent, total: None, lambda: False)
+    validate(study, journal, pool, log)
     return StudySummary.of(journal, rungs)
 
 

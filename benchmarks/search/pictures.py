@@ -70,8 +70,7 @@ def main() -> None:
         if folder.name not in STUDIES:
             continue
         task = get_task(folder.parent.name)
-        points, validated = study.points(), study.validated_points()
-        figure = objective_against_cost(points, validated, task, METHODS["bohb"])
+        figure = objective_against_cost(study, task, METHODS["bohb"])
         save_png(figure, PICTURES / f"search-{task.id}-{folder.name}.png", dpi=100)
     for title, result in comparisons().items():
         name = COMPARISONS[title].replace("search_", "comparison-")

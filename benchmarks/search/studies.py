@@ -53,7 +53,7 @@ def searches() -> str:
                 len(space["hyperparameters"]),
                 len(study.journal.configs),
                 study.model_based,
-                cost(study.points()[-1].spent, study.journal.results),
+                cost(study.points()[-1][0], study.journal.results),
                 cost(sum(line.budget for line in study.finalists), study.finalists),
                 overrun(study.journal.results),
             )

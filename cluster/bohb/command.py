@@ -1,4 +1,4 @@
-"""`bilevel bohb`: run or resume a study."""
+"""`bilevel bohb`: run or resume a study, or estimate its cost."""
 
 import math
 import time
@@ -9,8 +9,8 @@ from typing import Self
 from bilevel.errors import StorageFailure
 from cluster.bohb.finish import StudyEnd
 from cluster.bohb.search.bracket_search import BracketSearch
-from cluster.bohb.search.validation import SHARE
-from cluster.bohb.study.brackets import Schedule, initial_configurations
+from cluster.bohb.search.validation import SHARE, validation_seconds
+from cluster.bohb.study.brackets import Schedule, core_seconds_to_run, initial_configurations
 from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import Journal
 from cluster.bohb.tune.report import StudyReport
@@ -21,8 +21,9 @@ from cluster.ray.connection import Capacity, require_server_for_nodes
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext
 from cluster.session.session import Session
-from cluster.session.terminal import count, duration
-from cluster.storage.run_folder import RunStatus
+from cluster.session.terminal import Terminal, count, duration
+from cluster.storage.home import require_writable
+from cluster.storage.run_folder import RunStatus, check_settings
 from cluster.tracking import Mirror
 
 #: Seconds of a time budget for stopping the trials and scoring the best SE.
@@ -41,11 +42,6 @@ class StudyCommand:
     workers_per_trial: int = 1  # 0 until `placed` sets it
     concurrent_trials: int | None = None  # None fills the cluster's cores
 
-    @property
-    def trials(self) -> int:
-        """Number of concurrent trials on the cluster's current nodes."""
-        return self.trials_on(Capacity.of_cluster())
-
     def placed(self, capacity: Capacity) -> Self:
         """Choose the workers per trial unless they are given: 1, or more if the study has fewer
         configurations than there are cores."""
@@ -53,19 +49,12 @@ class StudyCommand:
             return self
         started = initial_configurations(self.study.schedule.brackets(self.brackets))
         trials = min(self.concurrent_trials or started, started)
-        workers = min(capacity.trials(trials), _largest_generation(self.study))
+        workers = min(capacity.trials(trials), self.study.base.nes.evaluations)
         return replace(self, workers_per_trial=workers)
 
     def trials_on(self, capacity: Capacity) -> int:
         """Return the number of concurrent trials on a cluster."""
         return self.concurrent_trials or capacity.trials(self.workers_per_trial)
-
-
-def _largest_generation(study: Study) -> int:
-    """Return the number of evaluations in a generation with the largest population of the space."""
-    nes, dimension = study.base.nes, study.space.build(study.agents).get("nes.population_size")
-    largest = max(nes.population_size, getattr(dimension, "upper", 0))
-    return replace(nes, population_size=largest).evaluations
 
 
 def brackets_to_reach(
@@ -102,6 +91,41 @@ def run_study(command: StudyCommand) -> int:
         return _Runner(command.placed(Capacity.of_cluster()), session).run()
 
 
+def estimate(command: StudyCommand) -> None:
+    """Print the brackets, their cost, and whether the cluster can place the trials.
+
+    Raises InvalidInput where the study would.
+    """
+    study, schedule, brackets = command.study, command.study.schedule, command.brackets
+    study.prior_configuration()
+    require_writable(command.context.home.folder)
+    check_settings(study.folder, study.settings())
+    capacity = command.context.capacity()
+    command = command.placed(capacity)
+    trials, workers = command.trials_on(capacity), command.workers_per_trial
+    capacity.require(workers, trials)
+    rungs = schedule.brackets(brackets)
+    searched = core_seconds_to_run(rungs)
+    validated = validation_seconds(searched)
+    cores = trials * workers
+    with Terminal() as terminal:
+        terminal.log(f"{study.method_name} on {study.task.id}: study {study.name!r}")
+        terminal.log("bracket   configurations x core seconds")
+        for bracket in range(min(brackets, schedule.cycle)):
+            row = (f"{rung.configurations} x {rung.budget}" for rung in schedule.bracket(bracket))
+            terminal.log(f"{bracket:7d}   {' -> '.join(row)}")
+        if brackets > schedule.cycle:
+            terminal.log("    ...   and so on")
+        terminal.log(
+            f"{count(brackets, 'bracket')}: {initial_configurations(rungs)} configurations, "
+            f"{searched} core seconds and {validated:.0f} of validation: about "
+            f"{duration((searched + validated) / cores)} on {count(cores, 'core')}"
+        )
+        if command.time_budget is not None:
+            terminal.log(f"the time budget ends it after {duration(command.time_budget)}")
+        terminal.log(f"{count(trials, 'trial')} at a time, {count(workers, 'worker')} each")
+
+
 class _Runner:
     def __init__(self, command: StudyCommand, session: Session) -> None:
         self.command = command
@@ -114,7 +138,7 @@ class _Runner:
         self.brackets = brackets_to_reach(
             self.journal, study.schedule, command.brackets, run_status
         )
-        self.search = BracketSearch.of(study, self.journal, self.brackets)
+        self.search = BracketSearch(study, self.journal, self.brackets)
         self.end = StudyEnd(study, self.journal, session)
 
     def run(self) -> int:
@@ -128,13 +152,13 @@ class _Runner:
             try:
                 deadline, end = deadlines(self.terminal.started, command.time_budget)
                 self._search(views, mirror, deadline)
-                with EvaluationPool(command.workers_per_trial * command.trials) as pool:
+                with EvaluationPool(command.workers_per_trial * self._trials()) as pool:
                     found = self.end.finish(
                         pool, command.final_agents, lambda: time.monotonic() > end
                     )
             except KeyboardInterrupt:
                 with suppress(StorageFailure):
-                    self.end.export_recipe()
+                    self.end.export_interrupted()
                 raise
             finally:
                 views.running.clear()
@@ -142,31 +166,29 @@ class _Runner:
             return 0 if found else 1
 
     def _introduce(self) -> None:
-        command, study, log = self.command, self.command.study, self.terminal.log
+        command, study = self.command, self.command.study
         self.session.introduce(
             f"{study.method_name} on {study.task.id}: study {study.name!r}, "
             f"space {study.space.name}, recipe {study.base.recipe}, prior {study.prior}, "
-            f"{study.start}rule {study.base.nes.update}, "
             f"budgets {'/'.join(map(str, study.schedule.budgets))} core seconds, "
-            f"{count(command.trials, 'trial')} at a time with "
+            f"{count(self._trials(), 'trial')} at a time with "
             f"{count(command.workers_per_trial, 'worker')} each"
         )
         if command.time_budget is not None:
-            log(f"time budget {duration(command.time_budget)}, its last quarter for validation")
-        if self.journal.results:
-            log(f"resuming with {count(len(self.journal.results), 'result')}")
-        elif self.journal.configs:
+            self.terminal.log(f"time budget {duration(command.time_budget)}")
+        if self.journal.configs:
+            results = count(len(self.journal.results), "result")
             configurations = count(len(self.journal.configs), "configuration")
-            log(f"resuming {configurations} from checkpoints; none has a result yet")
+            self.terminal.log(f"resuming {configurations} with {results}")
+
+    def _trials(self) -> int:
+        """Return the number of concurrent trials on the cluster's current nodes."""
+        require_server_for_nodes(self.command.context.tracking_uri)  # a node may have joined
+        return self.command.trials_on(Capacity.of_cluster())
 
     def _search(self, views: StudyViews, mirror: Mirror, deadline: float) -> None:
-        command, log = self.command, self.terminal.log
-
-        def trials() -> int:
-            require_server_for_nodes(command.context.tracking_uri)  # a node may have joined
-            return command.trials
-
-        searcher = BohbSearcher(self.search, trials, deadline)
+        command = self.command
+        searcher = BohbSearcher(self.search, self._trials, deadline)
         report = StudyReport(
             self.brackets, deadline, self.journal, searcher, views, mirror, self.terminal
         )
@@ -177,5 +199,7 @@ class _Runner:
         if searcher.stopped_by is not None:
             raise searcher.stopped_by
         if searcher.time_is_up and not self.search.finished:
-            log("the search has reached its time limit; run the same command again to resume it")
+            self.terminal.log(
+                "the search has reached its time limit; run the same command again to resume it"
+            )
         mirror.mark([views.parent])

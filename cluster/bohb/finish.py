@@ -1,18 +1,17 @@
 """The end of a study: validate its best configurations, and export the recipe and the best SE."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from bilevel.durable import write_aside
-from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
-from bilevel.nes.halving import Round
+from bilevel.errors import InvalidInput, StorageFailure
+from bilevel.synthetic_env import save_se
 from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.search.runs import ConfigurationRuns
-from cluster.bohb.search.validation import Plan, Validation, validate
+from cluster.bohb.search.validation import validate
 from cluster.bohb.study.definition import RECIPE_FILE, Study, configuration_name
-from cluster.bohb.study.journal import Journal
-from cluster.nes.run import Pool
+from cluster.bohb.study.journal import ConfigLine, Journal
 from cluster.nes.selection import (
     RACERS,
     Contender,
@@ -27,6 +26,9 @@ from cluster.session.session import Session
 from cluster.session.terminal import count
 from cluster.tracking.registry import model_address
 
+#: Best SE of the incumbent of an interrupted study.
+INCUMBENT_SE_FILE = "incumbent_se.safetensors"
+
 
 @dataclass(frozen=True)
 class StudyEnd:
@@ -39,39 +41,43 @@ class StudyEnd:
     def finish(self, pool: EvaluationPool, final_agents: int, is_over: Callable[[], bool]) -> bool:
         """Validate the best configurations until `is_over`, choose the best SE of all runs, and
         score it with fresh agents; return whether there is one. Raises StorageFailure."""
-        study, log = self.study, self.session.terminal.log
+        study, terminal = self.study, self.session.terminal
         self._validate(pool, is_over)
         exported = self.export_recipe()
-        configurations = list(all_runs(study, self.journal, pool, log))
+        configurations = all_runs(study, self.journal)
         contenders = contenders_of(configurations)
         if not contenders:
-            log(
+            terminal.log(
                 "no configuration finished a generation: see the errors above, or use more time, "
                 "a larger --profile, or a --space with fewer nes.start_candidates"
             )
             return False
-        before, seed = pool.real_env_steps, (study.seed,)
-        best = self._retest(contenders, pool, race(final_agents), is_over)
+        before, seed, rounds = pool.real_env_steps, (study.seed,), race(final_agents)
+        if len(contenders) > 1:
+            terminal.log(f"retesting the {len(contenders)} best SEs with fresh agents")
+        terminal.bar("retesting", 0, agents_needed(len(contenders), rounds), "tests")
+        best = choose_best(study.task, contenders, seed, pool, terminal.step, rounds, is_over)
         score = evaluate_holdout(study.task, best, final_agents, seed, pool)
         tests = pool.real_env_steps - before
-        states = [state for runs in configurations for state in runs.states]
-        learned = sum(state.real_env_steps for state in states)
+        learned = sum(state.real_env_steps for runs in configurations for state in runs.states)
         step = len(self.journal.results)
         path, real_steps = export_best(best.se, score, study.folder, step, learned, tests)
-        log(str(score))
-        log(f"{real_steps} steps on the real task in all runs, the scale of observations included")
-        if exported:
+        terminal.log(str(score))
+        terminal.log(
+            f"{real_steps} steps on the real task in all runs, the scale of observations included"
+        )
+        if exported is not None:
             call = self.session.home.hint(f"nes {study.task.id} --recipe {study.name}")
-            log(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE with it by {call}")
+            terminal.log(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE with it by {call}")
         model = model_address(study.task.id, "newest")
-        log(f"best SE: {path}  ({model} in MLflow's model registry)")
-        log(f"results: {self.session.shown_at(self.session.identity.uuid)}")
-        log("run the same command again to add brackets")
+        terminal.log(f"best SE: {path}  ({model} in MLflow's model registry)")
+        terminal.log(f"results: {self.session.shown_at(self.session.identity.uuid)}")
+        terminal.log("run the same command again to add brackets")
         return True
 
-    def export_recipe(self) -> bool:
-        """Report the incumbent and write its recipe; return whether there is one. Raises
-        StorageFailure."""
+    def export_recipe(self) -> ConfigLine | None:
+        """Report the incumbent and write its recipe; return the incumbent, if there is one.
+        Raises StorageFailure."""
         log, journal = self.session.terminal.log, self.journal
         summary = StudySummary.of(journal)
         log(
@@ -81,7 +87,7 @@ class StudyEnd:
         )
         incumbent = summary.incumbent
         if incumbent is None:
-            return False
+            return None
         proposal = journal.proposals[incumbent.id]
         log(
             f"incumbent {configuration_name(incumbent.id)} ({proposal.origin}): "
@@ -91,68 +97,52 @@ class StudyEnd:
         write_aside(self.study.folder / RECIPE_FILE, text.encode())
         for name, value in proposal.configuration.items():
             log(f"  {name} = {value:.6g}" if isinstance(value, float) else f"  {name} = {value}")
-        return True
+        return proposal
+
+    def export_interrupted(self) -> None:
+        """Export the recipe and the best SE of the incumbent so far. Raises StorageFailure."""
+        incumbent = self.export_recipe()
+        if incumbent is None:
+            return
+        best = ConfigurationRuns.read(self.study, incumbent.id, incumbent.configuration).best
+        if best is not None:
+            save_se(best, self.study.folder / INCUMBENT_SE_FILE)
 
     def _validate(self, pool: EvaluationPool, is_over: Callable[[], bool]) -> None:
-        terminal, before = self.session.terminal, Validation.load(self.study.folder)
-        plan = Plan.of(self.journal, before, self.study.schedule.budgets[-1])
-        if plan is None and before is None:
+        terminal, journal = self.session.terminal, self.journal
+
+        def progress(spent: float, planned: float) -> None:
+            terminal.bar("validating", spent, planned, "core s")
+
+        found = validate(self.study, journal, pool, terminal.log, progress, is_over)
+        if found is None:
             terminal.log(
-                "the search is too short for a validation with new seeds: expect the recipe to "
-                "take longer than its objective (docs/tuning.md)"
+                "search or time was too short for a validation with new seeds: expect the recipe "
+                "to take longer than its objective (docs/tuning.md)"
             )
-        if plan is None:
             return
-        terminal.log(f"validating {len(plan.finalists)} configurations with new seeds")
-
-        def progress(spent: float, total: float) -> None:
-            terminal.bar("validating", spent, total, "core s")
-
-        found = validate(self.study, self.journal, plan, pool, terminal.log, progress, is_over)
-        if found is None and is_over():
-            terminal.log("too little time to validate; run the same command again to resume")
-        searched = StudySummary(self.journal)
-        for line in () if found is None else found.finalists:
+        searched = {line.id: line.objective for line in journal.successes}
+        for line in found.finalists:
             terminal.log(
                 f"{configuration_name(line.id)} {Tally.describe(line.info)} with new seeds; "
-                f"objective {line.objective:.0f} (in the search "
-                f"{searched.result_of(line.id).objective:.0f})"
+                f"objective {line.objective:.0f} (in the search {searched[line.id]:.0f})"
             )
 
-    def _retest(
-        self,
-        contenders: Sequence[Contender],
-        pool: EvaluationPool,
-        rounds: Sequence[Round],
-        is_over: Callable[[], bool],
-    ) -> Contender:
-        task, seed, terminal = self.study.task, (self.study.seed,), self.session.terminal
-        if len(contenders) > 1:
-            terminal.log(f"retesting the {len(contenders)} best SEs with fresh agents")
-        terminal.bar("retesting", 0, agents_needed(len(contenders), rounds), "tests")
-        return choose_best(task, contenders, seed, pool, terminal.step, rounds, is_over)
 
-
-def all_runs(
-    study: Study, journal: Journal, pool: Pool, log: Callable[[str], None]
-) -> Iterator[ConfigurationRuns]:
-    """Yield the runs of every configuration in the search and in the validation.
-
-    Lost and damaged checkpoints are recomputed. Configurations for which that fails are skipped.
-    Raises StorageFailure, and OtherVersion.
-    """
-    reached = journal.reached
+def all_runs(study: Study, journal: Journal) -> list[ConfigurationRuns]:
+    """Return the runs of every configuration in the search and in the validation. Raises
+    StorageFailure."""
+    found = []
     for line in journal.configs:
-        try:
-            runs = ConfigurationRuns.open(study, line.id, line.configuration, log)
-            runs.spend(reached.get(line.id, 0), pool)
-            validated = ConfigurationRuns.read(study, line.id, line.configuration, True)
-        except (StorageFailure, OtherVersion):
-            raise
-        except InvalidInput as error:
-            log(f"skipping {configuration_name(line.id)}: {error}")
-        else:
-            yield from (runs, validated)
+        for validation in (False, True):
+            try:
+                runs = ConfigurationRuns.read(study, line.id, line.configuration, validation)
+            except StorageFailure:
+                raise
+            except InvalidInput:  # the configuration never ran
+                continue
+            found.append(runs)
+    return found
 
 
 def contenders_of(configurations: Sequence[ConfigurationRuns]) -> list[Contender]:

@@ -13,7 +13,7 @@ from bilevel.synthetic_env import se_bytes
 from cluster.bohb.results import pictures
 from cluster.bohb.results.importance import importance, unit_values
 from cluster.bohb.results.summary import StudySummary
-from cluster.bohb.results.tables import TALLIED, results_csv
+from cluster.bohb.results.tables import TALLIED, brackets_csv, results_csv, validation_csv
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
 from cluster.bohb.study.journal import ConfigLine, Journal, ResultLine
@@ -102,7 +102,7 @@ class StudyViews:
             identity=self.identity,
             description=(
                 f"{study.method_name} over NES on **{study.task.id}**, recipe "
-                f"`{study.base.recipe}`, {study.start}rule `{study.base.nes.update}`: search space "
+                f"`{study.base.recipe}`, rule `{study.base.nes.update}`: search space "
                 f"`{study.space.name}`, budgets {settings['budgets']} core seconds. Each "
                 "nested run is one configuration. `objective` is the expected number of core "
                 "seconds until fresh agents confirm an SE (lower is better)."
@@ -180,14 +180,14 @@ def study_points(summary: StudySummary) -> list[Point]:
 
 
 def hyperparameter_picture(study: Study, summary: StudySummary) -> Figure:
-    """Plot the values of all configurations, and the importance of each hyperparameter. Raises
-    InvalidInput if the file of the search space is damaged."""
-    space, journal = study.stored_space(), summary.journal
-    values = {line.id: unit_values(space, line.configuration) for line in journal.configs}
-    leaders = [values[line.id] for _, line in summary.leaders()]
+    """Plot the values of all configurations, and the importance of each hyperparameter, of a study
+    with an incumbent."""
+    space, journal, incumbent = study.space.build(study.agents), summary.journal, summary.incumbent
+    assert incumbent is not None
+    tried = [unit_values(space, summary.configuration(id)) for id in summary.ranked]
     return pictures.hyperparameters(
-        np.array([values[config_id] for config_id in summary.ranked]).reshape(-1, len(space)),
-        np.array(leaders).reshape(-1, len(space)),
+        np.array(tried),
+        unit_values(space, summary.configuration(incumbent.id)),
         unit_values(space, study.of_recipe),
         tuple(space),
         importance(space, journal),
@@ -219,15 +219,14 @@ def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Documen
     version = f"{len(journal.results)} results"
     if summary.validation is not None:
         version += f", {summary.validation.results} validated"
-        documents.append(Document.of_text("validation.md", summary.validation_table()))
+        documents.append(Document.of_text("validation.csv", validation_csv(summary)))
 
-    def objectives() -> Figure:
-        points, validated = summary.points(), summary.validated_points()
-        return pictures.objective_against_cost(points, validated, study.task, study.name)
+    def objectives() -> bytes:
+        return png(pictures.objective_against_cost(summary, study.task, study.name))
 
     documents += [
-        Document("objective_against_cost.png", version, lambda: png(objectives())),
-        Document.of_text("brackets.md", summary.bracket_table()),
+        Document("objective_against_cost.png", version, objectives),
+        Document.of_text("brackets.csv", brackets_csv(summary)),
         Document.of_text("results.csv", results_csv(summary)),
         *(Document.of_file(path, "journal/") for path in journal.paths),
     ]

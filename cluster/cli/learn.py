@@ -57,6 +57,7 @@ def nes(
 @click.option("--study", help="Name of the study and its folder; an existing name resumes.")
 @click.option(
     "--profile",
+    type=click.Choice(["smoke", "local", "paper"]),
     default="local",
     show_default=True,
     help="Size of the search: smoke, local (30 minutes) or paper.",
@@ -64,7 +65,7 @@ def nes(
 @click.option(
     "--space",
     help="Search space: full (the paper's 18 hyperparameters), core (eight of NES and the SE), or "
-    "a file of ConfigSpace, *.json or *.yaml.",
+    "a file of ConfigSpace, *.json.",
 )
 @click.option("--brackets", type=click.IntRange(1, 1000), help="Number of brackets.")
 @click.option(
@@ -105,15 +106,15 @@ def bohb(
 
     The options default to the values of the profile.
     """
-    from cluster.bohb.study.profiles import get_profile, sized
-    from cluster.bohb.study.rules import searched_space
+    from cluster.bohb.study.profiles import PROFILES, searched_space, sized
     from search_spaces.space import Space
 
     changes = {name: options.pop(name) for name in ("space", "brackets", "time_budget", "prior")}
     common = RunOptions(**options)
     task = common.the_task()
-    size = get_profile(profile)
-    size = replace(size, **{name: value for name, value in changes.items() if value is not None})
+    size = replace(
+        PROFILES[profile], **{name: value for name, value in changes.items() if value is not None}
+    )
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
     searched = searched_space(
         Space.of(size.space), task, hp, [*common.replaced.items()], size.prior
@@ -122,8 +123,7 @@ def bohb(
     default = f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"
     folder = context.home.run_folder(task.id, study or plain_name(default))
 
-    from cluster.bohb.command import StudyCommand, run_study
-    from cluster.bohb.estimate import dry_run as estimate
+    from cluster.bohb.command import StudyCommand, estimate, run_study
     from cluster.bohb.study.brackets import Schedule
     from cluster.bohb.study.definition import Study
 

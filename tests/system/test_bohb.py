@@ -4,15 +4,14 @@ import os
 import re
 import shutil
 import signal
-from dataclasses import replace
 from pathlib import Path
 
 import ConfigSpace as CS
 import mlflow.entities
 import pytest
 
-from benchmarks.search.compare import InProcess, run_in_process
 from bilevel.synthetic_env import load_se
+from cluster.bohb.finish import INCUMBENT_SE_FILE
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.search.validation import Validation
 from cluster.bohb.study.definition import RECIPE_FILE, SPACE_FILE, Study, configuration_name
@@ -81,7 +80,7 @@ def test_mlflow_has_a_parent_run_and_a_child_per_configuration(
     assert parent.data.metrics["final_score_mean"] > 0
     assert parent.data.params["base.nes.centre_agents"] == "2"
     names = {file.path for file in mlflow_client.list_artifacts(parent.info.run_id)}
-    tables = {"objective_against_cost.png", "brackets.md", "incumbent.json", "results.csv"}
+    tables = {"objective_against_cost.png", "brackets.csv", "incumbent.json", "results.csv"}
     assert {*tables, RECIPE_FILE, BEST_FILE, "journal"} <= names
     best = mlflow_client.get_model_version_by_alias("SE-CartPole-v0", "best")
     assert best.run_id == parent.info.run_id
@@ -91,13 +90,8 @@ def test_mlflow_has_a_parent_run_and_a_child_per_configuration(
         assert set(data.params) == set(search_space("core"))
         history = mlflow_client.get_metric_history(id, "score_mean")
         assert [metric.step for metric in history] == list(range(len(history)))
-        counts = [metric.value for metric in mlflow_client.get_metric_history(id, "real_env_steps")]
-        assert counts == sorted(set(counts))
         metrics = data.metrics
         assert metrics["core_seconds"] == pytest.approx(metrics["budget"], abs=1)
-        successes = metrics["confirmed"] + max(metrics["progress"] / 2, 0.005)
-        expected = pytest.approx(metrics["core_seconds"] / successes, rel=0.02)
-        assert metrics["objective"] == expected
         files = {file.path for file in mlflow_client.list_artifacts(id)}
         assert files >= {BEST_FILE, LAST_FILE, "configuration.json", "learning_curve.png"}
 
@@ -110,7 +104,7 @@ def test_the_same_command_adds_brackets(
     shutil.copytree(study_home[0] / "CartPole-v0", home / "CartPole-v0")
     result = run_bilevel(*SMOKE, *ONE_BY_ONE, "--home", home, "--address", address)
     assert result.returncode == 0, result.stderr
-    assert "resuming with 4 results" in result.stdout
+    assert "resuming 3 configurations with 4 results" in result.stdout
     before, after = results(study_home[0]), results(home)
     assert len(after) == 6
     assert before.items() <= after.items()
@@ -129,17 +123,7 @@ def test_the_same_command_adds_brackets(
     assert parent.data.metrics["validated_objective"] == validation.winner.loss
     assert parent.data.tags["bilevel.incumbent"] == winner
     files = {file.path for file in client(home).list_artifacts(parent.info.run_id)}
-    assert "validation.md" in files
-
-
-def test_a_search_in_one_process_has_the_same_results(
-    study_home: tuple[Path, str], tmp_path: Path
-) -> None:
-    """As `benchmarks.search.compare` runs it."""
-    study = Study.read(study_home[0] / "CartPole-v0" / "smoke")
-    pool = InProcess()
-    run_in_process(replace(study, folder=tmp_path / "CartPole-v0" / "smoke"), 1, pool, print)
-    assert results(tmp_path) == pytest.approx(results(study_home[0]))
+    assert "validation.csv" in files
 
 
 def test_a_study_resumes_after_ctrl_c_with_the_same_results(
@@ -152,7 +136,9 @@ def test_a_study_resumes_after_ctrl_c_with_the_same_results(
     assert process.returncode == 130
     assert "run the same command again to resume" in rest
     assert "incumbent 00" in rest
-    assert (tmp_home / "CartPole-v0" / "smoke" / RECIPE_FILE).exists()
+    folder = tmp_home / "CartPole-v0" / "smoke"
+    assert (folder / RECIPE_FILE).exists()
+    assert load_se(folder / INCUMBENT_SE_FILE).info
     assert 1 <= len(results(tmp_home)) < 4
     runs = tracked_runs(tmp_home)
     assert "RUNNING" not in {r.info.status for r in runs}
@@ -179,12 +165,10 @@ def test_time_budget_ends_the_search(
     (tmp_home / "CartPole-v0" / "smoke" / "results.json").unlink()
     args = ("--brackets", "99", "--time-budget", "10s", "--address", address)
     result = run_bilevel(*SMOKE, *args, "--home", tmp_home)
-    assert "resuming 3 configurations from checkpoints" in result.stdout
+    assert "resuming 3 configurations with 0 results" in result.stdout
     assert "the search has reached its time limit" in result.stdout
     assert "/99" not in result.stdout  # brackets that the study will not reach
     scored = "fresh agents trained on the best SE" in result.stdout
-    nothing = "no configuration finished a generation" in result.stdout
-    assert scored != nothing
     assert result.returncode == (0 if scored else 1), result.stderr
     assert "Traceback" not in result.stderr
 
@@ -205,20 +189,12 @@ def test_a_failing_trial_ranks_last_and_the_study_continues(tmp_home: Path, addr
     assert "NotADirectoryError" in failed.data.tags["bilevel.error"]
 
 
-@pytest.mark.parametrize("failing", [True, False])
-def test_a_study_without_an_se_ends_with_1(failing: bool, tmp_home: Path, address: str) -> None:
-    """All trials fail, or the budget ends before the first generation."""
-    options: tuple[str | Path, ...] = (*ONE_BY_ONE, "--home", tmp_home, "--address", address)
-    if failing:
-        blocking = tmp_home / "CartPole-v0" / "smoke" / "configurations"
-        blocking.parent.mkdir(parents=True)
-        blocking.touch()
-    else:
-        space = tmp_home / "mine.json"
-        CS.ConfigurationSpace(space=[CS.Constant("nes.start_candidates", 1000)]).to_json(space)
-        options = (*options, "--space", space, "--workers-per-trial", "1")
-    result = run_bilevel(*SMOKE, *options)
+def test_a_study_without_an_se_ends_with_1(tmp_home: Path, address: str) -> None:
+    """The budget ends before the first generation."""
+    space = tmp_home / "mine.json"
+    CS.ConfigurationSpace(space=[CS.Constant("nes.start_candidates", 1000)]).to_json(space)
+    options = (*ONE_BY_ONE, "--home", tmp_home, "--address", address, "--space", space)
+    result = run_bilevel(*SMOKE, *options, "--workers-per-trial", "1")
     assert result.returncode == 1
-    assert result.stdout.count(" failed: ") == (4 if failing else 0)
     assert "no configuration finished a generation" in result.stdout
     assert "Traceback" not in result.stderr

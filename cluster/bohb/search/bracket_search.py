@@ -10,17 +10,16 @@ A proposal depends only on the seed, its number and the earlier results in the j
 """
 
 import time
-from collections import defaultdict, deque
+from collections import deque
 from dataclasses import dataclass
 from functools import partial
-from typing import Any, Self
+from typing import Any
 
 import ConfigSpace as CS
 from hpbandster.optimizers.iterations import SuccessiveHalving
 
 from bilevel.errors import InvalidInput
 from cluster.bohb.search.config_generator import ConfigGenerator, hpbandster_job
-from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import (
     ConfigId,
@@ -44,50 +43,22 @@ class Job:
 
 
 class BracketSearch:
-    """Search over `space` with the first `brackets` of a schedule.
+    """The search of a study with `brackets` brackets, or more if its journal has more.
 
-    See `ConfigGenerator` for `model` and `prior`. Raises InvalidInput for a journal that does not
-    belong to this search.
+    Raises InvalidInput for a journal that does not belong to the study.
     """
 
-    def __init__(
-        self,
-        space: CS.ConfigurationSpace,
-        schedule: Schedule,
-        brackets: int,
-        seed: int,
-        journal: Journal,
-        model: bool = True,
-        prior: Configuration | None = None,
-    ) -> None:
-        self._space = space
-        self._schedule = schedule
+    def __init__(self, study: Study, journal: Journal, brackets: int) -> None:
+        self._space = study.space.build(study.agents)
+        self._schedule = study.schedule
         self._journal = journal
-        self._generator = ConfigGenerator(space, seed, model, prior)
-        self._recorded: defaultdict[int, deque[ConfigLine]] = defaultdict(deque)  # by bracket
-        for config in journal.configs:
-            self._recorded[config.id[0]].append(config)
-        started = max(self._recorded, default=-1) + 1
-        if started > brackets:
-            raise InvalidInput(
-                f"{str(journal.folder)!r} has {started} brackets, and only {brackets} were "
-                "requested: request more"
-            )
-        self._brackets = [self._bracket(number) for number in range(brackets)]
-        self._interrupted = self._replay()
-
-    @classmethod
-    def of(cls, study: Study, journal: Journal, brackets: int) -> Self:
-        """Resume a study from its journal. Raises InvalidInput."""
-        return cls(
-            study.space.build(study.agents),
-            study.schedule,
-            brackets,
-            study.seed,
-            journal,
-            study.method == "bohb",
-            study.prior_configuration(),
+        self._generator = ConfigGenerator(
+            self._space, study.seed, study.method == "bohb", study.prior_configuration()
         )
+        self._recorded = journal.proposals
+        started = max((bracket for bracket, _, _ in self._recorded), default=-1) + 1
+        self._brackets = [self._bracket(number) for number in range(max(brackets, started))]
+        self._interrupted = self._replay()
 
     @property
     def finished(self) -> bool:
@@ -136,15 +107,13 @@ class BracketSearch:
     def _sample(self, number: int, budget: float) -> tuple[Configuration, dict[str, Any]]:
         """Return the next configuration of a bracket. hpbandster calls this on the lowest rung, and
         on higher ones to replace failures."""
-        bracket, recorded = self._brackets[number], self._recorded[number]
-        place = (number, bracket.stage, bracket.actual_num_configs[bracket.stage])
-        if not recorded:
+        bracket = self._brackets[number]
+        place = number, bracket.stage, bracket.actual_num_configs[bracket.stage]
+        line = self._recorded.get(place)
+        if line is None:
             line = ConfigLine(place, *self._generator.propose(len(self._journal.configs), budget))
             self._journal.add_config(line)
             return line.configuration, line.info
-        line = recorded.popleft()
-        if line.id != place:
-            raise self._damaged(f"the proposal {line.id} should be {place}")
         try:
             CS.Configuration(self._space, values=line.configuration)
         except (ValueError, KeyError, TypeError) as error:

@@ -23,6 +23,7 @@ class ConfigurationRuns:
     id: ConfigId
     configuration: Configuration
     validation: bool = False
+    log: Callable[[str], None] = lambda line: None
     states: list[NESState] = field(default_factory=list)
 
     @classmethod
@@ -32,28 +33,13 @@ class ConfigurationRuns:
         config_id: ConfigId,
         configuration: Configuration,
         validation: bool = False,
+        log: Callable[[str], None] = lambda line: None,
     ) -> Self:
-        """Read the runs on disk up to the first damaged one. Raises InvalidInput for an invalid
-        configuration."""
-        runs = cls(study, config_id, configuration, validation)
+        """Read the runs on disk up to the first damaged one, which restarts in `advance`. Raises
+        InvalidInput for an invalid configuration."""
+        runs = cls(study, config_id, configuration, validation, log)
         while (state := runs.run(len(runs.states)).load_if_sound()) is not None:
             runs.states.append(state)
-        return runs
-
-    @classmethod
-    def open(
-        cls,
-        study: Study,
-        config_id: ConfigId,
-        configuration: Configuration,
-        log: Callable[[str], None] = lambda line: None,
-        validation: bool = False,
-    ) -> Self:
-        """Open the runs on disk; damaged ones restart (`NESRun.open`). Raises InvalidInput for an
-        invalid configuration, and OtherVersion."""
-        runs = cls(study, config_id, configuration, validation)
-        while (run := runs.run(len(runs.states))).begun:
-            runs.states.append(run.open(log))
         return runs
 
     @property
@@ -71,10 +57,10 @@ class ConfigurationRuns:
         """The first confirmed SE, or else the one with the highest scores; None before the first
         generation."""
         evolved = [state for state in self.states if state.finalists]
-        confirmed = [state for state in evolved if state.confirmed]
         evolved.sort(key=lambda state: state.finalists[0].rank, reverse=True)
-        nes = self.run(0).nes
-        return next((nes.best(state) for state in (*confirmed, *evolved)), None)
+        confirmed = [state for state in self.states if state.confirmed]
+        best = next(iter((*confirmed, *evolved)), None)
+        return None if best is None else self.run(0).nes.best(best)
 
     def run(self, number: int) -> NESRun:
         """Return a run by its number, from 0.
@@ -95,14 +81,15 @@ class ConfigurationRuns:
         return finished and self.tally.cost >= budget
 
     def advance(self, pool: Pool) -> NESState:
-        """Advance the first unfinished run, or start the next one; return its state."""
+        """Advance the first unfinished run, or open or start the next one; return its state. Raises
+        StorageFailure, and OtherVersion."""
         unfinished = (i for i, state in enumerate(self.states) if not state.finished)
         number = next(unfinished, len(self.states))
         run = self.run(number)
         if number == len(self.states):
-            found = run.begun  # the states end at a lost run, which was repeated
-            self.states.append(run.open())
-            if found:  # possibly finished
+            on_disk = run.begun  # after a damaged run, or damaged itself
+            self.states.append(run.open(self.log))
+            if on_disk:  # possibly finished
                 return self.states[number]
         self.states[number] = run.advance(self.states[number], pool)
         return self.states[number]

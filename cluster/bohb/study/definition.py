@@ -4,25 +4,19 @@ import json
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from bilevel.decode import decode
 from bilevel.durable import write_aside
-from bilevel.errors import InvalidInput, unknown_value
 from bilevel.hyperparameters import Hyperparameters, StoredHyperparameters
 from bilevel.recipes import recipe_text
 from bilevel.tasks import Task
 from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.journal import ConfigId, Configuration
-from cluster.bohb.study.profiles import METHODS, get_method
-from cluster.nes.run import start_of
+from cluster.bohb.study.profiles import METHODS
 from cluster.storage.run_folder import Settings, read_settings, settings_of
-from search_spaces import SPACES
 from search_spaces.space import Space
 from search_spaces.translation import of_hyperparameters, to_hyperparameters
-
-if TYPE_CHECKING:
-    from ConfigSpace import ConfigurationSpace
 
 #: Kind of run in `settings.json`.
 KIND = "study"
@@ -61,7 +55,7 @@ class Study:
     schedule: Schedule
     base: Hyperparameters  # hyperparameters that a configuration does not set
     method: str = "bohb"  # of METHODS
-    prior: str = "none"  # of PRIORS
+    prior: str = "none"  # or recipe, see `ConfigGenerator`
 
     @property
     def name(self) -> str:
@@ -77,12 +71,6 @@ class Study:
     def agents(self) -> tuple[str, ...]:
         """Names of the agents that evaluations train."""
         return tuple(hp.agent for hp in self.base.agents)
-
-    @property
-    def start(self) -> str:
-        """How runs choose their first SE, followed by a comma; empty if that is searched."""
-        searched = self.space.searched(self.agents)
-        return "" if "nes.start_candidates" in searched else f"{start_of(self.base.nes)}, "
 
     @cached_property
     def of_recipe(self) -> Configuration:
@@ -107,22 +95,9 @@ class Study:
         return recipe_text(to_hyperparameters(self.base, configuration), heading)
 
     def write_space(self) -> None:
-        """Write SPACE_FILE. Raises StorageFailure, and InvalidInput if the file has another space:
-        the ranges of SPACES may change between versions."""
-        path, space = self.folder / SPACE_FILE, self.space.build(self.agents)
-        if self.stored_space() != space:
-            raise InvalidInput(
-                f"study {self.name!r} was started with other ranges of the search space "
-                f"{self.space.name!r} than this version has: start another one with --study NAME "
-                f"(and --space {path} for the old ranges)"
-            )
-        write_aside(path, json.dumps(space.to_serialized_dict(), indent=2).encode())
-
-    def stored_space(self) -> "ConfigurationSpace":
-        """Return the space in SPACE_FILE, or the defined one without that file. Raises
-        InvalidInput."""
-        path = self.folder / SPACE_FILE
-        return Space.of(str(path)).build() if path.exists() else self.space.build(self.agents)
+        """Write SPACE_FILE. Raises StorageFailure."""
+        content = self.space.build(self.agents).to_serialized_dict()
+        write_aside(self.folder / SPACE_FILE, json.dumps(content, indent=2).encode())
 
     def settings(self) -> dict[str, Any]:
         """Return the settings to store."""
@@ -147,22 +122,16 @@ class Study:
     def read(cls, folder: Path) -> "Study":
         """Read the study in a folder. Raises InvalidInput."""
         settings = _read(folder)
-        space = settings.space if isinstance(settings.space, Space) else Space(settings.space)
-        try:
-            if space.content is None and space.name not in SPACES:
-                raise unknown_value("search space", space.name, SPACES)
-            return cls(
-                folder,
-                settings.task,
-                settings.seed,
-                space,
-                Schedule(settings.budgets, settings.cycle),
-                settings.base.checked(),
-                get_method(settings.method),
-                settings.prior,
-            )
-        except InvalidInput as error:
-            raise InvalidInput(f"{str(folder)!r} holds no study: {error}") from None
+        return cls(
+            folder,
+            settings.task,
+            settings.seed,
+            settings.space if isinstance(settings.space, Space) else Space(settings.space),
+            Schedule(settings.budgets, settings.cycle),
+            settings.base.checked(),
+            settings.method,
+            settings.prior,
+        )
 
 
 def _read(folder: Path) -> _Settings:

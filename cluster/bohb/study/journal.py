@@ -125,11 +125,6 @@ class Journal:
         return min((line.timestamps["submitted"] for line in self.results), default=0.0)
 
     @property
-    def recipe(self) -> ConfigId | None:
-        """The first configuration if it is the recipe's."""
-        return next((line.id for line in self.configs if line.origin is Origin.RECIPE), None)
-
-    @property
     def reached(self) -> dict[ConfigId, int]:
         """Core seconds that each configuration has spent: the budget of its last success."""
         return {line.id: line.budget for line in self.successes}

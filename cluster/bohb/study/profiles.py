@@ -1,25 +1,31 @@
-"""Search methods, and profiles: named sizes of a search."""
+"""Sizes of searches, and the adaptation of recipes and search spaces to them."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
-from bilevel.errors import unknown_value
+from bilevel.agents.variation import VARIED
+from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import CONFIRMING_AGENTS, Hyperparameters
+from bilevel.nes import NES
+from bilevel.synthetic_env import smallest_hidden_size
+from bilevel.tasks import Task
 from search_spaces import SPACES
+from search_spaces.space import Space
+from search_spaces.translation import to_hyperparameters
 
 #: Titles of the methods. `bohb` samples from hpbandster's model and the others at random; `random`
 #: runs every configuration at the largest budget.
 METHODS = {"bohb": "BOHB", "hyperband": "Hyperband", "random": "random search"}
-
-#: Priors of a search. With the recipe, the first configuration has the recipe's values, and about
-#: half of the random ones are drawn around it.
-PRIORS = ("none", "recipe")
 
 #: Number of brackets of a search that only its time budget ends.
 ENDLESS = 1000
 
 #: Hyperparameters that end a run. They are the same for all configurations of a search, because the
 #: objective is the time until a run ends.
-SET_BY_SEARCH = ("nes.solved_for", "nes.confirming_agents")
+_SET_BY_SEARCH = "nes.solved_for", "nes.confirming_agents"
+#: Random configurations that are checked.
+_SAMPLES = 256
 #: Used for recipes whose runs never stop early (`paper`, `authors`).
 _SOLVED_FOR = 4
 
@@ -30,7 +36,7 @@ class Profile:
 
     recipe: str = "default"
     space: str = "core"
-    prior: str = "none"  # of PRIORS
+    prior: str = "none"  # or recipe, see `ConfigGenerator`
     smallest_budget: int
     largest_budget: int
     cycle: int | None = None  # see `Schedule`; None is Hyperband's
@@ -75,20 +81,6 @@ PROFILES = {
 }
 
 
-def get_method(name: str) -> str:
-    """Return the name of a known method. Raises InvalidInput."""
-    if name not in METHODS:
-        raise unknown_value("method", name, METHODS)
-    return name
-
-
-def get_profile(name: str) -> Profile:
-    """Return the profile with that name. Raises InvalidInput."""
-    if name not in PROFILES:
-        raise unknown_value("profile", name, PROFILES)
-    return PROFILES[name]
-
-
 def sized(hp: Hyperparameters, profile: Profile) -> Hyperparameters:
     """Apply a profile to a recipe; its runs stop once an SE is confirmed."""
     nes = replace(
@@ -111,3 +103,68 @@ def sized(hp: Hyperparameters, profile: Profile) -> Hyperparameters:
     )
     nes = replace(nes, patient_episodes=min(nes.patient_episodes, episodes))
     return replace(hp, nes=nes, agents=agents)
+
+
+def searched_space(
+    space: Space,
+    task: Task,
+    base: Hyperparameters,
+    replaced: Sequence[tuple[str, Any]] = (),
+    prior: str = "none",
+) -> Space:
+    """Return the space of a study on `task`; `core` is adapted to the task and to `base`.
+
+    `replaced` has the hyperparameters of `base` that the user has set. Raises InvalidInput if one
+    of them has no effect, or if NES rejects a configuration.
+    """
+    if space == Space("core"):
+        space = _adapted_core(task, base)
+    agents = [agent.agent for agent in base.agents]
+    searched, given = space.searched(agents), dict(replaced)
+    for name in _SET_BY_SEARCH:
+        if name in searched or name in given:
+            raise InvalidInput(f"{name} cannot be set in a search: all runs end in the same way")
+    for name in sorted(searched & given.keys()) if prior != "recipe" else ():
+        raise InvalidInput(
+            f"{name} is searched in the space {space.name!r}, so that setting it to "
+            f"{given[name]} has no effect: leave it out, or use --prior recipe"
+        )
+    varied = searched & {f"{agent}.{field}" for agent in agents for field in VARIED}
+    if varied and base.vary_agent != "no":
+        raise InvalidInput(
+            f"the space {space.name!r} searches {', '.join(sorted(varied))}, but runs draw these "
+            f"for each agent (--vary-hp {base.vary_agent}): give --recipe authors or --vary-hp no"
+        )
+    _check_samples(space, task, base)
+    return space
+
+
+def _adapted_core(task: Task, base: Hyperparameters) -> Space:
+    """Return `core` without the spread of plain SEs, or with exogenous SEs large enough for the
+    task."""
+    import ConfigSpace as CS
+
+    dimensions = dict(Space("core").build())
+    if base.se.family == "plain":
+        del dimensions["se.spread"]
+    else:
+        size = dimensions["se.hidden_size"]
+        units = smallest_hidden_size(task.state_size, task.n_actions)
+        assert isinstance(size, CS.UniformIntegerHyperparameter)
+        if units <= size.lower:
+            return Space("core")
+        ends = units, max(size.upper, 2 * units)
+        dimensions[size.name] = CS.Integer(size.name, ends, log=size.log)
+    space = CS.ConfigurationSpace(name="core", space=list(dimensions.values()))
+    return Space("core", dict(space.to_serialized_dict()))
+
+
+def _check_samples(space: Space, task: Task, base: Hyperparameters) -> None:
+    """Raise InvalidInput if NES rejects the default configuration or a random one."""
+    built = space.build([agent.agent for agent in base.agents], seed=0)
+    default = built.get_default_configuration()
+    for configuration in (default, *built.sample_configuration(_SAMPLES)):
+        try:
+            NES(task, to_hyperparameters(base, dict(configuration)))
+        except InvalidInput as error:
+            raise InvalidInput(f"search space {space.name!r}: {error}") from None

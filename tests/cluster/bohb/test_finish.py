@@ -6,14 +6,14 @@ from pathlib import Path
 from bilevel.nes.state import Finished
 from cluster.bohb.finish import all_runs, contenders_of
 from cluster.bohb.search.runs import ConfigurationRuns
-from cluster.bohb.search.validation import Plan, validate
+from cluster.bohb.search.validation import validate
 from cluster.bohb.study.journal import Journal
 from cluster.nes.selection import RACERS
 from tests.studies import MadeUpPool, make_study
 
 
 def test_confirmed_ses_come_before_those_with_the_highest_scores(tmp_path: Path) -> None:
-    study = make_study(tmp_path, brackets=8)
+    study = make_study(tmp_path, brackets=6)
     every = [
         ConfigurationRuns.read(study, line.id, line.configuration)
         for line in Journal(tmp_path).configs
@@ -35,23 +35,13 @@ def test_confirmed_ses_come_before_those_with_the_highest_scores(tmp_path: Path)
     assert [contender.se for contender in others] == [se for _, se in scored[: RACERS - 1]]
 
 
-def test_the_runs_of_a_validation_are_included(tmp_path: Path) -> None:
+def test_the_runs_of_search_and_validation_are_included(tmp_path: Path) -> None:
     study = make_study(tmp_path)
-    journal, pool = Journal(study.folder), MadeUpPool()
-    plan = Plan.of(journal, None, study.schedule.budgets[-1])
-    assert plan is not None
-    validate(study, journal, plan, pool, print, lambda spent, total: None, lambda: False)
-    runs = list(all_runs(study, journal, pool, print))
-    assert {found.id for found in runs if found.validation and found.states} == set(plan.finalists)
-    assert {found.id for found in runs if not found.validation} == {
+    journal = Journal(study.folder)
+    found = validate(study, journal, MadeUpPool(), print)
+    assert found is not None
+    runs = [each for each in all_runs(study, journal) if each.states]
+    assert {each.id for each in runs if each.validation} == {line.id for line in found.finalists}
+    assert {each.id for each in runs if not each.validation} == {
         line.id for line in journal.configs
     }
-
-
-def test_lost_runs_are_recomputed(tmp_path: Path) -> None:
-    study = make_study(tmp_path)
-    journal, pool = Journal(study.folder), MadeUpPool()
-    before = [runs.tally for runs in all_runs(study, journal, pool, print)]
-    for path in study.folder.glob("configurations/*-0-001/run-*/*"):
-        path.unlink()
-    assert [runs.tally for runs in all_runs(study, journal, pool, print)] == before

@@ -59,9 +59,6 @@ def test_study(tmp_path: Path) -> None:
     assert Study.read(tmp_path) == study
     for settings, message in (
         ({"budgets": [1, "3"]}, "holds no study: budgets[1]: must be a valid integer; got '3'"),
-        ({"cycle": 9}, "holds no study: a cycle of brackets must be 1 to 2"),
-        ({"space": "huge"}, "holds no study: unknown search space 'huge'"),
-        ({"method": "x"}, "holds no study: unknown method 'x'"),
         ({"base": {}}, "holds no study: 'base.nes' is missing"),
     ):
         assert_refused(Study.read, tmp_path, settings, message)

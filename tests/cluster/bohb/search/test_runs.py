@@ -20,7 +20,7 @@ def study(tmp_path: Path) -> Study:
 
 
 def opened(study: Study, budget: float = 0.0) -> ConfigurationRuns:
-    runs = ConfigurationRuns.open(study, ID, CONFIGURATION)
+    runs = ConfigurationRuns.read(study, ID, CONFIGURATION)
     runs.spend(budget, MadeUpPool())
     return runs
 
@@ -32,13 +32,6 @@ def test_seeds_depend_on_study_configuration_and_number(study: Study) -> None:
     assert ConfigurationRuns(study, (0, 0, 1), CONFIGURATION).run(0).seed == seeds[2]
     assert ConfigurationRuns(replace(study, seed=4), (0, 0, 1), {}).run(0).seed not in seeds
     assert replace(runs[0], validation=True).run(0).seed not in seeds
-
-
-def test_a_configuration_changes_only_its_hyperparameters(study: Study) -> None:
-    hp = ConfigurationRuns(study, ID, {"se.hidden_size": 16, "nes.population_size": 9}).run(0).hp
-    assert (hp.se.hidden_size, hp.nes.population_size) == (16, 9)
-    nes = replace(hp.nes, population_size=study.base.nes.population_size)
-    assert replace(hp, se=study.base.se, nes=nes) == study.base
 
 
 def test_seeds_run_one_after_another_until_the_budget_is_spent(
@@ -63,7 +56,6 @@ def test_a_damaged_or_lost_run_is_repeated_and_the_others_stay(damage: bool, stu
     path = before.run(0).folder / "state.safetensors"
     path.write_bytes(b"damaged") if damage else path.unlink()
     assert not ConfigurationRuns.read(study, ID, CONFIGURATION).states
-    assert not ConfigurationRuns.open(study, ID, CONFIGURATION).spent(3)
     again = opened(study, 3)
     assert again.tally == before.tally
     for state, expected in zip(again.states, before.states, strict=True):
@@ -75,11 +67,8 @@ def test_the_best_se_is_a_confirmed_one(study: Study) -> None:
     runs = opened(study)
     assert not runs.states
     runs.spend(3, MadeUpPool())
-    ranks = [state.finalists[0].rank for state in runs.states[:3]]
-    highest, other = (
-        int(np.argmax([rank[0] for rank in ranks])),
-        int(np.argmin([r[0] for r in ranks])),
-    )
+    scores = [state.finalists[0].rank[0] for state in runs.states[:3]]
+    highest, other = int(np.argmax(scores)), int(np.argmin(scores))
     assert runs.best == runs.run(0).nes.best(runs.states[highest])
     runs.states[other] = replace(runs.states[other], phase=Finished(confirmed=True))
     assert runs.best == runs.run(0).nes.best(runs.states[other])

@@ -3,72 +3,39 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from bilevel import InvalidInput
-from cluster.bohb.study.brackets import (
-    Schedule,
-    budget_ladder,
-    core_seconds_to_run,
-    initial_configurations,
-)
+from cluster.bohb.study.brackets import Schedule, core_seconds_to_run, initial_configurations
 from tests.searches import LADDER
 
 
 @pytest.mark.parametrize(
-    ("smallest", "largest", "ladder"),
+    ("method", "smallest", "largest", "cycle", "schedule"),
     [
-        (1, 243, [1, 3, 9, 27, 81, 243]),
-        (2, 18, [2, 6, 18]),
-        (7, 200, [7, 22, 67, 200]),
-        (5, 5, [5]),
+        ("bohb", 1, 243, None, Schedule((1, 3, 9, 27, 81, 243), 6)),
+        ("hyperband", 7, 200, None, Schedule((7, 22, 67, 200), 4)),
+        ("bohb", 5, 5, None, Schedule((5,), 1)),
+        ("bohb", 1, 9, 2, Schedule((1, 3, 9), 2)),
+        ("random", 1, 9, 2, Schedule((9,), 1)),
     ],
 )
-def test_budget_ladder(smallest: int, largest: int, ladder: list[int]) -> None:
-    assert budget_ladder(smallest, largest) == ladder
-
-
-@pytest.mark.parametrize(("smallest", "largest"), [(0, 3), (4, 3), (-1, -1)])
-def test_invalid_budgets(smallest: int, largest: int) -> None:
-    with pytest.raises(InvalidInput, match="budgets must satisfy"):
-        budget_ladder(smallest, largest)
-
-
-@pytest.mark.parametrize("cycle", [0, 3])
-def test_invalid_cycle(cycle: int) -> None:
-    with pytest.raises(InvalidInput, match=f"must be 1 to 2 .*; got {cycle}"):
-        Schedule((3, 9), cycle)
+def test_schedule_of_a_method(
+    method: str, smallest: int, largest: int, cycle: int | None, schedule: Schedule
+) -> None:
+    assert Schedule.of(method, smallest, largest, cycle) == schedule
 
 
 @given(st.integers(1, 60), st.integers(0, 7))
 def test_bracket_sizes_equal_hpbandsters_formula(smallest: int, exponent: int) -> None:
     """For ladders on which the formula's logarithm is exact."""
-    ladder = budget_ladder(smallest, smallest * 3**exponent)
-    assert len(ladder) == exponent + 1
+    schedule = Schedule.of("hyperband", smallest, smallest * 3**exponent)
+    budgets = schedule.budgets
+    assert len(budgets) == exponent + 1
     for bracket in range(exponent + 2):
-        s = len(ladder) - 1 - bracket % len(ladder)
-        first = int(np.floor(len(ladder) / (s + 1)) * 3**s)
+        s = exponent - bracket % len(budgets)
+        first = int(np.floor(len(budgets) / (s + 1)) * 3**s)
         expected = [max(int(first * 3.0**-i + 1e-9), 1) for i in range(s + 1)]
-        rungs = Schedule(tuple(ladder), len(ladder)).bracket(bracket)
+        rungs = schedule.bracket(bracket)
         assert [rung.configurations for rung in rungs] == expected
-        assert [rung.budget for rung in rungs] == ladder[-s - 1 :]
-
-
-@pytest.mark.parametrize(
-    ("method", "cycle", "schedule"),
-    [
-        ("random", None, Schedule((9,), 1)),
-        ("random", 2, Schedule((9,), 1)),
-        ("hyperband", None, Schedule((1, 3, 9), 3)),
-        ("bohb", 2, Schedule((1, 3, 9), 2)),
-    ],
-)
-def test_schedule_of_a_method(method: str, cycle: int | None, schedule: Schedule) -> None:
-    assert Schedule.of(method, 1, 9, cycle) == schedule
-
-
-def test_with_a_cycle_of_one_all_brackets_start_at_the_smallest_budget() -> None:
-    rungs = Schedule((3, 9), 1).brackets(2)
-    found = [(r.bracket, r.configurations, r.budget) for r in rungs]
-    assert found == [(0, 3, 3), (0, 1, 9), (1, 3, 3), (1, 1, 9)]
+        assert tuple(rung.budget for rung in rungs) == budgets[-s - 1 :]
 
 
 def test_promoted_configurations_count_once() -> None:

@@ -7,11 +7,11 @@ import pytest
 
 from bilevel import InvalidInput
 from bilevel.recipes import load_recipe
+from cluster.bohb.search.bracket_search import BracketSearch
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.definition import SPACE_FILE, Study
-from cluster.bohb.study.journal import Journal
-from search_spaces.bohb import search_space
+from cluster.bohb.study.journal import Journal, Origin
 from search_spaces.space import Space
 from tests.studies import make_study, new_study
 
@@ -40,27 +40,29 @@ def test_the_exported_recipe_has_the_hyperparameters_of_the_runs(tmp_path: Path)
 def test_the_space_file_contains_all_configurations(tmp_path: Path) -> None:
     study = make_study(tmp_path)
     study.write_space()
-    stored = json.loads((tmp_path / SPACE_FILE).read_text())
-    space = CS.ConfigurationSpace.from_serialized_dict(stored)
-    assert space == study.stored_space() == study.space.build(study.agents)
+    space = CS.ConfigurationSpace.from_json(tmp_path / SPACE_FILE)
+    assert space == study.space.build(study.agents)
     for line in Journal(tmp_path).configs:
         CS.Configuration(space, values=line.configuration)  # raises outside the space
 
 
-def test_a_study_keeps_the_ranges_that_it_started_with(tmp_path: Path) -> None:
-    """Another version may have other ranges for the space of that name."""
-    study = make_study(tmp_path)
-    study.write_space()
-    study.write_space()  # by the same version
-    other = search_space("core").to_serialized_dict()
-    other["hyperparameters"][0]["upper"] *= 2
-    (tmp_path / SPACE_FILE).write_text(json.dumps(other))
-    with pytest.raises(InvalidInput, match="started with other ranges of the search space 'core'"):
-        study.write_space()
-    assert json.loads((tmp_path / SPACE_FILE).read_text()) == other
+def test_the_first_configuration_is_the_recipe_within_the_space(tmp_path: Path) -> None:
+    study = replace(new_study(tmp_path), prior="recipe", base=load_recipe("paper", "CartPole-v0"))
+    recipe, first = study.of_recipe, study.prior_configuration()
+    assert first is not None
+    assert (recipe["nes.std_dev"], first["nes.std_dev"]) == (0.0124, 0.03)
+    assert first["nes.population_size"] == recipe["nes.population_size"]
+    assert replace(study, prior="none").prior_configuration() is None
+    job = BracketSearch(study, Journal(study.folder), 1).next_job()
+    assert job is not None
+    assert (job.configuration, job.origin) == (first, Origin.RECIPE)
 
 
-def test_a_recipe_without_a_step_limit_has_the_tasks(tmp_path: Path) -> None:
-    paper = replace(new_study(tmp_path), base=load_recipe("paper", "CartPole-v0"))
-    assert paper.base.se.step_limit == 0
-    assert paper.of_recipe["se.step_limit"] == paper.task.step_limit
+def test_a_recipe_that_the_space_forbids_is_refused(tmp_path: Path) -> None:
+    study = new_study(tmp_path / "study")
+    dimension = CS.Integer("nes.population_size", (2, 48))
+    space = CS.ConfigurationSpace(space=[dimension])
+    space.add(CS.ForbiddenEqualsClause(dimension, study.base.nes.population_size))
+    mine = replace(study, prior="recipe", space=Space("mine", dict(space.to_serialized_dict())))
+    with pytest.raises(InvalidInput, match="the search space forbids"):
+        mine.prior_configuration()

@@ -1,18 +1,102 @@
 from dataclasses import asdict, replace
 
+import ConfigSpace as CS
 import pytest
 
-from bilevel import InvalidInput
+from bilevel.errors import InvalidInput
 from bilevel.recipes import RECIPES, load_recipe
-from cluster.bohb.study.profiles import PROFILES, get_profile, sized
+from bilevel.synthetic_env import smallest_hidden_size
+from bilevel.tasks import get_task
+from cluster.bohb.study.profiles import PROFILES, searched_space, sized
 from search_spaces.space import Space
+
+TASK = get_task("CartPole-v0")
+BASE = load_recipe("default", TASK)
+CORE, FULL = Space.of("core"), Space.of("full")
+
+
+def mine(*dimensions: CS.hyperparameters.Hyperparameter) -> Space:  # type: ignore[type-arg]
+    space = CS.ConfigurationSpace(space=list(dimensions))
+    return Space("mine", dict(space.to_serialized_dict()))
+
+
+def test_hyperparameters_with_an_effect_can_be_set() -> None:
+    assert searched_space(CORE, TASK, BASE, [("nes.generations", 9)]) == CORE
+    assert searched_space(CORE, TASK, BASE, [("nes.std_dev", 0.2)], "recipe") == CORE
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("nes.solved_for", "nes.solved_for cannot be set in a search"),
+        ("nes.std_dev", "setting it to 1 has no effect: leave it out, or use --prior recipe"),
+        ("nes.averaging", "nes.averaging is searched in the space 'core'"),  # as one minus it
+    ],
+)
+def test_hyperparameters_without_an_effect_are_refused(name: str, message: str) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        searched_space(CORE, TASK, BASE, [(name, 1)])
+
+
+@pytest.mark.parametrize(
+    ("dimension", "message"),
+    [
+        (CS.Float("nes.sigma", (0.1, 0.4)), "unknown hyperparameter 'nes.sigma': allowed are nes."),
+        (CS.Float("td3.learning_rate", (0.1, 0.4)), "unknown hyperparameter 'td3.learning_rate'"),
+        (CS.Float("nes.std_dev", (0.1, 99.0)), "std_dev must be float, 1e-06 to 10.0; got"),
+        (CS.Integer("nes.solved_for", (1, 9)), "nes.solved_for cannot be set in a search"),
+        (CS.Categorical("se.activation", ("tanh", "sine")), "unknown se.activation 'sine'"),
+        (CS.Constant("se.activation", "relu"), "se.family"),  # exogenous SEs need tanh
+    ],
+)
+def test_spaces_that_nes_rejects_are_refused(
+    dimension: CS.hyperparameters.Hyperparameter,  # type: ignore[type-arg]
+    message: str,
+) -> None:
+    with pytest.raises(InvalidInput, match=message):
+        searched_space(mine(dimension), TASK, BASE)
+
+
+def test_forbidden_values_are_not_tried() -> None:
+    population = CS.Integer("nes.population_size", (0, 3))
+    space = CS.ConfigurationSpace(space=[population])
+    space.add(CS.ForbiddenEqualsClause(population, 0))
+    searched_space(Space("mine", dict(space.to_serialized_dict())), TASK, BASE)
+
+
+@pytest.mark.parametrize("recipe", ["authors", "paper"])
+def test_the_space_full_needs_constant_agents_and_the_paper_profile(recipe: str) -> None:
+    base = sized(load_recipe(recipe, TASK), PROFILES["paper"])
+    assert searched_space(FULL, TASK, base) == FULL
+    with pytest.raises(InvalidInput, match=r"for each agent \(--vary-hp all"):
+        searched_space(FULL, TASK, replace(base, vary_agent="all"))
+    with pytest.raises(InvalidInput, match=r"init_episodes must be below ddqn\.max_episodes, 15"):
+        searched_space(FULL, TASK, sized(base, PROFILES["smoke"]))
+
+
+def test_core_without_the_spread_of_plain_ses() -> None:
+    adapted = searched_space(CORE, TASK, load_recipe("paper", TASK)).build()
+    assert set(CORE.build()) - set(adapted) == {"se.spread"}
+
+
+@pytest.mark.parametrize("state_size", [20, 80])
+def test_core_has_ses_large_enough_for_the_task(state_size: int) -> None:
+    wide = replace(TASK, state_size=state_size)
+    adapted = searched_space(CORE, wide, load_recipe("default", "")).build()
+    size = adapted["se.hidden_size"]
+    assert isinstance(size, CS.UniformIntegerHyperparameter)
+    assert size.lower == smallest_hidden_size(wide.state_size, wide.n_actions) > 12
+    assert size.upper == max(64, 2 * size.lower)
+    assert size.log
+    others = set(adapted) - {"se.hidden_size"}
+    assert all(adapted[name] == CORE.build()[name] for name in others)
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
 @pytest.mark.parametrize("profile", PROFILES)
 def test_a_profile_changes_only_sizes_and_the_end_of_runs(profile: str, recipe: str) -> None:
     hp = load_recipe(recipe, "CartPole-v0")
-    changed = sized(hp, get_profile(profile))
+    changed = sized(hp, PROFILES[profile])
     assert changed.nes.solved_for == (hp.nes.solved_for or 4)
     assert changed.nes.confirming_agents == (hp.nes.confirming_agents or 128)
     sizes = "population_size", "centre_agents", "patient_episodes"
@@ -26,25 +110,8 @@ def test_a_profile_changes_only_sizes_and_the_end_of_runs(profile: str, recipe: 
 
 @pytest.mark.parametrize("profile", PROFILES)
 def test_a_profile_sets_nothing_that_its_space_searches(profile: str) -> None:
-    size = get_profile(profile)
+    size = PROFILES[profile]
     hp = load_recipe(size.recipe, "CartPole-v0")
     before, after = asdict(hp.nes), asdict(sized(hp, size).nes)
     changed = {f"nes.{name}" for name in before if before[name] != after[name]}
     assert not changed & Space.of(size.space).searched()
-
-
-def test_the_paper_profile() -> None:
-    """The ranges of step sizes in `full` were searched with the authors' update rule."""
-    profile = get_profile("paper")
-    assert (profile.space, profile.recipe) == ("full", "authors")
-    hp = sized(load_recipe(profile.recipe, "CartPole-v0"), profile)
-    assert (hp.nes.update, hp.nes.population_size) == ("authors", 16)
-
-
-@pytest.mark.parametrize("recipe", ["authors", "paper"])
-@pytest.mark.parametrize("task", ["CartPole-v0", "Acrobot-v1"])
-def test_the_space_full_fits_the_paper_profile_only(recipe: str, task: str) -> None:
-    full, hp = Space.of("full"), load_recipe(recipe, task)
-    full.check(sized(hp, get_profile("paper")))
-    with pytest.raises(InvalidInput, match=r"init_episodes must be below ddqn\.max_episodes, 15"):
-        full.check(sized(hp, get_profile("smoke")))

@@ -12,11 +12,10 @@ from bilevel.errors import StorageFailure
 from bilevel.user_code import UserCodeError
 from cluster.bohb.search.bracket_search import BracketSearch
 from cluster.bohb.search.objective import Tally
-from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.journal import Journal
 from cluster.bohb.tune.searcher import MAX_CRASHES, BohbSearcher
 from cluster.bohb.tune.trial import JOB, REPORT, StepFailed, TrialReport
-from search_spaces.bohb import search_space
+from tests.studies import new_study
 
 
 def result(cost: float = 12.0, **values: Any) -> dict[str, Any]:
@@ -35,7 +34,7 @@ def journal(tmp_path: Path) -> Journal:
 
 @pytest.fixture
 def searcher(journal: Journal) -> BohbSearcher:
-    search = BracketSearch(search_space("core"), Schedule((1, 3), 2), 1, 0, journal)
+    search = BracketSearch(new_study(journal.folder), journal, 1)
     return BohbSearcher(search, lambda: 2, math.inf)
 
 
