@@ -1,33 +1,42 @@
 """MLflow's model registry: the best SE of each task has the alias `best`, the newest one `newest`.
 
 The best SE is the one with the highest mean score of fresh agents; of equal ones, the one whose
-agents needed fewer training steps; then the newest.
+agents needed fewer training steps; then the newest. SEs of a built-in task with another step limit
+or solved reward rank below all others, because their scores are not comparable.
 """
 
 import re
+import tempfile
+import warnings
 from collections.abc import Mapping
 from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
+from bilevel.synthetic_env import StoredSE, load_se
+from bilevel.tasks import BUILT_IN_TASKS
 from cluster.tracking.view import RegisteredSE
 
-#: Tag of a model version: time when the SE was saved.
-_TIME = "bilevel.time"
+#: Tags of a model version: time when the SE was saved, and the step limit and solved reward if
+#: these are not the built-in task's.
+_TIME, _VARIANT = "bilevel.time", "bilevel.task_variant"
 
 
 def model_address(task_id: str, alias: str) -> str:
-    """URI of a task's SE with that alias, for `bilevel.load` and the command line."""
+    """URI of a task's SE with that alias. `mlflow.pyfunc.load_model` of it returns an object whose
+    `predict` runs the SE."""
     return f"models:/{_model_name(task_id)}@{alias}"
 
 
 def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
-    """Register an SE, which is an artifact of the run, once as a version of the task's model, and
-    move the aliases if it ranks higher. Raises MLflow's exceptions."""
+    """Register an SE once as a version of the task's model, and move the aliases if it ranks
+    higher. Raises InvalidInput for a damaged file, and MLflow's exceptions."""
     from mlflow.exceptions import MlflowException
 
     name = _model_name(se.task_id)
-    source = f"{client.get_run(run_id).info.artifact_uri}/{se.folder}"
-    tags = {**se.tags, _TIME: repr(se.time)}
+    folder = f"model-{se.file.version[:12]}"
+    source = f"{client.get_run(run_id).info.artifact_uri}/{folder}"
+    tags = {**se.tags, _TIME: repr(se.time), **_variant(_upload(client, run_id, se, folder))}
     with suppress(MlflowException):  # it exists
         client.create_registered_model(name)
     versions = client.search_model_versions(f"run_id = '{run_id}'")
@@ -41,6 +50,45 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
             client.set_registered_model_alias(name, alias, versions[0].version)
 
 
+def _upload(client: Any, run_id: str, se: RegisteredSE, folder: str) -> StoredSE:
+    """Upload an SE as an MLflow model, and return it."""
+    import mlflow.pyfunc
+
+    with tempfile.TemporaryDirectory() as temporary, warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model, file = Path(temporary) / "model", Path(temporary) / se.file.path
+        file.write_bytes(se.file.content())
+        stored = load_se(file)
+        mlflow.pyfunc.save_model(
+            model,
+            loader_module="cluster.tracking.se_model",
+            data_path=str(file),
+            signature=_signature(stored),
+            pip_requirements=[],  # loading needs this package anyway
+        )
+        client.log_artifacts(run_id, str(model), folder)
+    return stored
+
+
+def _signature(se: StoredSE) -> Any:
+    """Columns of the model's input and output, which MLflow shows and checks."""
+    from mlflow.models import ModelSignature
+    from mlflow.types import ColSpec, DataType, Schema
+
+    states = [f"state_{i}" for i in range(se.se.architecture.state_size)]
+    inputs = [ColSpec(DataType.double, name) for name in states]
+    outputs = [ColSpec(DataType.float, f"next_{name}") for name in states]
+    outputs += [ColSpec(DataType.float, name) for name in ("reward", "done")]
+    return ModelSignature(Schema([*inputs, ColSpec(DataType.long, "action")]), Schema(outputs))
+
+
+def _variant(se: StoredSE) -> dict[str, str]:
+    task, limit, solved = BUILT_IN_TASKS.get(se.task_id), se.step_limit, se.solved_reward
+    if task is None or (task.step_limit, task.solved_reward) == (limit, solved):
+        return {}
+    return {_VARIANT: f"{limit} steps, solved at {solved:g}"}
+
+
 def _age(tags: Mapping[str, str]) -> tuple[float, ...]:
     return (float(tags.get(_TIME, "-inf")),)
 
@@ -48,7 +96,7 @@ def _age(tags: Mapping[str, str]) -> tuple[float, ...]:
 def _quality(tags: Mapping[str, str]) -> tuple[float, ...]:
     score = float(tags.get("final_score_mean", "-inf"))
     steps = float(tags.get("final_train_steps_mean", "inf"))
-    return score, -steps, *_age(tags)
+    return _VARIANT not in tags, score, -steps, *_age(tags)
 
 
 def _model_name(task_id: str) -> str:

@@ -15,7 +15,7 @@ import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
@@ -193,8 +193,6 @@ class Tracker:
                 self._upload(run.id, document, view.name)
                 run.documents[document.path] = document.version
         if se is not None and run.documents.get("model") != se.file.version:
-            path = f"{se.folder}/{se.file.path}"
-            self._upload(run.id, replace(se.file, path=path), view.name)
             register_se(self._client, run.id, se)
             run.documents["model"] = se.file.version
         if run.documents != before:

@@ -92,11 +92,6 @@ class RegisteredSE:
     time: float  # unix time in seconds when the SE was saved
     tags: Mapping[str, str]
 
-    @property
-    def folder(self) -> str:
-        """Folder of the run's artifacts with this version of the file."""
-        return f"model-{self.file.version[:12]}"
-
 
 @dataclass(frozen=True)
 class RunView:

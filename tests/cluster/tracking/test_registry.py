@@ -1,11 +1,17 @@
 """The SEs of runs in MLflow's model registry, and their addresses on the command line."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import mlflow
+import mlflow.pyfunc
+import numpy as np
+import pandas as pd
 import pytest
+from mlflow.exceptions import MlflowException
 
 from bilevel import InvalidInput
+from bilevel.synthetic_env import load_se, save_se
 from bilevel.synthetic_env.source import se_file
 from cluster.cli.ses import given_se
 from cluster.storage.home import Home
@@ -42,6 +48,37 @@ def register(home: Home, content: bytes, time: float, score: str) -> None:
 def test_a_registered_se_is_found(which: str, home: Home, content: bytes) -> None:
     found = se_file(f"models:/SE-CartPole-v0{which}", home.database_uri)
     assert found.read_bytes() == content
+
+
+def test_mlflow_loads_a_registered_se_as_a_model(
+    home: Home, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MLFLOW_TRACKING_URI", home.database_uri)
+    model = mlflow.pyfunc.load_model(BEST)
+    table = pd.DataFrame({f"state_{i}": np.zeros(2, np.float32) for i in range(4)})
+    table["action"] = [0, 1]
+    predicted = model.predict(table)
+    assert list(predicted.columns) == [*(f"next_state_{i}" for i in range(4)), "reward", "done"]
+    with pytest.raises(MlflowException, match=r"missing inputs \['action'\]"):
+        model.predict(table.drop(columns="action"))
+    with pytest.raises(InvalidInput, match="action 2 is not allowed"):
+        model.predict(table.assign(action=2))
+
+
+def test_the_best_se_is_one_of_the_unchanged_task(home: Home, se_file: Path) -> None:
+    client = mlflow.MlflowClient(home.database_uri)
+    variant = home.folder / "variant.safetensors"
+    save_se(replace(load_se(se_file), step_limit=50), variant)
+    register(home, variant.read_bytes(), 6.0, "200.0")
+    versions = {
+        alias: int(client.get_model_version_by_alias("SE-CartPole-v0", alias).version)
+        for alias in ("best", "newest")
+    }
+    assert versions == {"best": 1, "newest": 2}
+    other = home.folder / "other.safetensors"
+    save_se(replace(load_se(se_file), info={"run": "other"}), other)
+    register(home, other.read_bytes(), 7.0, "150.0")
+    assert client.get_model_version_by_alias("SE-CartPole-v0", "best").version in (3, "3")
 
 
 @pytest.mark.parametrize(
