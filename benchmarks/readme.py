@@ -39,7 +39,7 @@ def zoo() -> str:
             f"{row.train_steps:.0f}",
         )
         for entry in map(card, ENTRIES)
-        for row in entry.taught
+        for row in entry.scores
     ]
     return table([*head, "solve the task", "train steps"], rows)
 

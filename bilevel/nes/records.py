@@ -1,6 +1,5 @@
 """Records of generations."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -60,12 +59,6 @@ class GenerationRecord:
             env_steps_per_second=sum(result.train_steps for result in results) / max(seconds, 1e-9),
             **values,
         )
-
-    @property
-    def episode_length(self) -> float:
-        """Mean steps of a training episode on the unperturbed SE; NaN without a whole episode."""
-        episodes = self.train_episodes_mean
-        return self.train_steps_mean / episodes if episodes else math.nan
 
     def __str__(self) -> str:
         """Return a line of fixed width."""

@@ -18,7 +18,7 @@ _FOLDER = Path(__file__).parent
 
 
 @dataclass(frozen=True)
-class Taught:
+class AgentScores:
     """Results of fresh agents of one kind, trained on the SE with hyperparameters drawn from the
     paper's ranges (`bilevel.agents.variation`)."""
 
@@ -42,7 +42,7 @@ class Card:
     commands: tuple[str, ...]  # that learned the SE and trained the agents
     real_env_steps: int  # used to learn the SE, including its confirmation and retests
     sha256: str  # of the SE file
-    taught: tuple[Taught, ...]
+    scores: tuple[AgentScores, ...]
 
 
 @dataclass(frozen=True)

@@ -73,7 +73,7 @@ def _print_zoo(cards: Iterable["Card"]) -> None:
 
     click.echo(f"{'gymnasium id':36}{'agents':>17}{'mean return':>13}{'solved':>8}{'steps':>8}")
     for card in cards:
-        for row in card.taught:
+        for row in card.scores:
             click.echo(
                 f"{env_id(card.name):36}{f'{row.agents} {row.agent}':>17}{row.mean_return:13.1f}"
                 f"{row.solved_fraction:8.0%}{row.train_steps:8.0f}"

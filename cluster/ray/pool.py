@@ -59,8 +59,6 @@ class EvaluationPool:
         self._deaths_at_start = 0
         for _ in range(workers):
             self._start_actor()
-        #: Seconds that the actors have spent in evaluations.
-        self.evaluation_seconds = 0.0
         #: Steps on the real task that the evaluations have made.
         self.real_env_steps = 0
 
@@ -119,7 +117,6 @@ class EvaluationPool:
                 self._replace(actor)
                 continue
             for result in answers:
-                self.evaluation_seconds += result.seconds
                 self.real_env_steps += result.real_env_steps
                 results.append(result)
                 on_result(result)

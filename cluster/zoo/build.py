@@ -10,7 +10,7 @@ from bilevel.hyperparameters import default_agents
 from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
-from bilevel.zoo import Card, Entry, Taught
+from bilevel.zoo import AgentScores, Card, Entry
 from cluster.evaluate.command import EvaluateCommand, run_evaluate
 from cluster.nes.command import NESCommand, run_nes
 from cluster.nes.run import NESRun
@@ -52,7 +52,7 @@ def build(
         int(se.info["real_env_steps"]),
         hashlib.sha256(content).hexdigest(),
         tuple(
-            Taught(
+            AgentScores(
                 group.agent,
                 len(group.results),
                 round(float(group.scores.mean()), 1),

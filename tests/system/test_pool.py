@@ -61,7 +61,6 @@ def test_scores_are_identical_on_any_pool(nes: NES, small_hp: Hyperparameters) -
         with EvaluationPool(workers) as pool:
             results = pool.run(nes.task, nes.distribution(state), requests)
             assert pool.size == workers
-            assert pool.evaluation_seconds == pytest.approx(sum(r.seconds for r in results))
         assert without_times(results) == without_times(looped)
 
 

@@ -39,7 +39,7 @@ def test_building_an_se_and_its_card(
     assert card.sha256 == sha256(path.read_bytes()).hexdigest()
     steps = json.loads((folder / "tiny.json").read_text())["real_env_steps"]
     assert steps == load_se(path).info["real_env_steps"] == card.real_env_steps
-    assert [(row.agent, row.agents) for row in card.taught] == [
+    assert [(row.agent, row.agents) for row in card.scores] == [
         (hp.agent, 1) for hp in small_hp.agents
     ]
     assert build(entry, context, folder, agents=1) == card

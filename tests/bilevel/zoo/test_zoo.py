@@ -30,8 +30,8 @@ def test_entry_card_and_file_agree(name: str) -> None:
     assert se.info["bilevel_version"] == found.version
     assert se.info["real_env_steps"] == found.real_env_steps
     assert se.info["hyperparameters"] == load_recipe(entry.recipe, entry.task).to_dict()
-    assert {taught.agent for taught in found.taught} == {"ddqn", "dueling-ddqn", "td3"}
-    assert all(taught.agents >= 50 for taught in found.taught)
+    assert {scores.agent for scores in found.scores} == {"ddqn", "dueling-ddqn", "td3"}
+    assert all(scores.agents >= 50 for scores in found.scores)
 
 
 @pytest.mark.parametrize(("name", "lowest"), [("CartPole-v0", 150.0), ("Acrobot-v1", -150.0)])
