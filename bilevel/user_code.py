@@ -27,7 +27,7 @@ def user_code_errors(name: str, doing: str) -> Iterator[None]:
     with the line that raised."""
     try:
         yield
-    except InvalidInput:
+    except UserCodeError:
         raise
     except (Exception, SystemExit) as error:
         frames = traceback.extract_tb(error.__traceback__)

@@ -61,6 +61,7 @@ def _executor(
 ) -> AbstractContextManager[Executor | None]:
     """Return the executor, or None for this process, as a context that closes what it created."""
     if given is not None:
+        require(Executor, given, "executor", "as in concurrent.futures")
         return nullcontext(given)
     if not is_number(workers, Integral) or workers < 1:
         raise InvalidInput(f"workers must be an integer of at least 1; got {workers!r}")

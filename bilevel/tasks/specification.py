@@ -80,16 +80,18 @@ def _default_worst_score(solved_reward: float, step_limit: int) -> float:
 
 def _inspect(task_id: str) -> tuple[EnvSpec, int, int]:
     """Return spec, number of observations and number of actions of a task. Raises InvalidInput."""
+    unknown = spec = None
     with user_code_errors(f"task {task_id!r}", "is created"):
         try:
             with closing(CheckedEnv(make_env(task_id), task_id)) as env:
                 spec, observations, actions = env.spec, env.observation_space, env.action_space
         except gymnasium.error.Error as error:
-            raise InvalidInput(
-                f"unknown task {task_id!r}: allowed are {', '.join(BUILT_IN_TASKS)} "
-                f"and gymnasium ids with a flat Box and Discrete actions ({first_line(error)})"
-            ) from None
-    assert spec is not None
+            unknown = first_line(error)
+    if spec is None:
+        raise InvalidInput(
+            f"unknown task {task_id!r}: allowed are {', '.join(BUILT_IN_TASKS)} "
+            f"and gymnasium ids with a flat Box and Discrete actions ({unknown})"
+        )
     if spec.id != task_id.rpartition(":")[2]:  # gymnasium adds the latest version
         raise InvalidInput(f"task {task_id!r} has no version, such as {spec.id}")
     if not isinstance(observations, Box) or len(observations.shape) != 1:

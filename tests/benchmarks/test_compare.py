@@ -65,11 +65,17 @@ def test_a_search_in_one_process_is_validated_and_resumes(tmp_path: Path) -> Non
         assert [line.loss for line in before] == [line.loss for line in after]
 
 
-def test_a_failed_configuration_does_not_end_a_search(tmp_path: Path) -> None:
-    study = new_study(tmp_path / "study")
-    blocked = study.folder / "configurations" / "000-0-001"
-    blocked.parent.mkdir(parents=True)
-    blocked.write_text("")  # a file where its folder should be
+def test_a_failed_configuration_does_not_end_a_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    study, spend = new_study(tmp_path / "study"), ConfigurationRuns.spend
+
+    def failing(runs: ConfigurationRuns, budget: float, pool: Pool) -> None:
+        if runs.id == (0, 0, 1):
+            raise ValueError("an error in the run")
+        spend(runs, budget, pool)
+
+    monkeypatch.setattr(ConfigurationRuns, "spend", failing)
     found = run_in_process(study, 1, MadeUpPool(), ignore)
     assert [line.id for line in found.journal.results if line.loss is None] == [(0, 0, 1)]
     assert found.incumbent is not None

@@ -147,7 +147,7 @@ def test_arguments_of_another_type() -> None:
         r"must be a Task, as .*get_task.*; got 'CartPo": lambda: bilevel.NES(name, hp),
         "must be a Hyperparameters, as .*load_recipe": lambda: bilevel.NES(task, name),
         "of an evaluation must be a Task": lambda: bilevel.evaluate(name, None, request),
-        "not the class": lambda: bilevel.learn(task, hp, executor=ThreadPoolExecutor),  # type: ignore[arg-type]
+        "executor must be an Executor, as": lambda: bilevel.learn(task, hp, executor=name),
     }
     for message, call in calls.items():
         with pytest.raises(InvalidInput, match=message):

@@ -37,7 +37,7 @@ def test_numpy_scalars_are_converted(paper: Hyperparameters) -> None:
         ({"ddqn.width": 1}, r"unknown hyperparameter 'ddqn\.width': allowed are ddqn\."),
         ({"sgd.width": 1}, r"unknown hyperparameter 'sgd\.width': allowed are nes\.\*, se\.\*"),
         ({"td3.batch_size": 8}, r"unknown hyperparameter 'td3\.batch_size'"),
-        ({"ddqn.batch_size": -1}, "batch_size must be"),
+        ({"ddqn.batch_size": -1}, r"ddqn\.batch_size: must be"),
         ({"ddqn.1-batch_size": 1}, "must be a float; got 1"),
     ],
 )

@@ -63,7 +63,7 @@ def evaluated(task: Task, changes: dict[str, Any]) -> Any:
     ("changes", "message"),
     [
         ({"__init__": fails}, "KeyError: 'size'"),
-        ({"act": lambda *_: 2}, "action 2 is not allowed: allowed are the integers 0 to 1"),
+        ({"act": lambda *_: 2}, "action 2 is not allowed: allowed are 0 to 1"),
         ({"act": lambda *_: None}, "action None is not allowed"),
         ({"greedy": lambda *_: -1}, "action -1 is not allowed"),
         ({"observe": singular}, "LinAlgError: Singular matrix"),

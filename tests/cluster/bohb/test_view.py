@@ -68,7 +68,7 @@ def test_an_invalid_configuration_is_shown_with_its_error(tmp_path: Path) -> Non
     journal.add_config(ConfigLine((7, 0, 0), {"nes.averaging": 0.9999}, {}))
     views = StudyViews.of(tmp_path)
     key = views.keys()[-1]
-    with pytest.raises(InvalidInput, match="averaging must be"):
+    with pytest.raises(InvalidInput, match=r"nes\.averaging: must be"):
         views.view(key)
     now = {"submitted": 1.0, "started": 1.0, "finished": 2.0}
     journal.add_result(ResultLine((7, 0, 0), 1, None, {}, now, "Traceback\nInvalidInput: no"))

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from bilevel.agents import RegisteredAgent
+from bilevel.agents import get_agent
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import default_agents
 from bilevel.tasks import Task
@@ -63,7 +63,7 @@ def test_key_covers_everything_that_a_result_depends_on(
     assert one.shorter(5000).key == one.key  # beyond its maximum
     source = replace(one.source, condition="varied", number=7)
     assert replace(one, source=source).key == one.key  # the label of an SE has no effect
-    monkeypatch.setattr(RegisteredAgent, "code_digest", "custom code")
+    monkeypatch.setitem(vars(get_agent(one.hp.agent)), "code_digest", "custom code")
     assert replace(one).key != one.key
 
 

@@ -43,9 +43,15 @@ def test_hyperparameters_without_an_effect_are_refused(name: str, message: str) 
     [
         (CS.Float("nes.sigma", (0.1, 0.4)), "unknown hyperparameter 'nes.sigma': allowed are nes."),
         (CS.Float("td3.learning_rate", (0.1, 0.4)), "unknown hyperparameter 'td3.learning_rate'"),
-        (CS.Float("nes.std_dev", (0.1, 99.0)), "std_dev must be float, 1e-06 to 10.0; got"),
+        (
+            CS.Float("nes.std_dev", (0.1, 99.0)),
+            r"nes\.std_dev: must be less than or equal to 10",
+        ),
         (CS.Integer("nes.solved_for", (1, 9)), "nes.solved_for cannot be set in a search"),
-        (CS.Categorical("se.activation", ("tanh", "sine")), "unknown se.activation 'sine'"),
+        (
+            CS.Categorical("se.activation", ("tanh", "sine")),
+            r"se\.activation: must be 'tanh'.* got 'sine'",
+        ),
         (CS.Constant("se.activation", "relu"), "se.family"),  # exogenous SEs need tanh
     ],
 )
@@ -70,7 +76,7 @@ def test_the_space_full_needs_constant_agents_and_the_paper_profile(recipe: str)
     assert searched_space(FULL, TASK, base) == FULL
     with pytest.raises(InvalidInput, match=r"for each agent \(--vary-hp all"):
         searched_space(FULL, TASK, replace(base, vary_agent="all"))
-    with pytest.raises(InvalidInput, match=r"init_episodes must be below ddqn\.max_episodes, 15"):
+    with pytest.raises(InvalidInput, match=r"init_episodes must be below ddqn\.max_.*, 15"):
         searched_space(FULL, TASK, sized(base, PROFILES["smoke"]))
 
 
