@@ -33,7 +33,8 @@ def user_code_errors(name: str, doing: str) -> Iterator[None]:
         frames = traceback.extract_tb(error.__traceback__)
         own = [frame for frame in frames if not frame.filename.startswith(_LIBRARIES)]
         place = f" at {own[-1].filename}:{own[-1].lineno}" if own else ""
-        message = " ".join(f"{type(error).__name__}: {error}".split()).removesuffix(":")
+        kind = "" if isinstance(error, InvalidInput) else f"{type(error).__name__}: "
+        message = " ".join(f"{kind}{error}".split()).removesuffix(":")
         raise UserCodeError(f"{name}{place}, when it {doing}: {message}") from None
 
 

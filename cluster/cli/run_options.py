@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from bilevel.errors import InvalidInput
 from bilevel.tasks import Task
 from cluster.storage.home import Home
 
@@ -49,6 +50,8 @@ class RunOptions:
         names = () if self.agents is None else tuple(map(str.strip, self.agents.split(",")))
         for name in names:
             get_agent(name)  # raises InvalidInput
+        if len({*names}) < len(names):
+            raise InvalidInput(f"--agent names each agent once; got {self.agents!r}")
         return names or None
 
     def the_hyperparameters(
