@@ -1,6 +1,6 @@
 """Provenance of a run: user, command line and source commit."""
 
-import os
+import getpass
 import re
 import shlex
 import subprocess
@@ -28,7 +28,14 @@ class Author:
         """Return the author of runs that this process creates."""
         program, *arguments = sys.argv
         words = [Path(program).name, *map(without_password, arguments)]
-        return cls(os.environ.get("USER", ""), shlex.join(words), commit())
+        return cls(_user(), shlex.join(words), commit())
+
+
+def _user() -> str:
+    try:
+        return getpass.getuser()
+    except (KeyError, OSError):  # a container's user without a name
+        return ""
 
 
 def without_password(text: str) -> str:

@@ -10,7 +10,10 @@ import ConfigSpace as CS
 import mlflow.entities
 import pytest
 
+from bilevel.nes import NES
+from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import load_se
+from bilevel.tasks import get_task
 from cluster.bohb.finish import INCUMBENT_SE_FILE
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.search.validation import Validation
@@ -173,11 +176,15 @@ def test_time_budget_ends_the_search(
     assert "Traceback" not in result.stderr
 
 
-def test_a_failing_trial_ranks_last_and_the_study_continues(tmp_home: Path, address: str) -> None:
-    """A file has the place of the configuration's folder."""
-    blocking = tmp_home / "CartPole-v0" / "smoke" / "configurations" / "000-0-001"
-    blocking.parent.mkdir(parents=True)
-    blocking.touch()
+def test_a_failing_trial_ranks_last_and_the_study_continues(
+    tmp_home: Path, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The checkpoint of a configuration has another format."""
+    run = tmp_home / "CartPole-v0" / "smoke" / "configurations" / "000-0-001" / "run-0"
+    run.mkdir(parents=True)
+    nes = NES(get_task("CartPole-v0"), load_recipe("default", "CartPole-v0"))
+    monkeypatch.setattr("bilevel.nes.checkpoint.RUN_FORMAT", 99)
+    nes.save(nes.init(), run / "state.safetensors")
     result = run_bilevel(*SMOKE, *ONE_BY_ONE, "--home", tmp_home, "--address", address)
     assert result.returncode == 0, result.stderr
     assert "000-0-001 failed: " in result.stdout
@@ -186,7 +193,7 @@ def test_a_failing_trial_ranks_last_and_the_study_continues(tmp_home: Path, addr
     assert losses[(0, 0, 1), 1] is None
     (failed,) = [r for r in tracked_runs(tmp_home) if r.info.status == "FAILED"]
     assert failed.info.run_name == "000-0-001"
-    assert "NotADirectoryError" in failed.data.tags["bilevel.error"]
+    assert "has format 99" in failed.data.tags["bilevel.error"]
 
 
 def test_a_study_without_an_se_ends_with_1(tmp_home: Path, address: str) -> None:
