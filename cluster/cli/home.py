@@ -109,4 +109,5 @@ def _mlflow_server(home: Home, host: str, port: int) -> list[str]:
     command = [sys.executable, "-m", "mlflow", "server", "--host", host, "--port", str(port)]
     command += ["--workers", "1", "--uvicorn-opts", "--log-level error"]
     command += ["--backend-store-uri", home.database_uri]
+    command += ["--registry-store-uri", home.database_uri]
     return [*command, "--default-artifact-root", home.artifacts.as_uri()]
