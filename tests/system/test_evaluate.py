@@ -126,16 +126,8 @@ def test_an_error_in_a_custom_agent_is_one_line(tmp_path: Path, address: str) ->
         )
         + DELETED
     )
-    chosen = (
-        "--agent",
-        "reinforce",
-        "--agent-file",
-        file,
-        "--home",
-        tmp_path,
-        "--address",
-        address,
-    )
+    agent = ("--agent", "reinforce", "--agent-file", file)
+    chosen = (*agent, "--home", tmp_path, "--address", address)
     smoke = ("bohb", "--profile", "smoke", *ONE_BY_ONE)
     code = file.read_text()
     for command in (("evaluate", "--workers", "1", "--real"), smoke):

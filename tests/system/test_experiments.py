@@ -54,17 +54,12 @@ def test_a_killed_experiment_resumes_in_a_copied_home(tmp_home: Path, address: s
     folder = copy / "CartPole-v0" / "experiment-smoke-report-ddqn-seed0"
     page = (folder / REPORT_FILE).read_text()
     assert "16,888 ± 24,925" in page  # the authors' train steps on the real task
-    assert page.count("data:image/svg+xml") == 1
-    other_task = run_bilevel(*report, "--solved-reward", "100")
-    assert other_task.returncode == 2
-    assert "task.solved_reward = 195.0, not 100.0" in other_task.stderr
 
     mlflow_client = client(copy)
     experiment = mlflow_client.get_experiment_by_name("CartPole-v0")
     assert experiment is not None
     runs = {run.info.run_name: run for run in mlflow_client.search_runs([experiment.experiment_id])}
     assert {run.info.status for run in runs.values()} == {"FINISHED"}
-    assert "experiment-smoke-varied-narrowed-seed0" in runs  # an NES run
     tracked = runs["experiment-smoke-transfer-ddqn-seed0"]
     assert tracked.data.tags["bilevel.size"] == "smoke"
     findings = StoredFindings.read(folder.with_name(tracked.info.run_name))

@@ -75,21 +75,11 @@ def test_the_best_se_is_one_of_the_unchanged_task(home: Home, se_file: Path) -> 
         for alias in ("best", "newest")
     }
     assert versions == {"best": 1, "newest": 2}
-    other = home.folder / "other.safetensors"
-    save_se(replace(load_se(se_file), info={"run": "other"}), other)
-    register(home, other.read_bytes(), 7.0, "150.0")
-    assert client.get_model_version_by_alias("SE-CartPole-v0", "best").version in (3, "3")
 
 
-@pytest.mark.parametrize(
-    ("address", "message"),
-    [
-        ("models:/SE-CartPole-v0@worst", "MLflow has no SE at"),
-        ("models:/none/1", "MLflow has no SE at"),
-    ],
-)
-def test_unknown_addresses_are_rejected(address: str, message: str, home: Home) -> None:
-    with pytest.raises(InvalidInput, match=message):
+@pytest.mark.parametrize("address", ["models:/SE-CartPole-v0@worst", "models:/none/1"])
+def test_unknown_addresses_are_rejected(address: str, home: Home) -> None:
+    with pytest.raises(InvalidInput, match="MLflow has no SE at"):
         se_file(address, home.database_uri)
 
 
