@@ -4,6 +4,7 @@ import logging
 import os
 import socket
 import sqlite3
+import tempfile
 import threading
 import warnings
 from collections.abc import Iterator
@@ -14,6 +15,7 @@ from urllib.parse import urlparse
 
 from filelock import FileLock
 
+from bilevel.durable import sync
 from bilevel.errors import InvalidInput, first_line
 from cluster.storage.author import without_password
 
@@ -88,13 +90,11 @@ def connected(uri: str) -> Iterator[Any]:
         path.parent.mkdir(parents=True, exist_ok=True)
         # MLflow creates the tables of a new database in many steps and without a lock.
         with FileLock(path.with_name(f".{path.name}.lock")):
-            new = not path.exists()
-            if not new:
+            if path.exists():
                 _check_readable(path)
-            client = _client(uri)
-            if new:
-                client.delete_experiment("0")  # "Default", which stays empty
-            yield client
+            else:
+                _create(path)
+            yield _client(uri)
 
 
 def _client(uri: str) -> Any:
@@ -104,6 +104,16 @@ def _client(uri: str) -> Any:
     for name in ("alembic", "mlflow", "mlflow.store.db.utils", "urllib3"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     return mlflow.MlflowClient(uri, registry_uri=uri)
+
+
+def _create(path: Path) -> None:
+    """Create a database aside and rename it, so that a killed process leaves no half of one."""
+    with tempfile.TemporaryDirectory(prefix=f".{path.name}-", dir=path.parent) as folder:
+        new = Path(folder) / path.name
+        _client(f"sqlite:///{new}").delete_experiment("0")  # "Default", which stays empty
+        sync(new)
+        new.replace(path)
+    sync(path.parent)
 
 
 def _check_readable(path: Path) -> None:
