@@ -15,6 +15,8 @@ from loky import cpu_count
 from bilevel.errors import InvalidInput, first_line
 from cluster.ray.agent_files import runtime_env
 
+#: Ray gives a local node 30 seconds to start, which a loaded machine may exceed.
+_ATTEMPTS = 2
 #: Ray sets this variable when it starts a cluster. A child process that inherited it would send a
 #: token that the cluster of its parent does not expect.
 _AUTHENTICATION = "RAY_AUTH_MODE"
@@ -51,7 +53,7 @@ def ray_cluster(address: str | None) -> Iterator[None]:
             ray.shutdown()
 
 
-def _connect(address: str | None) -> None:
+def _connect(address: str | None, attempts: int = _ATTEMPTS) -> None:
     local = address is None
     # `timeout`, batch systems and closed terminals signal the whole process group. The processes of
     # a local cluster inherit the blocked signals, so that this process can stop the cluster in
@@ -69,6 +71,8 @@ def _connect(address: str | None) -> None:
         )
     except Exception as error:  # Ray raises bare exceptions if a node does not start in time
         ray.shutdown()
+        if local and attempts > 1:
+            return _connect(address, attempts - 1)
         failed = "cannot start Ray here" if local else f"no Ray cluster at {address!r}"
         raise InvalidInput(f"{failed}: {first_line(error)}") from None
     finally:

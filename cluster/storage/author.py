@@ -11,8 +11,8 @@ from typing import Self
 
 import bilevel
 
-#: User and password of a URI.
-_USER = re.compile(r"(?<=://)[^/@\s]+@")
+#: User and password of a URI, before its host or among its parameters.
+_SECRET = re.compile(r"(?<=://)[^/@\s]+(?=@)|(?<=password=)[^&\s]+")
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ def _user() -> str:
 
 def without_password(text: str) -> str:
     """Mask users and passwords of URIs in the text."""
-    return _USER.sub("***@", text)
+    return _SECRET.sub("***", text)
 
 
 def commit() -> str:

@@ -15,6 +15,7 @@ def author(monkeypatch: pytest.MonkeyPatch, *argv: str) -> Author:
     [
         ("postgresql://me:secret@host/runs", "postgresql://***@host/runs"),
         ("--tracking-uri=https://me:secret@host:5000", "--tracking-uri=https://***@host:5000"),
+        ("mysql://host/runs?password=a&ssl=1", "mysql://host/runs?password=***&ssl=1"),
         ("sqlite:////home/me@host/runs.db", "sqlite:////home/me@host/runs.db"),
         ("http://host:5000/#/models/SE@best", "http://host:5000/#/models/SE@best"),
     ],
