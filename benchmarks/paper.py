@@ -38,7 +38,7 @@ def _number(value: float | None, digits: int = 0) -> str:
 
 
 _SUCCESS_HEAD = (
-    *("solved in some generation", "in the last generation", "by the SE that is handed over"),
+    *("solved in some generation", "in the last generation", "by the returned SE"),
     *("score at the end", "first solved in generation", "core seconds until then", "generations"),
     *("core seconds", "update norm"),
 )

@@ -14,7 +14,7 @@ With eps_i = sigma z_i, the steps are alpha sum_i w_i eps_i and alpha / (n sigma
 
 `paper` is the update that the paper prints. The authors' code does not divide by n sigma
 (`authors`), and they tuned the step size of their tables for the undivided rule. Both rules use the
-authors' mirrored sampling, which keeps the better sign of each pair and drops the other one.
+authors' mirrored sampling, which keeps only the better member of each pair.
 """
 
 from collections.abc import Callable

@@ -80,12 +80,12 @@ class NESState:
 
     @property
     def finished(self) -> bool:
-        """Whether the run has finished."""
+        """The run has finished."""
         return isinstance(self.phase, Finished)
 
     @property
     def confirmed(self) -> bool:
-        """Whether fresh agents have confirmed the current SE."""
+        """Fresh agents have confirmed the current SE."""
         return isinstance(self.phase, Finished) and self.phase.confirmed
 
     @property

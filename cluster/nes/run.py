@@ -89,7 +89,7 @@ class NESRun:
 
     @property
     def ended(self) -> bool:
-        """Whether a process has finished the run with its current number of generations."""
+        """A process has finished the run with its current number of generations."""
         status = RunStatus.load(self.folder)
         if status is None or status.status != "FINISHED":
             return False
@@ -102,7 +102,7 @@ class NESRun:
 
     @property
     def begun(self) -> bool:
-        """Whether there is a checkpoint, which may be damaged."""
+        """A checkpoint exists; it may be damaged."""
         return self.state_file.exists()
 
     def load(self) -> NESState | None:
