@@ -232,7 +232,7 @@ def _experiment(client: Any, task_id: str, location: str | None) -> str:
 
 
 def _rejected(error: Any) -> bool:
-    """Return whether MLflow answers but does not accept a value or a run. Other errors are temporary."""
+    """Return whether MLflow rejects a value or a run. Other errors are temporary."""
     return error.error_code in ("INVALID_PARAMETER_VALUE", "RESOURCE_DOES_NOT_EXIST")
 
 
