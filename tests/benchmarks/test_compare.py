@@ -65,18 +65,23 @@ def test_a_search_in_one_process_is_validated_and_resumes(tmp_path: Path) -> Non
         assert [line.loss for line in before] == [line.loss for line in after]
 
 
-def test_a_failed_configuration_does_not_end_a_search(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    study, spend = new_study(tmp_path / "study"), ConfigurationRuns.spend
+def fail_at_the_second(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Let the second configuration raise an error."""
+    spend = ConfigurationRuns.spend
 
     def failing(runs: ConfigurationRuns, budget: float, pool: Pool) -> None:
         if runs.id == (0, 0, 1):
-            raise ValueError("an error in the run")
+            raise error
         spend(runs, budget, pool)
 
     monkeypatch.setattr(ConfigurationRuns, "spend", failing)
-    found = run_in_process(study, 1, MadeUpPool(), ignore)
+
+
+def test_a_failed_configuration_does_not_end_a_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fail_at_the_second(ValueError("an error in the run"), monkeypatch)
+    found = run_in_process(new_study(tmp_path / "study"), 1, MadeUpPool(), ignore)
     assert [line.id for line in found.journal.results if line.loss is None] == [(0, 0, 1)]
     assert found.incumbent is not None
 
@@ -84,14 +89,8 @@ def test_a_failed_configuration_does_not_end_a_search(
 def test_a_full_disk_ends_the_search_which_resumes(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    study, spend = new_study(tmp_path / "study"), ConfigurationRuns.spend
-
-    def full(runs: ConfigurationRuns, budget: float, pool: Pool) -> None:
-        if runs.id == (0, 0, 1):
-            raise StorageFailure("cannot write: the disk is full")
-        spend(runs, budget, pool)
-
-    monkeypatch.setattr(ConfigurationRuns, "spend", full)
+    study = new_study(tmp_path / "study")
+    fail_at_the_second(StorageFailure("cannot write: the disk is full"), monkeypatch)
     with pytest.raises(StorageFailure):
         run_in_process(study, 1, MadeUpPool(), ignore)
     monkeypatch.undo()
