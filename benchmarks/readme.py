@@ -15,6 +15,7 @@ from benchmarks.faults import faults
 from benchmarks.machine import NotMeasured
 from benchmarks.markdown import table
 from benchmarks.nes import tables as nes
+from benchmarks.nes.rewards import rewards
 from benchmarks.search import comparison, recipes, studies
 from benchmarks.speed.cost import cost
 from benchmarks.speed.inner_loop import inner_loop
@@ -55,7 +56,7 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
         "baseline-acrobot": partial(baseline, "Acrobot-v1"),
     },
     DOCS / "experiments.md": paper.TABLES,
-    DOCS / "nes.md": nes.TABLES,
+    DOCS / "nes.md": nes.TABLES | {"nes-rewards": rewards},
     DOCS / "other-tasks.md": {"nes-others": nes.others},
     DOCS / "tuning.md": {
         "search": comparison.methods,

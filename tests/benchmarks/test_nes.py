@@ -7,10 +7,13 @@ import pytest
 from benchmarks import machine
 from benchmarks.machine import NotMeasured, write_result
 from benchmarks.nes import run
+from benchmarks.nes.rewards import LIMIT, score_of_rewards, steps_of_direct_search
 from benchmarks.nes.run import core_seconds_per_se
 from benchmarks.nes.tables import seeds, taught
 from bilevel.hyperparameters import Hyperparameters
+from bilevel.synthetic_env import load_se
 from bilevel.tasks import Task
+from bilevel.zoo import zoo_file
 
 
 @pytest.mark.parametrize(("solved_reward", "solved"), [(1.0, True), (201.0, False)])
@@ -85,3 +88,8 @@ def test_scores_of_agents_are_means_over_ses() -> None:
     cells = "| 2 | 2 | 194.5 (191.0 to 198.0) |"
     assert ours == f"| CartPole-v0 | ddqn {cells} 1 (target 195) | 200 |"
     assert theirs == f"| CartPole-v0 | sb3 DQN, 2,500 steps {cells} 2 (target 190) | - |"
+
+
+def test_the_action_with_the_highest_reward_is_scored_on_the_real_task(cartpole: Task) -> None:
+    assert score_of_rewards(cartpole, load_se(zoo_file("CartPole-v0")).se, 0) >= 195
+    assert 1950 <= steps_of_direct_search(cartpole, 0) < LIMIT
