@@ -12,16 +12,6 @@ Learn an SE, save it, and use it as a gymnasium environment::
     bilevel.save(se, "se.safetensors")
     env = gymnasium.make("bilevel/SyntheticEnv-v0", path="se.safetensors")
 
-The same run as an explicit loop::
-
-    task = bilevel.get_task("CartPole-v0")
-    nes = bilevel.NES(task, bilevel.load_recipe("default", task), seed=0)
-    state = nes.init()
-    while not state.finished:
-        results = [bilevel.evaluate(task, state.se, request) for request in nes.ask(state)]
-        state = nes.tell(state, results)
-    bilevel.save(state.best, "se.safetensors")
-
 Importing this package registers gymnasium environments: `bilevel/SyntheticEnv-v0` for any SE, and
 one for each SE of the zoo (`bilevel/Synthetic-CartPole-v0`, ...). The other names are imported on
 first use, so that importing the package loads neither numba nor torch.

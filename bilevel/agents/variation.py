@@ -64,8 +64,8 @@ def narrowed(agent: AgentHyperparameters) -> AgentHyperparameters:
     many; increase its learning rate by the square root of the ratio of the widths.
 
     With Adam, the change of a network's outputs grows with its width (Yang and Hu, 2021, "Tensor
-    Programs IV"). The square root was chosen in trials (docs/nes.md): with it, narrow agents fail
-    on an SE about as often as the wide agents that they replace.
+    Programs IV"). The square root was chosen in trials (docs/research-log.md): with it,
+    narrow agents fail on an SE about as often as the wide agents that they replace.
     """
     narrow = _reduced(_reduced(agent, "hidden_size", NARROWEST), "batch_size", SIZES[0])
     before, after = (getattr(hp, "hidden_size", 1) for hp in (agent, narrow))

@@ -55,7 +55,8 @@ class NESHyperparameters:
     shared_agent: bool
     centre_agents: _Count  #: Agents trained on the unperturbed SE per generation.
     #: Training episodes of patient agents, which ignore the stopping rule: members' agents in every
-    #: second generation, and every second agent elsewhere. 0 disables patient agents.
+    #: second generation, and every second agent on the unperturbed SE, in the choice of a start and
+    #: in retests. Confirmations and final tests have none. 0 disables patient agents.
     patient_episodes: Annotated[int, Field(ge=0, le=1_000_000)]
     #: Share of the moving average of means that a generation keeps. The unperturbed SE is at the
     #: average. 0 disables averaging, as in the paper.

@@ -39,7 +39,7 @@ Phase = ChoosingStart | Evolving | Confirming | Finished
 
 @dataclass(frozen=True)
 class Finalist:
-    """One of the best SEs so far; the end of a run tests all of them again."""
+    """One of the best SEs so far, which `bilevel nes` tests again if none is confirmed."""
 
     genotype: Genotype  # (D,)
     generation: int

@@ -2,9 +2,9 @@
 
 import math
 from contextlib import closing
+from numbers import Integral
 
 import gymnasium
-import numpy as np
 from gymnasium.envs.registration import EnvSpec
 from gymnasium.spaces import Box, Discrete
 
@@ -60,7 +60,7 @@ def get_task(
         )
     if not is_number(solved) or not math.isfinite(solved):
         raise InvalidInput(f"{task_id}: solved reward must be a finite number; got {solved!r}")
-    if not isinstance(limit, int | np.integer) or not 1 <= limit <= MAX_STEP_LIMIT:
+    if not is_number(limit, Integral) or not 1 <= limit <= MAX_STEP_LIMIT:
         raise InvalidInput(f"{task_id}: step limit must be 1 to {MAX_STEP_LIMIT}; got {limit!r}")
     worst = _default_worst_score(solved, limit) if worst_score is None else worst_score
     if not is_number(worst) or not -math.inf < worst < solved:

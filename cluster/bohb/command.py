@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Self
 
-from bilevel.errors import StorageFailure
+from bilevel.errors import InvalidInput
 from cluster.bohb.finish import StudyEnd
 from cluster.bohb.search.bracket_search import BracketSearch
 from cluster.bohb.search.validation import SHARE, validation_seconds
@@ -63,11 +63,13 @@ def brackets_to_reach(
     """Return the number of brackets to run: an unfinished study completes its planned brackets, and
     a complete one gets `requested` more."""
     started = max((line.id[0] for line in journal.configs), default=-1) + 1
-    if run_status is not None and run_status.status != "FINISHED":
-        return max(run_status.target, started, requested)
     planned = sum(rung.configurations for rung in schedule.brackets(started))
     complete = len(journal.results) >= planned
-    return started + requested if complete else max(started, requested)
+    target = 0
+    if run_status is not None and run_status.status != "FINISHED":
+        target = run_status.target
+        complete = complete and run_status.status == "FAILED" and started >= target
+    return started + requested if complete else max(target, started, requested)
 
 
 def deadlines(started: float, time_budget: float | None) -> tuple[float, float]:
@@ -157,7 +159,7 @@ class _Runner:
                         pool, command.final_agents, lambda: time.monotonic() > end
                     )
             except KeyboardInterrupt:
-                with suppress(StorageFailure):
+                with suppress(InvalidInput):
                     self.end.export_interrupted()
                 raise
             finally:

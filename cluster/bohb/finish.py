@@ -117,8 +117,8 @@ class StudyEnd:
         found = validate(self.study, journal, pool, terminal.log, progress, is_over)
         if found is None:
             terminal.log(
-                "search or time was too short for a validation with new seeds: expect the recipe "
-                "to take longer than its objective (docs/tuning.md)"
+                "search or time was too short for a validation of all results with new seeds: "
+                "expect the recipe to take longer than its objective (docs/tuning.md)"
             )
             return
         searched = {line.id: line.objective for line in journal.successes}

@@ -106,7 +106,8 @@ common_options = combined(
         "--agent",
         "agents",
         help="Agents, comma-separated: ddqn, dueling-ddqn, td3 or custom ones. `nes` and `bohb` "
-        "draw one of them per evaluation, other commands train each (default: the recipe's).",
+        "draw one of them per agent, other commands train each (default: the recipe's; `evaluate`: "
+        "ddqn; `experiment`: its own).",
     ),
     agent_file_option,
     address_option,

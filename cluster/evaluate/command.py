@@ -45,7 +45,7 @@ class EvaluateCommand:
     seed: int
     name: str
     context: RunContext
-    workers: int | None = None  # actors; None: one per core of the run's share
+    workers: int | None = None  # actors; None: one per core of the cluster
 
     def settings(self) -> dict[str, Any]:
         """Return the settings that must stay the same on a resume, which may add agents."""

@@ -58,7 +58,7 @@ class ExperimentCommand:
     seed: int
     context: RunContext
     agents: tuple[str, ...] | None = None  # kinds of agents; None: each experiment's own
-    workers: int | None = None  # actors; None: one per core of this run's share
+    workers: int | None = None  # actors; None: one per core of the cluster
 
     def plan(self, experiment: Experiment) -> Plan:
         """Return the experiment's subject. Raises InvalidInput."""

@@ -5,16 +5,19 @@ runs.jsonl        names of its NES runs, appended when they finish
 results.jsonl     results of agents, appended when they finish, each with the digest of its request
 findings.json     size, versions, command and summary
 data.csv          all values; NAME.svg: the pictures
+report.html       the report, in a folder of its own
 """
 
 import platform
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any, Self
 
 from bilevel.decode import decode, decode_file
+from bilevel.errors import InvalidInput
 from bilevel.evaluation import EvaluationResult
 from bilevel.version import __version__
 from cluster.evaluate.table import Value
@@ -89,15 +92,18 @@ class AgentResults:
         self.found[key] = result
 
     def adopt(self, keys: Iterable[str]) -> None:
-        """Copy the results with these keys from other experiments of the task."""
+        """Copy the results with these keys from other experiments of the task, except for damaged
+        files."""
         missing = {*keys} - self.found.keys()
         if not missing:
             return
         for path in sorted(self._folder.parent.glob(f"experiment-*/{RESULTS_FILE}")):
-            for key, result in JsonlLog(path).decoded(tuple[str, EvaluationResult]):
-                if key in missing:
-                    missing.remove(key)
-                    self.add(key, result)
+            found: Found = {}
+            with suppress(InvalidInput):
+                found = dict(JsonlLog(path).decoded(tuple[str, EvaluationResult]))
+            for key in sorted(missing & found.keys()):
+                missing.remove(key)
+                self.add(key, found[key])
 
 
 class ExperimentViews:

@@ -35,7 +35,7 @@ class NESCommand:
 
     run: NESRun
     context: RunContext
-    workers: int | None = None  # actors; None selects one per core of this run's share
+    workers: int | None = None  # actors; None selects one per core of the cluster
 
 
 def run_nes(command: NESCommand) -> NESState:

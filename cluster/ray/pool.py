@@ -38,6 +38,10 @@ class ActorsDied(InvalidInput):
     """Actors keep dying, so that evaluations cannot finish."""
 
 
+class NoActorStarts(ActorsDied):
+    """The cluster or a node is broken; no evaluation is the cause."""
+
+
 class _Worker:
     """Actor that evaluates requests one after the other."""
 
@@ -132,10 +136,11 @@ class EvaluationPool:
         try:
             ray.get(reference)
         except RayError as error:
+            self._replace(actor)
             self._deaths_at_start += 1
             if self._deaths_at_start >= MAX_DEATHS * self.size:
-                raise ActorsDied(f"no actor can start: {first_line(error)}") from error
-            self._replace(actor)
+                self._deaths_at_start = 0
+                raise NoActorStarts(f"no actor can start: {first_line(error)}") from error
         else:
             self._deaths_at_start = 0
             self._started.append(actor)

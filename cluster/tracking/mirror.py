@@ -97,7 +97,7 @@ class Mirror:
         """Write the complete view of a run. An error of the run itself is logged once."""
         earlier = self._failed.pop(key, None)
         try:
-            self.tracker.show(self._view_of(key))
+            self.tracker.show(self._built(key))
         except InvalidInput as error:
             self._failed[key] = str(error)
             if str(error) != earlier:
@@ -105,6 +105,15 @@ class Mirror:
         if self._unreachable and not self._timed_out:
             self._unreachable = False
             self._log("MLflow is reachable again and catches up")
+
+    def _built(self, key: str) -> RunView:
+        """Return the view of a run. Raises InvalidInput, because an error is one of the run."""
+        try:
+            return self._view_of(key)
+        except InvalidInput:
+            raise
+        except Exception as error:
+            raise InvalidInput(f"cannot show a run: {type(error).__name__}: {error}") from None
 
     def _retry_later(self, key: str, error: Exception, delay: float) -> None:
         """Wait, then show this run and all waiting ones completely."""

@@ -150,8 +150,9 @@ class Tracker:
         return self._client.create_run(self.experiment_id, began, tags, run_name=view.name)
 
     def _run_id(self, key: str) -> str | None:
-        if key in self._runs:
-            return self._runs[key].id
+        run = self._runs.get(key)  # the mirror's thread may remove it
+        if run is not None:
+            return run.id
         found = self._client.search_runs([self.experiment_id], f"tags.`{KEY}` = '{key}'")
         return str(found[0].info.run_id) if found else None
 

@@ -13,6 +13,7 @@ TALLIED = ("core_seconds", "runs", "confirmed", "progress")
 
 def results_csv(summary: StudySummary) -> str:
     """Return all results in order, with the values of their configurations."""
+    results = [*summary.journal.results]  # before the proposals: both grow
     configs, began = summary.journal.proposals, summary.journal.began
     rows = [
         {
@@ -22,7 +23,7 @@ def results_csv(summary: StudySummary) -> str:
             "finished": round(line.finished - began, 3),
             **configs[line.id].configuration,
         }
-        for line in summary.journal.results
+        for line in results
     ]
     return _csv(rows)
 

@@ -93,7 +93,7 @@ class BracketSearch:
 
     def put_back(self, job: Job) -> None:
         """Return an interrupted job, which becomes the next one."""
-        self._interrupted.append(job)
+        self._interrupted.appendleft(job)
 
     def _bracket(self, number: int) -> SuccessiveHalving:
         rungs = self._schedule.bracket(number)

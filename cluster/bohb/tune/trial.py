@@ -19,7 +19,7 @@ from bilevel.user_code import UserCodeError
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import Study
-from cluster.ray.pool import EvaluationPool
+from cluster.ray.pool import EvaluationPool, NoActorStarts
 from cluster.storage.run_folder import SETTINGS_FILE
 
 #: Key of a trial's job in its configuration, and of the `TrialReport` in its results.
@@ -63,6 +63,8 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
             report = self._generation()
         except (StorageFailure, UserCodeError) as error:
             report = TrialReport(error=error)
+        except NoActorStarts:  # ends this process like a crash, so that the job runs elsewhere
+            raise
         except Exception:
             report = TrialReport(error=StepFailed(traceback.format_exc()))
         return {REPORT: report, "done": report.budget_reached or report.error is not None}

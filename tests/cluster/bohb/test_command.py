@@ -52,6 +52,8 @@ def test_a_quarter_of_the_time_is_for_validation(
     ("requested", "status", "target", "brackets"),
     [
         (2, "FINISHED", 3, 5),
+        (2, "FAILED", 3, 5),  # without an SE
+        (2, "FAILED", 4, 4),
         (2, "KILLED", 3, 3),
         (5, "KILLED", 3, 5),
     ],
