@@ -12,13 +12,14 @@ from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import get_task
 
 
-def compile_agent(name: str) -> None:
+def compile_agent(name: str, continuous: bool) -> None:
     """Run the shortest training and tests that call all kernels of an agent, and measure a task's
     scale of observations."""
-    task = replace(get_task("CartPole-v0"), step_limit=1)
+    task = replace(get_task("Pendulum-v1" if continuous else "CartPole-v0"), step_limit=1)
     (hp,) = default_agents((name,))
     hp = replace(hp, max_episodes=1, init_episodes=0, test_episodes=1)
-    architecture = Architecture(task.state_size, task.n_actions, 1, 1, "lrelu", step_limit=1)
+    sizes = task.state_size, task.action_size
+    architecture = Architecture(*sizes, 1, 1, "lrelu", 1, task.continuous)
     se = SE(architecture, np.zeros(architecture.parameter_count, np.float32))
     train_and_test(task, se, hp, seed=0)
     task.observation_scale(seed=0)
@@ -26,10 +27,11 @@ def compile_agent(name: str) -> None:
 
 def main() -> None:
     """Compile all kernels on all cores, the slowest first."""
-    agents = [name for name in registered_agents() if get_agent(name).build_kernel is not None]
-    agents.sort(key=lambda name: name != "td3")
+    kinds = [(name, kind) for kind in (False, True) for name in registered_agents(kind)]
+    kinds = [kind for kind in kinds if get_agent(*kind).build_kernel is not None]
+    kinds.sort(key=lambda kind: kind[0] != "td3")
     with ProcessPoolExecutor() as pool:
-        list(pool.map(compile_agent, agents))
+        list(pool.map(compile_agent, *zip(*kinds, strict=True)))
 
 
 if __name__ == "__main__":

@@ -1,6 +1,6 @@
 """SEs as ONNX models and `torch.export` programs, which need no part of this package.
 
-inputs   state (n, S) float32, action (n,) int64
+inputs   state (n, S) float32; action (n,) int64, or (n, A) float32 in [-1, 1] if continuous
 outputs  next_state (n, S), reward (n,), done (n,); an episode ends at done > 0.5
 """
 
@@ -26,7 +26,9 @@ _OPERATORS, _FORMAT = 13, 8
 def torch_program(se: StoredSE) -> ExportedProgram:
     """Export an SE for batches of at least 2 states and actions."""
     rows = {0: Dim("n", min=2)}
-    example = (torch.zeros(2, se.architecture.state_size), torch.zeros(2, dtype=torch.int64))
+    arch = se.architecture
+    actions = torch.zeros(2, arch.action_size) if arch.continuous else torch.zeros(2).long()
+    example = (torch.zeros(2, arch.state_size), actions)
     return export(SEModule(se), example, dynamic_shapes={"state": rows, "action": rows})
 
 
@@ -35,13 +37,16 @@ def onnx_model(se: StoredSE) -> "onnx.ModelProto":
     import onnx
     from onnx import TensorProto, helper, numpy_helper
 
-    states: list[str | int | None] = ["n", se.architecture.state_size]
+    arch, info = se.architecture, helper.make_tensor_value_info
+    states: list[str | int | None] = ["n", arch.state_size]
+    actions: list[str | int | None] = ["n", arch.action_size] if arch.continuous else ["n"]
+    of_actions = TensorProto.FLOAT if arch.continuous else TensorProto.INT64
     values = [
-        helper.make_tensor_value_info("state", TensorProto.FLOAT, states),
-        helper.make_tensor_value_info("action", TensorProto.INT64, ["n"]),
-        helper.make_tensor_value_info("next_state", TensorProto.FLOAT, states),
-        helper.make_tensor_value_info("reward", TensorProto.FLOAT, ["n"]),
-        helper.make_tensor_value_info("done", TensorProto.FLOAT, ["n"]),
+        info("state", TensorProto.FLOAT, states),
+        info("action", of_actions, actions),
+        info("next_state", TensorProto.FLOAT, states),
+        info("reward", TensorProto.FLOAT, ["n"]),
+        info("done", TensorProto.FLOAT, ["n"]),
     ]
     nodes, constants = _graph(se)
     tensors = [numpy_helper.from_array(value, name) for name, value in constants.items()]
@@ -62,14 +67,14 @@ def _graph(se: StoredSE) -> tuple[list["onnx.NodeProto"], dict[str, NDArray[Any]
         name: tensor.copy() for name, tensor in arch.tensors(se.psi).items()
     }
     constants |= {
-        "depth": np.array(arch.n_actions),
+        "depth": np.array(arch.action_size),
         "off_on": np.array([0, 1], np.float32),
         "last": np.array([1]),
     }
-    nodes = [
-        helper.make_node("OneHot", ["action", "depth", "off_on"], ["one_hot"]),
-        helper.make_node("Concat", ["one_hot", "state"], ["inputs"], axis=1),
-    ]
+    encoded = "action" if arch.continuous else "one_hot"
+    nodes = [helper.make_node("Concat", [encoded, "state"], ["inputs"], axis=1)]
+    if not arch.continuous:
+        nodes.insert(0, helper.make_node("OneHot", ["action", "depth", "off_on"], ["one_hot"]))
     # A ReLU is a LeakyReLU with slope 0.
     tanh = arch.activation == "tanh"
     slope: dict[str, Any] = {} if tanh else {"alpha": arch.slope}

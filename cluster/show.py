@@ -2,6 +2,7 @@
 
 from contextlib import closing
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import torch
@@ -23,6 +24,9 @@ Floats = NDArray[np.float32]
 #: Points of the grid in each direction, its half-width in standard deviations, points per arrow.
 GRID, WIDTH, EVERY = 61, 2.5, 5
 
+#: Values that cover one continuous action dimension.
+VALUES = 21
+
 #: Number of episodes on the real task.
 EPISODES = 10
 
@@ -42,7 +46,7 @@ class Episode:
     """An episode on the real task."""
 
     states: Floats  # (T + 1, S)
-    actions: NDArray[np.int64]  # (T,)
+    actions: NDArray[np.int64]  # (T,) indices of `candidate_actions`
     total: float  # return
 
 
@@ -50,7 +54,8 @@ class Episode:
 class Portrait:
     """An SE over two observations of its task, and episodes on the task."""
 
-    actions: tuple[str, ...]  # names
+    labels: dict[str, float]  # of actions, with their positions in the range of colours
+    positions: Floats  # (n,) of all candidate actions
     names: tuple[str, str]  # of the two observations
     indices: tuple[int, int]  # of the two observations
     axes: tuple[Floats, Floats]  # (GRID,) their values
@@ -70,8 +75,17 @@ class Portrait:
         )
         states = np.tile(scale.mean, (GRID * GRID, 1))
         states[:, i], states[:, j] = (axis.ravel() for axis in np.meshgrid(across, up))
+        candidates = candidate_actions(se)
+        if task.continuous:
+            name = task.labels.actions[0]
+            labels = {f"{name} {value:+g}": (value + 1) / 2 for value in (-1, -0.5, 0, 0.5, 1)}
+            positions = (candidates[:, 0] + 1) / 2
+        else:
+            positions = candidates / max(len(candidates) - 1, 1)
+            labels = dict(zip(task.labels.actions, positions.tolist(), strict=True))
         return cls(
-            task.labels.actions,
+            labels,
+            positions,
             (names[i], names[j]),
             (i, j),
             (across, up),
@@ -89,28 +103,40 @@ class Portrait:
         )
 
 
+def candidate_actions(se: StoredSE) -> NDArray[Any]:
+    """Return all actions (n,) of the SE, or actions (n, A) that cover a continuous range."""
+    arch = se.architecture
+    if not arch.continuous:
+        return np.arange(arch.action_size)
+    if arch.action_size == 1:
+        return np.linspace(-1, 1, VALUES, dtype=np.float32)[:, None]
+    drawn = np.random.default_rng(0).uniform(-1, 1, (VALUES**2, arch.action_size))
+    return drawn.astype(np.float32)
+
+
 def answers(se: StoredSE, states: Floats) -> Transitions:
     """Return the SE's transitions from states (n, S), action by action."""
-    number = se.architecture.n_actions
-    actions, repeated = np.repeat(np.arange(number), len(states)), np.tile(states, (number, 1))
-    outputs = SEModule(se)(torch.from_numpy(repeated), torch.from_numpy(actions))
+    actions = candidate_actions(se)
+    repeated = np.tile(states, (len(actions), 1))
+    outputs = SEModule(se)(
+        torch.from_numpy(repeated), torch.from_numpy(np.repeat(actions, len(states), axis=0))
+    )
     following, rewards, dones = (output.numpy() for output in outputs)
     return Transitions(repeated, following, rewards, dones > DONE)
 
 
 def real_episodes(se: StoredSE) -> list[Episode]:
     """Run episodes on the real task with the actions that the SE rewards most."""
-    task, episodes = se.task(), []
-    with closing(task.make()) as env:
-        first = env.action_space.start  # type: ignore[attr-defined]
+    task, episodes, candidates = se.task(), [], candidate_actions(se)
+    with closing(task.real_env()) as env:
         for seed in range(EPISODES):
-            states, total, over = [np.asarray(env.reset(seed=seed)[0], np.float32)], 0.0, False
+            states, total, over = [env.reset(seed)], 0.0, False
             actions: list[int] = []
             while not over and len(actions) < task.step_limit:
                 actions.append(int(answers(se, states[-1][None]).rewards.argmax()))
-                state, reward, terminated, truncated, _ = env.step(np.int64(first + actions[-1]))
-                states.append(np.asarray(state, np.float32))
-                total, over = total + float(reward), terminated or truncated
+                state, reward, terminated, truncated = env.step(candidates[actions[-1]])
+                states.append(state)
+                total, over = total + reward, terminated or truncated
             episodes.append(Episode(np.stack(states), np.array(actions), total))
     return episodes
 
@@ -119,8 +145,7 @@ def picture(portrait: Portrait, title: str) -> Figure:
     """Draw the SE, and the episodes on the real task, over two observations."""
     figure = Figure(figsize=(10, 5), layout="constrained")
     figure.suptitle(f"{title}; other observations have their means")
-    shades = np.linspace(0, 0.9, len(portrait.actions))
-    colours = [to_hex(colour) for colour in colormaps["viridis"](shades)]
+    colours = [to_hex(colour) for colour in colormaps["viridis"](0.9 * portrait.positions)]
     on_se, on_task = figure.subplots(1, 2, sharex=True, sharey=True)
     _draw_se(on_se, portrait, colours)
     for episode in portrait.episodes:
@@ -132,7 +157,10 @@ def picture(portrait: Portrait, title: str) -> Figure:
     on_se.set_ylabel(portrait.names[1])
     for axes in (on_se, on_task):
         axes.set_xlabel(portrait.names[0])
-    handles = [Patch(color=c, label=n) for c, n in zip(colours, portrait.actions, strict=True)]
+    handles = [
+        Patch(color=colormaps["viridis"](0.9 * position), label=label)
+        for label, position in portrait.labels.items()
+    ]
     figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
     return figure
 

@@ -43,7 +43,7 @@ def score_of_rewards(task: Task, se: SE, seed: int) -> float:
     def highest(state: Any) -> int:
         rewards = [
             synthetic_env.step(kernel, state, action, next_state, work)[0]
-            for action in range(task.n_actions)
+            for action in range(task.action_size)
         ]
         return int(np.argmax(rewards))
 
@@ -57,7 +57,7 @@ def steps_of_direct_search(task: Task, seed: int) -> int:
     """
     rng, steps = np.random.default_rng(seed), 0
     while steps < LIMIT:
-        weights = rng.standard_normal((task.n_actions, task.state_size), np.float32)
+        weights = rng.standard_normal((task.action_size, task.state_size), np.float32)
         for episodes in (1, EPISODES):
             policy = partial(linear, weights)
             score, more = tested(task, policy, episodes, int(rng.integers(2**32)))

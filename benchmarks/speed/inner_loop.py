@@ -103,17 +103,17 @@ def _kernel_and_definition(case: Case) -> tuple[Callable[[int], float], Callable
     initial, loop = agent_seeds(0)
 
     def kernel(episodes: int) -> float:
-        fresh = build_kernel(hp, task.state_size, task.n_actions, np.random.default_rng(initial))
+        fresh = build_kernel(hp, task.state_size, task.action_size, np.random.default_rng(initial))
         plan = schedule(replace(hp, max_episodes=episodes))
         started = time.perf_counter()
         steps, _, _ = training.train(fresh, env, plan, np.array([loop], np.uint64))
         return (time.perf_counter() - started) / int(steps) * 1e6
 
     def definition(episodes: int) -> float:
-        fresh = registered.build(hp, task.state_size, task.n_actions, 0)
+        fresh = registered.build(hp, task.state_size, task.action_size, 0)
         plan = replace(hp, max_episodes=episodes)
         started = time.perf_counter()
-        in_python = KernelEnvironment(env, task.n_actions)
+        in_python = KernelEnvironment(env, task.action_size)
         steps, _, _ = train_in_python(fresh, plan, in_python, lambda returns: False)
         return (time.perf_counter() - started) / steps * 1e6
 

@@ -20,22 +20,25 @@ from bilevel.hyperparameters import (
     TD3Hyperparameters,
 )
 from bilevel.hyperparameters.validation import hyperparameters
-from bilevel.kernels import ddqn, td3
+from bilevel.kernels import ddqn, td3, td3_discrete
 
 
 def _definition(module: str, name: str) -> Build:
     """A builder that imports torch and the class `name` on first use."""
 
-    def build(hp: Any, state_size: int, n_actions: int, seed: int) -> Agent:
+    def build(hp: Any, state_size: int, action_size: int, seed: int) -> Agent:
         definition: Build = getattr(import_module(f"bilevel.agents.{module}"), name)
-        return definition(hp, state_size, n_actions, seed)
+        return definition(hp, state_size, action_size, seed)
 
     return build
 
 
 register_agent(DDQNHyperparameters, _definition("ddqn", "DDQN"), ddqn.new_agent)
 register_agent(DuelingDDQNHyperparameters, _definition("ddqn", "DDQN"), ddqn.new_agent)
-register_agent(TD3Hyperparameters, _definition("td3", "TD3"), td3.new_agent)
+register_agent(
+    TD3Hyperparameters, _definition("td3_discrete", "DiscreteTD3"), td3_discrete.new_agent
+)
+register_agent(TD3Hyperparameters, _definition("td3", "TD3"), td3.new_agent, continuous=True)
 
 __all__ = [
     "Agent",

@@ -19,6 +19,7 @@ from bilevel.errors import InvalidInput, first_line, unknown_value
 from bilevel.hyperparameters import AgentHyperparameters, agent_hyperparameters
 from bilevel.hyperparameters.agents import keep_hyperparameters
 from bilevel.seeds import split
+from bilevel.spaces import Action
 from bilevel.user_code import digest_of
 
 #: Group of entry points in which packages name modules that register agents.
@@ -29,20 +30,24 @@ class Transition(NamedTuple):
     """One step of an environment."""
 
     state: NDArray[np.float32]  # (S,)
-    action: int
+    action: Action
     reward: float
     next_state: NDArray[np.float32]  # (S,)
     done: float  # raw done output; the episode ends above 0.5
 
 
 class Agent(Protocol):
-    """Interface of an agent, built by `build(hp, state_size, n_actions, seed)`. All random numbers
-    of an agent must come from that seed, so that an evaluation depends on its request only."""
+    """Interface of an agent, built by `build(hp, state_size, action_size, seed)`.
 
-    def act(self, state: NDArray[np.float32], exploring: bool) -> int:
+    All random numbers of an agent must come from that seed, so that an evaluation depends on its
+    request only.
+
+    A discrete action is an index from 0, a continuous one a vector (M,) in [-1, 1]."""
+
+    def act(self, state: NDArray[np.float32], exploring: bool) -> Action:
         """Choose a training action in a state (S,); `exploring` is true in the initial episodes."""
 
-    def greedy(self, state: NDArray[np.float32]) -> int:
+    def greedy(self, state: NDArray[np.float32]) -> Action:
         """Choose the action in tests, in a state (S,)."""
 
     def observe(self, transition: Transition) -> None:
@@ -70,6 +75,7 @@ class RegisteredAgent:
     name: str
     build: Build
     build_kernel: BuildKernel | None = None
+    continuous: bool = False  #: whether it chooses action vectors instead of indices
 
     @cached_property
     def code_digest(self) -> str | None:
@@ -77,28 +83,31 @@ class RegisteredAgent:
         return digest_of("bilevel", self.build, agent_hyperparameters(self.name))
 
 
-_AGENTS: dict[str, RegisteredAgent] = {}
+#: Agents by name and kind of actions.
+_AGENTS: dict[tuple[str, bool], RegisteredAgent] = {}
 
 
 def register_agent(
     hyperparameters: type[AgentHyperparameters],
     build: Build,
     build_kernel: BuildKernel | None = None,
+    continuous: bool = False,
 ) -> None:
-    """Register an agent under the name in its hyperparameter class. Raises InvalidInput for a class
-    that lacks the decorator `hyperparameters` or its own name."""
+    """Register an agent for discrete or continuous actions, under the name in its hyperparameter
+    class. An agent for both is registered twice. Raises InvalidInput for a class that lacks the
+    decorator `hyperparameters` or its own name."""
     name, given = hyperparameters.agent, hyperparameters.__name__
     if not is_pydantic_dataclass(cast(type, hyperparameters)):
         raise InvalidInput(f"{given} must be decorated with `hyperparameters`")
     if not name or agent_hyperparameters(name) is not hyperparameters:
         raise InvalidInput(f'{given} must name its agent: `class {given}(..., agent="mine")`')
-    _AGENTS[name] = RegisteredAgent(name, build, build_kernel)
+    _AGENTS[name, continuous] = RegisteredAgent(name, build, build_kernel, continuous)
 
 
 def register_again(hyperparameters: type[AgentHyperparameters], agent: RegisteredAgent) -> None:
     """Register an agent of another process in this one."""
     keep_hyperparameters(hyperparameters)
-    _AGENTS[agent.name] = agent
+    _AGENTS[agent.name, agent.continuous] = agent
 
 
 def load_plugins() -> None:
@@ -113,19 +122,30 @@ def load_plugins() -> None:
             ) from error
 
 
-def get_agent(name: str) -> RegisteredAgent:
-    """The agent of that name. Raises InvalidInput for an unknown name."""
-    if name not in _AGENTS:
+def get_agent(name: str, continuous: bool | None = None) -> RegisteredAgent:
+    """The agent of that name, for continuous or discrete actions (None: for any). Raises
+    InvalidInput for an unknown name, and for an agent without that kind of actions."""
+    kinds = (False, True) if continuous is None else (continuous,)
+    if not any((name, kind) in _AGENTS for kind in kinds):
         load_plugins()
-    if name not in _AGENTS:
-        raise unknown_value("agent", name, (*registered_agents(), "and the agents of agent files"))
-    return _AGENTS[name]
+    for kind in kinds:
+        if (name, kind) in _AGENTS:
+            return _AGENTS[name, kind]
+    allowed = registered_agents(continuous)
+    if name in registered_agents():
+        actions = "continuous" if continuous else "discrete"
+        raise InvalidInput(
+            f"agent {name!r} has no {actions} actions: allowed are {', '.join(allowed)}"
+        )
+    raise unknown_value("agent", name, (*allowed, "and the agents of agent files"))
 
 
-def registered_agents() -> tuple[str, ...]:
-    """Names of all agents, including those of installed packages."""
+def registered_agents(continuous: bool | None = None) -> tuple[str, ...]:
+    """Names of all agents for continuous or discrete actions (None: for any), including those of
+    installed packages."""
     load_plugins()
-    return tuple(_AGENTS)
+    kinds = (False, True) if continuous is None else (continuous,)
+    return tuple(dict.fromkeys(name for name, kind in _AGENTS if kind in kinds))
 
 
 def agent_seeds(seed: int) -> tuple[int, int]:

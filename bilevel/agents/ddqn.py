@@ -36,11 +36,13 @@ from bilevel.splitmix import SplitMix64
 class DDQN:
     """A DDQN agent; `hp.dueling` selects the dueling network."""
 
-    def __init__(self, hp: DDQNHyperparameters, state_size: int, n_actions: int, seed: int) -> None:
+    def __init__(
+        self, hp: DDQNHyperparameters, state_size: int, action_size: int, seed: int
+    ) -> None:
         initial_seed, loop_seed = agent_seeds(seed)
-        self.hp, self.n_actions = hp, n_actions
+        self.hp, self.action_size = hp, action_size
         self.rng = SplitMix64(loop_seed)
-        net = hp.network(state_size, n_actions)
+        net = hp.network(state_size, action_size)
         theta = initial_parameters(net, np.random.default_rng(initial_seed))
         self.online, self.target = (MLP(net, hp.activation, theta) for _ in range(2))
         self.optimizer = torch.optim.Adam(self.online.parameters(), lr=hp.learning_rate)
@@ -62,7 +64,7 @@ class DDQN:
     def act(self, state: NDArray[np.float32], exploring: bool) -> int:
         """Choose a random action with probability epsilon, else the greedy one."""
         if self.rng.uniform() < self.epsilon:
-            return int(self.rng.below(self.n_actions, 1)[0])
+            return int(self.rng.below(self.action_size, 1)[0])
         return self.greedy(state)
 
     def greedy(self, state: NDArray[np.float32]) -> int:

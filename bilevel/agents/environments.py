@@ -2,16 +2,19 @@
 
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.agents.training import TrainingEnvironment
-from bilevel.kernels import synthetic_env
+from bilevel.kernels import dynamics, synthetic_env
 from bilevel.kernels.environment import Environment, reset, step
+from bilevel.spaces import Action, checked_action
 from bilevel.synthetic_env import SE, Architecture
-from bilevel.tasks import Task, checked_action
+from bilevel.tasks import RealEnv, Task
+
+#: Maximum number of learned initial states that a training draws; its episodes cycle through them.
+INITIAL_STATES = 10_000
 
 #: Placeholder where the kernel takes an SE but does not read it.
 _SMALLEST = Architecture(1, 1, 1, 1, "tanh", 1)
@@ -23,12 +26,16 @@ def compiled_environment(task: Task, se: SE | None, episodes: int, seed: int) ->
     episodes. Raises InvalidInput for an SE of a task with other sizes."""
     if se is not None:
         se.architecture.check_fits(task)
-    kernel = (se or _NO_SE).kernel
-    physics = task.initial_physics(np.random.default_rng(seed), episodes)
+    kernel, code, rng = (se or _NO_SE).kernel, task.dynamics, np.random.default_rng(seed)
+    if se is not None and se.architecture.own_initial_states:
+        physics = se.initial_states(rng, min(episodes, INITIAL_STATES)).astype(np.float64)
+        code = dynamics.OBSERVED
+    else:
+        physics = task.initial_physics(rng, episodes)
     return Environment(
         synthetic=se is not None,
         se=kernel,
-        dynamics=task.dynamics,
+        dynamics=code,
         state_size=task.state_size,
         step_limit=task.step_limit if se is None else se.architecture.step_limit,
         solved_reward=task.solved_reward,
@@ -47,16 +54,16 @@ def environment_in_python(
         with closing(GymnasiumEnvironment(task, seed)) as env:
             yield env
     else:
-        yield KernelEnvironment(compiled_environment(task, se, episodes, seed), task.n_actions)
+        yield KernelEnvironment(compiled_environment(task, se, episodes, seed), task)
 
 
 class KernelEnvironment:
     """An SE or a compiled real task (see `TrainingEnvironment`). It returns copies of its state, so
     that agents cannot change it."""
 
-    def __init__(self, env: Environment, n_actions: int) -> None:
+    def __init__(self, env: Environment, task: Task) -> None:
         self.step_limit = env.step_limit
-        self._env, self._n_actions = env, n_actions
+        self._env, self._actions = env, (task.action_size, task.continuous)
         self._state = np.zeros(env.state_size, np.float32)
 
     def reset(self, episode: int) -> NDArray[np.float32]:
@@ -64,9 +71,9 @@ class KernelEnvironment:
         reset(self._env, episode, self._state)
         return self._state.copy()
 
-    def step(self, action: int) -> tuple[NDArray[np.float32], float, float, bool]:
+    def step(self, action: Action) -> tuple[NDArray[np.float32], float, float, bool]:
         """See `TrainingEnvironment`."""
-        action, next_state = checked_action(action, self._n_actions), np.empty_like(self._state)
+        action, next_state = checked_action(action, *self._actions), np.empty_like(self._state)
         reward, done, over = step(self._env, self._state, action, next_state)
         self._state = next_state
         return next_state.copy(), float(reward), float(done), bool(over)
@@ -78,8 +85,8 @@ class GymnasiumEnvironment:
 
     def __init__(self, task: Task, seed: int) -> None:
         self.step_limit = task.step_limit
-        self._env: Any = task.make()
-        self._seed, self._n_actions = seed, task.n_actions
+        self._env: RealEnv = task.real_env()
+        self._seed = seed
 
     def close(self) -> None:
         """Close the simulator, which may hold processes or sockets."""
@@ -88,13 +95,9 @@ class GymnasiumEnvironment:
     def reset(self, episode: int) -> NDArray[np.float32]:
         """See `TrainingEnvironment`."""
         (word,) = np.random.SeedSequence([self._seed, episode]).generate_state(1)
-        state, _ = self._env.reset(seed=int(word) % 2**31)
-        return np.asarray(state, np.float32)
+        return self._env.reset(int(word) % 2**31)
 
-    def step(self, action: int) -> tuple[NDArray[np.float32], float, float, bool]:
+    def step(self, action: Action) -> tuple[NDArray[np.float32], float, float, bool]:
         """See `TrainingEnvironment`."""
-        first = self._env.action_space.start
-        taken = first + checked_action(action, self._n_actions)
-        state, reward, terminated, truncated, _ = self._env.step(taken)
-        over = bool(terminated or truncated)
-        return np.asarray(state, np.float32), float(reward), float(terminated), over
+        state, reward, terminated, truncated = self._env.step(action)
+        return state, reward, float(terminated), terminated or truncated

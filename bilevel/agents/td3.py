@@ -1,34 +1,23 @@
-"""Definition of TD3 (Fujimoto et al., 2018) for discrete actions.
+"""Definition of TD3 (Fujimoto et al., 2018) for continuous actions.
 
-The paper gives the actor "a Gumbel-Softmax distribution with a learned temperature". An action is
-then a relaxed one-hot vector, drawn as softmax((logits + g) / tau) with Gumbel noise g (Jang et
-al., 2017), through which the critic's gradient reaches the actor. The environment receives its
-argmax.
-
-    actor, rho <- fresh actor, log of the temperature; critic 1, critic 2 <- fresh critics
-    targets <- copies of all
+    actor <- fresh actor; critic 1, critic 2 <- fresh critics; targets <- copies of all
     for each step:
-        action <- any one-hot in the first init_episodes, then
-                  relaxed action of the actor + N(0, action_noise^2)
+        action <- uniform in [-1, 1] in the first init_episodes, then
+                  clip(tanh(actor(state)) + N(0, action_noise^2), -1, 1)
         store (state, action, reward, next state, done)
         after init_episodes:
             minibatch from the replay buffer
-            a' <- relaxed action of the target actor + clipped N(0, target_noise^2)
+            a' <- clip(tanh(target actor(next state)) + clipped N(0, target_noise^2), -1, 1)
             goal <- reward + discount * (1 - done) * min of both target critics (next state, a')
             Adam step of both critics on their mean squared errors to goal
             every policy_delay steps:
-                Adam step of actor and rho, uphill on critic 1 of the actor's relaxed actions
+                Adam step of the actor, uphill on critic 1 of the actor's actions
                 targets <- targets + target_update_rate * (parameters - targets)
 
-The paper leaves some details open. Noise, its clipping and the delay are those of Fujimoto et al.
-Actions with noise are not clipped to [0, 1], as in the authors' code. The temperature is learned as
-rho = log tau and clipped to [0.1, 10]: gradients vanish below, and actions become uniform above.
-Tests take the action with the highest logit, the most probable one.
-
-`bilevel.kernels.td3` is the compiled twin.
+`bilevel.kernels.td3` is the compiled twin. `bilevel.agents.td3_discrete` has another actor.
 """
 
-import math
+from typing import Any
 
 import numpy as np
 import torch
@@ -39,37 +28,26 @@ from bilevel.agents.agent import Transition, agent_seeds
 from bilevel.agents.modules import MLP, ReplayBuffer, flat_parameters, soft_update
 from bilevel.hyperparameters import TD3Hyperparameters
 from bilevel.networks import initial_parameters
+from bilevel.spaces import Action
 from bilevel.splitmix import SplitMix64
 
 
-class Actor(nn.Module):
-    """Network of action logits, and rho, the logarithm of the temperature (a parameter)."""
-
-    def __init__(self, net: MLP, temperature: float) -> None:
-        super().__init__()
-        self.net = net
-        self.rho = nn.Parameter(torch.tensor([math.log(temperature)], dtype=torch.float32))
-
-    def relaxed(self, states: Tensor, gumbel: Tensor) -> Tensor:
-        """Relaxed one-hot actions (B, A) in states (B, S), given Gumbel noise (B, A)."""
-        logits: Tensor = self.net(states)
-        return torch.softmax((logits + gumbel) / self.rho.exp(), dim=-1)
-
-
 class TD3:
-    """A TD3 agent on discrete actions."""
+    """A TD3 agent."""
 
-    def __init__(self, hp: TD3Hyperparameters, state_size: int, n_actions: int, seed: int) -> None:
+    def __init__(
+        self, hp: TD3Hyperparameters, state_size: int, action_size: int, seed: int
+    ) -> None:
         initial_seed, loop_seed = agent_seeds(seed)
-        self.hp, self.n_actions = hp, n_actions
+        self.hp, self.action_size = hp, action_size
         self.rng = SplitMix64(loop_seed)
-        actor, critic = hp.networks(state_size, n_actions)
+        actor, critic = hp.networks(state_size, action_size)
         initial = np.random.default_rng(initial_seed)
         vectors = [(net, initial_parameters(net, initial)) for net in (actor, critic, critic)]
 
-        def copies() -> tuple[Actor, list[MLP]]:
+        def copies() -> tuple[Any, list[MLP]]:
             policy, *critics = (MLP(net, hp.activation, vector) for net, vector in vectors)
-            return Actor(policy, hp.initial_temperature), critics
+            return self.new_actor(policy), critics
 
         self.actor, self.critics = copies()
         self.target_actor, self.target_critics = copies()
@@ -77,40 +55,47 @@ class TD3:
         self.critic_optimizer = torch.optim.Adam(of_critics, lr=hp.learning_rate)
         self.actor_optimizer = torch.optim.Adam(self.actor.parameters(), lr=hp.learning_rate)
         self.replay = ReplayBuffer(hp.replay_capacity)
-        self.last_action = np.zeros(n_actions, np.float32)
+        self.last_action = np.zeros(action_size, np.float32)
         self.gradient_steps = 0
 
+    def new_actor(self, net: MLP) -> nn.Module:
+        """Return the actor with this network."""
+        return net
+
     def parameters(self) -> list[NDArray[np.float32]]:
-        """Parameters of actor, rho and critics, then of their targets, in the twin's order."""
-        parts: list[NDArray[np.float32]] = []
-        for actor, critics in (
-            (self.actor, self.critics),
-            (self.target_actor, self.target_critics),
-        ):
-            parts += [flat_parameters(actor.net), actor.rho.detach().numpy()]
-            parts += map(flat_parameters, critics)
-        return parts
+        """Parameters of actor and critics, then of their targets, in the twin's order."""
+        parts = (self.actor, *self.critics, self.target_actor, *self.target_critics)
+        return [flat_parameters(part) for part in parts]
 
-    def _gumbel(self, rows: int) -> Tensor:
-        noise = self.rng.gumbel(rows * self.n_actions)
-        return torch.from_numpy(noise.reshape(rows, self.n_actions))
+    def actions(self, actor: Any, states: Tensor) -> Tensor:
+        """Actions (B, A) of an actor in states (B, S)."""
+        return torch.tanh(actor(states))
 
-    def act(self, state: NDArray[np.float32], exploring: bool) -> int:
-        """Choose a uniform action while exploring, then the argmax of a noisy relaxed action."""
+    def target_actions(self, next_states: Tensor) -> Tensor:
+        """Smoothed actions (B, A) of the target actor in states (B, S)."""
+        best = self.actions(self.target_actor, next_states)
+        return (best + self.target_noise(len(best))).clamp(-1, 1)
+
+    def target_noise(self, rows: int) -> Tensor:
+        """Clipped noise (rows, A) of target smoothing."""
+        noise = np.float32(self.hp.target_noise) * self.rng.normal(rows * self.action_size)
+        noise = noise.clip(-self.hp.target_noise_clip, self.hp.target_noise_clip)
+        return torch.from_numpy(noise.astype(np.float32)).view(rows, self.action_size)
+
+    def act(self, state: NDArray[np.float32], exploring: bool) -> Action:
+        """Choose a uniform action while exploring, then the actor's with noise."""
         if exploring:
-            self.last_action = np.zeros(self.n_actions, np.float32)
-            self.last_action[self.rng.below(self.n_actions, 1)[0]] = 1
+            uniforms = [self.rng.uniform() for _ in range(self.action_size)]
+            self.last_action = (2 * np.array(uniforms) - 1).astype(np.float32)
         else:
-            with torch.no_grad():
-                soft = self.actor.relaxed(torch.from_numpy(state)[None], self._gumbel(1))[0]
-            noise = np.float32(self.hp.action_noise) * self.rng.normal(self.n_actions)
-            self.last_action = soft.numpy() + noise
-        return int(self.last_action.argmax())
+            noise = np.float32(self.hp.action_noise) * self.rng.normal(self.action_size)
+            self.last_action = (self.greedy(state) + noise).clip(-1, 1)
+        return self.last_action
 
-    def greedy(self, state: NDArray[np.float32]) -> int:
-        """The action with the highest logit."""
+    def greedy(self, state: NDArray[np.float32]) -> Any:
+        """The actor's action."""
         with torch.no_grad():
-            return int(self.actor.net(torch.from_numpy(state)).argmax())
+            return self.actions(self.actor, torch.from_numpy(state)[None])[0].numpy()
 
     def observe(self, transition: Transition) -> None:
         """Store the transition with the whole action vector."""
@@ -127,15 +112,10 @@ class TD3:
         """Make one critic step, and every `policy_delay` steps an actor step; return the critics'
         loss. Takes states (B, S), actions (B, A), rewards (B,), next states (B, S), raw dones (B,).
         """
-        hp, rows = self.hp, len(states)
         with torch.no_grad():
-            smooth = self.target_actor.relaxed(next_states, self._gumbel(rows))
-            noise = np.float32(hp.target_noise) * self.rng.normal(rows * self.n_actions)
-            noise = noise.clip(-hp.target_noise_clip, hp.target_noise_clip)
-            smooth += torch.from_numpy(noise.astype(np.float32)).view(rows, self.n_actions)
-            inputs = torch.cat([next_states, smooth], dim=1)
+            inputs = torch.cat([next_states, self.target_actions(next_states)], dim=1)
             one, two = (critic(inputs).squeeze(1) for critic in self.target_critics)
-            goal = rewards + hp.discount * (1 - dones) * torch.minimum(one, two)
+            goal = rewards + self.hp.discount * (1 - dones) * torch.minimum(one, two)
         inputs = torch.cat([states, actions], dim=1)
         one, two = (critic(inputs).squeeze(1) for critic in self.critics)
         loss = nn.functional.mse_loss(one, goal) + nn.functional.mse_loss(two, goal)
@@ -143,21 +123,19 @@ class TD3:
         loss.backward()  # type: ignore[no-untyped-call]
         self.critic_optimizer.step()
         self.gradient_steps += 1
-        if self.gradient_steps % hp.policy_delay == 0:
-            self._actor_step(states)
+        if self.gradient_steps % self.hp.policy_delay == 0:
+            self.actor_step(states)
+            targets = (self.target_actor, *self.target_critics)
+            for target, online in zip(targets, (self.actor, *self.critics), strict=True):
+                soft_update(target, online, self.hp.target_update_rate)
         return float(loss.detach())
 
-    def _actor_step(self, states: Tensor) -> None:
-        soft = self.actor.relaxed(states, self._gumbel(len(states)))
-        value = self.critics[0](torch.cat([states, soft], dim=1))
+    def actor_step(self, states: Tensor) -> None:
+        """Make one Adam step of the actor, uphill on critic 1, in states (B, S)."""
+        value = self.critics[0](torch.cat([states, self.actions(self.actor, states)], dim=1))
         self.actor_optimizer.zero_grad()
         (-value.mean()).backward()
         self.actor_optimizer.step()
-        with torch.no_grad():
-            self.actor.rho.clamp_(*(math.log(t) for t in self.hp.temperatures))
-        targets = (self.target_actor, *self.target_critics)
-        for target, online in zip(targets, (self.actor, *self.critics), strict=True):
-            soft_update(target, online, self.hp.target_update_rate)
 
     def end_episode(self) -> None:
         """Do nothing."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from bilevel.agents.agent import Agent, Transition
 from bilevel.hyperparameters import AgentHyperparameters
+from bilevel.spaces import Action
 
 
 class TrainingEnvironment(Protocol):
@@ -21,7 +22,7 @@ class TrainingEnvironment(Protocol):
     def reset(self, episode: int) -> NDArray[np.float32]:
         """The initial state (S,) of an episode."""
 
-    def step(self, action: int) -> tuple[NDArray[np.float32], float, float, bool]:
+    def step(self, action: Action) -> tuple[NDArray[np.float32], float, float, bool]:
         """Take one step: next state (S,), reward, raw done, and True at the end of an episode (also
         of a truncated one, with a done output of 0)."""
 

@@ -17,9 +17,9 @@ from bilevel.errors import unknown_value
 from bilevel.hyperparameters import VARIATIONS, AgentHyperparameters
 from bilevel.hyperparameters.validation import within_range
 
-#: The default learning rates (paper, Table "Default HPs"); a third to three times the default is
-#: drawn, for TD3 as in the authors' code.
-_LEARNING_RATE = {"ddqn": 1e-3, "dueling-ddqn": 1e-3, "td3": 5e-4}
+#: The default learning rates (paper, Table "Default HPs"). A third to three times the default is
+#: drawn; other agents, as TD3 in the authors' code, have their own default.
+_LEARNING_RATE = {"ddqn": 1e-3, "dueling-ddqn": 1e-3}
 
 #: Fields that are drawn, if an agent has them.
 VARIED = ("learning_rate", "batch_size", "hidden_size", "hidden_layers")

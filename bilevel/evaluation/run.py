@@ -23,6 +23,7 @@ from bilevel.evaluation.requests import (
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.kernels import training
 from bilevel.seeds import checked_seed, split
+from bilevel.spaces import Action
 from bilevel.synthetic_env import SE
 from bilevel.tasks import Task
 from bilevel.threads import one_blas_thread, one_torch_thread
@@ -52,10 +53,11 @@ def train_and_test(
     """Train a fresh agent on `se` (None: on the real task) and test it on the real task, by its
     compiled twin if possible and `compiled`.
 
-    Raises InvalidInput for an SE of a task with other sizes, and UserCodeError for a user's agent
-    or task that raises, exits or returns a wrong value.
+    Raises InvalidInput for an SE of a task with other sizes and for an agent without the task's
+    kind of actions, and UserCodeError for a user's agent or task that raises, exits or returns a
+    wrong value.
     """
-    has_kernel = get_agent(hp.agent).build_kernel is not None
+    has_kernel = get_agent(hp.agent, task.continuous).build_kernel is not None
     with one_blas_thread():
         if compiled and has_kernel and (se is not None or task.compiled):
             return _run_kernel(task, se, hp, seed)
@@ -76,9 +78,9 @@ def _run_kernel(task: Task, se: SE | None, hp: AgentHyperparameters, seed: int) 
     """Train and test the compiled twin of an agent."""
     agent_seed, physics_seed, test_seed = split(seed, 3)
     initial, loop = agent_seeds(agent_seed)
-    build = get_agent(hp.agent).build_kernel
+    build = get_agent(hp.agent, task.continuous).build_kernel
     assert build is not None
-    agent = build(hp, task.state_size, task.n_actions, np.random.default_rng(initial))
+    agent = build(hp, task.state_size, task.action_size, np.random.default_rng(initial))
     env = compiled_environment(task, se, hp.max_episodes, physics_seed)
     rng = np.array([loop], np.uint64)
     steps, episodes, reason = training.train(agent, env, schedule(hp), rng)
@@ -97,7 +99,7 @@ def _run_definition(
 ) -> EvaluationResult:
     """Train and test the definition of an agent, and pass the transitions to two callbacks."""
     agent_seed, physics_seed, test_seed = split(seed, 3)
-    build = get_agent(hp.agent).build
+    build = get_agent(hp.agent, task.continuous).build
     stop = task_solved(hp, task.solved_reward) if se is None else returns_converged(hp)
     tests = None
     with (
@@ -105,7 +107,7 @@ def _run_definition(
         environment_in_python(task, se, hp.max_episodes, physics_seed) as env,
         user_code_errors(f"agent {hp.agent!r}", "runs"),
     ):
-        agent = build(hp, task.state_size, task.n_actions, agent_seed)
+        agent = build(hp, task.state_size, task.action_size, agent_seed)
         steps, episodes, finite = train_in_python(agent, hp, env, stop, on_training)
         if finite:
             greedy = greedy_episodes(task, agent.greedy, hp.test_episodes, test_seed)
@@ -133,7 +135,7 @@ def _result(
 
 
 def greedy_episodes(
-    task: Task, greedy: Callable[[NDArray[np.float32]], int], episodes: int, seed: int
+    task: Task, greedy: Callable[[NDArray[np.float32]], Action], episodes: int, seed: int
 ) -> Iterator[list[Transition]]:
     """EvaluateAgent (paper, Algorithm 1) in Python: the transitions of each test episode."""
     with environment_in_python(task, None, episodes, seed) as env:

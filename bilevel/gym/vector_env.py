@@ -46,8 +46,8 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
 
     def reset(
         self, *, seed: Any = None, options: dict[str, Any] | None = None
-    ) -> tuple[_Floats, dict[str, Any]]:
-        """Start an episode in all copies and return initial observations (N, S) and info.
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode in all copies and return initial observations and info.
 
         With a single seed, copy i uses seed + i. Raises ValueError if the number of seeds is not N.
         """
@@ -63,23 +63,20 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self._states = np.stack([self._single.initial_state(rng) for rng in self._rngs])
         self._steps[:] = 0
         self._ended[:] = False
-        return self._states.copy(), {}
+        return self._single.observations.unflatten_all(self._states), {}
 
-    def step(self, actions: Any) -> tuple[_Floats, Any, Any, Any, dict[str, Any]]:
-        """Take one step in every copy, with actions (N,).
+    def step(self, actions: Any) -> tuple[Any, Any, Any, Any, dict[str, Any]]:
+        """Take one step in every copy.
 
-        Returns observations (N, S), rewards (N,), terminated (N,), truncated (N,) and info. Raises
+        Returns observations, rewards (N,), terminated (N,), truncated (N,) and info. Raises
         InvalidInput for an invalid action, and ResetNeeded before the first reset.
         """
         if self._states is None:
             raise ResetNeeded("call reset before step")
         single, resetting = self._single, self._ended
         states, rewards, dones = np.empty_like(self._states), *np.empty((2, self.num_envs))
-        given, space = np.asarray(actions), self.action_space
-        if given.dtype.kind not in "iu" or not space.contains(given.astype(space.dtype)):
-            raise InvalidInput(f"actions must be in {space}; got {actions!r}")
-        indices = given.astype(np.int64) - single.first_action
-        step_all(single.kernel, self._states, indices, states, rewards, dones, self._work)
+        inward = single.actions.inward_all(actions, self.num_envs)
+        step_all(single.kernel, self._states, inward, states, rewards, dones, self._work)
         self._states = states
         self._steps += 1
         for i in np.flatnonzero(resetting):
@@ -89,7 +86,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         terminated, truncated = dones > DONE, self._steps >= single.step_limit
         self._ended = terminated | truncated
         info = {"done": dones, "_done": ~resetting}
-        return states.copy(), rewards, terminated, truncated, info
+        return single.observations.unflatten_all(states), rewards, terminated, truncated, info
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the real task's environment."""

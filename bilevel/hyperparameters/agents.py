@@ -24,7 +24,7 @@ _Noise = Annotated[float, Field(ge=0.0, le=10.0)]
 _REGISTRY: dict[str, type["AgentHyperparameters"]] = {}
 
 #: An agent's name is a section of recipes, which use some names for other things.
-_RESERVED = ("nes", "se", "agents", "vary_agent", "extends", "tasks")
+_RESERVED = ("nes", "se", "agents", "vary_agent", "extends", "tasks", "continuous")
 
 
 @hyperparameters
@@ -142,9 +142,11 @@ class DDQNHyperparameters(_OffPolicy, agent="ddqn"):
     minimal_epsilon: _Share = 0.01
     epsilon_decay: _Share = 0.9
 
-    def network(self, state_size: int, n_actions: int) -> Network:
+    def network(self, state_size: int, action_size: int) -> Network:
         """Return the shape of the Q-network."""
-        return network(state_size, self.hidden_size, self.hidden_layers, n_actions, self.activation)
+        return network(
+            state_size, self.hidden_size, self.hidden_layers, action_size, self.activation
+        )
 
 
 @hyperparameters
@@ -160,7 +162,7 @@ class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
         """See `AgentHyperparameters.step_cost`; the network has one more hidden layer."""
         return self._pass_cost(self.hidden_layers + 1)
 
-    def network(self, state_size: int, n_actions: int) -> Network:
+    def network(self, state_size: int, action_size: int) -> Network:
         """Return the shape of the Q-network. Half of the units of an additional hidden layer belong
         to the value, half to the advantages."""
         of_value = (self.hidden_size + 1) // 2
@@ -168,16 +170,17 @@ class DuelingDDQNHyperparameters(DDQNHyperparameters, agent="dueling-ddqn"):
             state_size,
             self.hidden_size,
             self.hidden_layers + 1,
-            1 + n_actions,
+            1 + action_size,
             self.activation,
-            heads=((of_value, 1), (self.hidden_size - of_value, n_actions)),
+            heads=((of_value, 1), (self.hidden_size - of_value, action_size)),
         )
 
 
 @hyperparameters
 class TD3Hyperparameters(_OffPolicy, agent="td3"):
-    """TD3 (Fujimoto et al., 2018) with Gumbel-Softmax actions (Jang et al., 2017). Noise and policy
-    delay, which the table does not give, are those of Fujimoto et al. and of the authors' code."""
+    """TD3 (Fujimoto et al., 2018), for discrete actions with Gumbel-Softmax actions (Jang et al.,
+    2017). Noise and policy delay, which the table does not give, are those of Fujimoto et al. and
+    of the authors' code."""
 
     #: Range of the temperature. Below it gradients vanish; above it all actions are alike.
     temperatures: ClassVar[tuple[float, float]] = (0.1, 10.0)
@@ -189,7 +192,7 @@ class TD3Hyperparameters(_OffPolicy, agent="td3"):
     action_noise: _Noise = 0.1  #: Standard deviation of the exploration noise.
     target_noise: _Noise = 0.2  #: Standard deviation of target smoothing.
     target_noise_clip: _Noise = 0.5  #: Bound on the noise of target smoothing.
-    #: Initial temperature of the Gumbel-Softmax, which is learned.
+    #: Initial temperature of the Gumbel-Softmax, which is learned (discrete actions only).
     initial_temperature: Annotated[float, Field(ge=0.1, le=10.0)] = 1.0
 
     @property
@@ -197,10 +200,10 @@ class TD3Hyperparameters(_OffPolicy, agent="td3"):
         """See `AgentHyperparameters.step_cost`: both critics."""
         return 2 * super().step_cost
 
-    def networks(self, state_size: int, n_actions: int) -> tuple[Network, Network]:
+    def networks(self, state_size: int, action_size: int) -> tuple[Network, Network]:
         """Return the shapes of actor and critic."""
         actor, critic = (
             network(inputs, self.hidden_size, self.hidden_layers, outputs, self.activation)
-            for inputs, outputs in ((state_size, n_actions), (state_size + n_actions, 1))
+            for inputs, outputs in ((state_size, action_size), (state_size + action_size, 1))
         )
         return actor, critic

@@ -84,7 +84,7 @@ class SEHyperparameters:
     """The three networks of a synthetic environment, and its step limit."""
 
     #: What NES searches, and how a random SE is drawn (`bilevel.synthetic_env.families`).
-    family: Literal["plain", "exogenous"]
+    family: Literal["plain", "exogenous", "one-step"]
     hidden_layers: Annotated[int, Field(ge=1, le=2)]  #: Hidden layers of each network.
     hidden_size: Annotated[int, Field(ge=1, le=4096)]  #: Units per hidden layer.
     activation: Activation  #: Activation of the hidden layers.

@@ -46,7 +46,7 @@ class DDQNKernel(NamedTuple):
     action: NDArray[np.float32]  # (1,) index of the last action
     batch: Batch
     work: Work
-    n_actions: int
+    action_size: int
 
     def parameters(self) -> list[NDArray[np.float32]]:
         """The parameters of the online and the target network."""
@@ -54,10 +54,10 @@ class DDQNKernel(NamedTuple):
 
 
 def new_agent(
-    hp: DDQNHyperparameters, state_size: int, n_actions: int, rng: np.random.Generator
+    hp: DDQNHyperparameters, state_size: int, action_size: int, rng: np.random.Generator
 ) -> DDQNKernel:
     """A fresh agent; `rng` draws its initial parameters."""
-    net = hp.network(state_size, n_actions)
+    net = hp.network(state_size, action_size)
     return DDQNKernel(
         settings=Settings(*(getattr(hp, name) for name in Settings._fields)),
         net=net,
@@ -67,25 +67,25 @@ def new_agent(
         action=zeros(1),
         batch=new_batch(state_size, 1, hp.batch_size),
         work=work_space(net, hp.batch_size),
-        n_actions=n_actions,
+        action_size=action_size,
     )
 
 
 @compiled
 def action_values(agent, params, states):
     """The action values (A, B') of a batch of states (S, B')."""
-    n_actions, columns = agent.n_actions, states.shape[1]
+    action_size, columns = agent.action_size, states.shape[1]
     y = np.empty((agent.net.sizes[-1], columns), np.float32)
     forward(agent.net, params, states, agent.work, y)
     if not agent.settings.dueling:
         return y
-    q = np.empty((n_actions, columns), np.float32)
-    share = np.float32(1.0 / n_actions)
+    q = np.empty((action_size, columns), np.float32)
+    share = np.float32(1.0 / action_size)
     for i in range(columns):
         mean = np.float32(0)
-        for a in range(n_actions):
+        for a in range(action_size):
             mean += share * y[1 + a, i]
-        for a in range(n_actions):
+        for a in range(action_size):
             q[a, i] = y[0, i] + y[1 + a, i] - mean
     return q
 
@@ -95,15 +95,15 @@ def output_gradient(agent, delta_q):
     """The gradient (O, B') of the outputs, given that of the action values (A, B')."""
     if not agent.settings.dueling:
         return delta_q
-    n_actions, columns = delta_q.shape
-    delta_y = np.empty((1 + n_actions, columns), np.float32)
-    share = np.float32(1.0 / n_actions)
+    action_size, columns = delta_q.shape
+    delta_y = np.empty((1 + action_size, columns), np.float32)
+    share = np.float32(1.0 / action_size)
     for i in range(columns):
         total = np.float32(0)
-        for a in range(n_actions):
+        for a in range(action_size):
             total += delta_q[a, i]
         delta_y[0, i] = total
-        for a in range(n_actions):
+        for a in range(action_size):
             delta_y[1 + a, i] = delta_q[a, i] - share * total
     return delta_y
 
@@ -117,13 +117,13 @@ def gradient_step(agent, rng):
     q_target = action_values(agent, theta.target, batch.next_states)
     q = action_values(agent, theta.online, batch.states)  # last: `backward` reads its layers
     delta_q = np.zeros_like(q)
-    n_actions, batch_size = q.shape[0], batch.rewards.size
+    action_size, batch_size = q.shape[0], batch.rewards.size
     gamma, one = np.float32(settings.discount), np.float32(1)
     scale = np.float32(2.0 / batch_size)
     loss = np.float32(0)
     for i in range(batch_size):
         best = 0
-        for a in range(1, n_actions):
+        for a in range(1, action_size):
             if q_next[a, i] > q_next[best, i]:
                 best = a
         goal = batch.rewards[i] + gamma * q_target[best, i] * (one - batch.dones[i])
@@ -153,7 +153,7 @@ def greedy_action(agent, state):
 def explore(agent, state, exploring, rng):
     """The next training action, chosen epsilon-greedily."""
     if uniform(rng) < agent.epsilon[0]:
-        action = below(rng, agent.n_actions)
+        action = below(rng, agent.action_size)
     else:
         action = greedy_action(agent, state)
     agent.action[0] = action

@@ -1,11 +1,13 @@
-"""The real tasks' dynamics, compiled: CartPole and Acrobot as in gymnasium
-(`gymnasium/envs/classic_control`); the tests compare both step by step.
+"""The real tasks' dynamics, compiled: classic control as in gymnasium
+(`gymnasium/envs/classic_control`); the tests compare both over whole episodes.
 
 symbol    shape          meaning
 -------   ------------   ----------------------------------------------------
 physics   (p,) float64   the simulator's state (CartPole: x, dx, angle, spin;
-                         Acrobot: angle1, angle2, spin1, spin2)
+                         Acrobot: angle1, angle2, spin1, spin2;
+                         both MountainCars: x, dx; Pendulum: angle, spin)
 state     (S,) float32   what the agent observes
+action    float          an index from 0, or a value in [-1, 1]
 """
 
 import math
@@ -16,7 +18,7 @@ from bilevel.kernels.jit import compiled
 
 #: Codes of the dynamics. OBSERVED is an environment that gymnasium runs; its physics are
 #: observations.
-OBSERVED, CARTPOLE, ACROBOT = 0, 1, 2
+OBSERVED, CARTPOLE, ACROBOT, MOUNTAIN_CAR, CONTINUOUS_MOUNTAIN_CAR, PENDULUM = range(6)
 
 _ANGLE_LIMIT = 12 * 2 * math.pi / 360
 _X_LIMIT = 2.4
@@ -30,6 +32,8 @@ def observe(dynamics, physics, state):
         state[0], state[1] = math.cos(physics[0]), math.sin(physics[0])
         state[2], state[3] = math.cos(physics[1]), math.sin(physics[1])
         state[4], state[5] = physics[2], physics[3]
+    elif dynamics == PENDULUM:
+        state[0], state[1], state[2] = math.cos(physics[0]), math.sin(physics[0]), physics[1]
     else:
         for k in range(state.size):
             state[k] = physics[k]
@@ -42,6 +46,12 @@ def step(dynamics, physics, action):
         return _cartpole_step(physics, action)
     if dynamics == ACROBOT:
         return _acrobot_step(physics, action)
+    if dynamics == MOUNTAIN_CAR:
+        return _mountain_car_step(physics, action)
+    if dynamics == CONTINUOUS_MOUNTAIN_CAR:
+        return _continuous_mountain_car_step(physics, action)
+    if dynamics == PENDULUM:
+        return _pendulum_step(physics, action)
     return np.nan, True
 
 
@@ -72,6 +82,40 @@ def _cartpole_step(physics, action):
     physics[2] = angle + 0.02 * spin
     physics[3] = spin + 0.02 * dspin
     return 1.0, abs(physics[0]) > _X_LIMIT or abs(physics[2]) > _ANGLE_LIMIT
+
+
+@compiled
+def _drive(physics, force):
+    """Move the car of both MountainCars by one step."""
+    x, dx = physics
+    dx = min(max(dx + force - 0.0025 * math.cos(3 * x), -0.07), 0.07)
+    x = min(max(x + dx, -1.2), 0.6)
+    physics[0], physics[1] = x, 0.0 if x == -1.2 and dx < 0 else dx
+
+
+@compiled
+def _mountain_car_step(physics, action):
+    _drive(physics, 0.001 * (action - 1.0))
+    return -1.0, physics[0] >= 0.5 and physics[1] >= 0
+
+
+@compiled
+def _continuous_mountain_car_step(physics, action):
+    _drive(physics, 0.0015 * action)
+    physics[:] = physics.astype(np.float32)  # as in gymnasium
+    over = physics[0] >= 0.45 and physics[1] >= 0
+    return (100.0 if over else 0.0) - 0.1 * action * action, over
+
+
+@compiled
+def _pendulum_step(physics, action):
+    angle, spin = physics
+    torque = 2.0 * action
+    upright = (angle + math.pi) % (2 * math.pi) - math.pi
+    cost = upright**2 + 0.1 * spin**2 + 0.001 * torque**2
+    physics[1] = min(max(spin + (15.0 * math.sin(angle) + 3.0 * torque) * 0.05, -8.0), 8.0)
+    physics[0] = angle + 0.05 * physics[1]
+    return -cost, False
 
 
 @compiled

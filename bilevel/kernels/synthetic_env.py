@@ -1,22 +1,24 @@
 """One step of a synthetic environment, compiled.
 
 The three networks (next state, reward, done) read the same input, so their first layers are
-concatenated into one layer of width 3H. The one-hot action selects a column of its weights, which
-is added to the biases in advance.
+concatenated into one layer of width 3H. An index as action, which is one-hot, selects a column of
+its weights.
 
 symbol   meaning
-------   -------------------------
-S, A     state size, number of actions
+------   ------------------------------------------------------------
+S, A     state size, number of actions or length of an action vector
 H        hidden width of one network
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numba import types
+from numba.extending import overload
 from numpy.typing import NDArray
 
 from bilevel.kernels.activations import activate
-from bilevel.kernels.jit import compiled
+from bilevel.kernels.jit import OPTIONS, compiled
 from bilevel.kernels.mlp import layer_biases, layer_weights
 from bilevel.networks import Network
 
@@ -29,7 +31,8 @@ _ZERO = np.float32(0)
 class SEKernel(NamedTuple):
     """Parameters of an SE, arranged for `step`."""
 
-    action_biases: NDArray[np.float32]  # (A, 3H) first-layer bias + action column
+    biases: NDArray[np.float32]  # (3H,) of the first layer
+    action_weights: NDArray[np.float32]  # (A, 3H) first-layer weights, transposed
     state_weights: NDArray[np.float32]  # (S, 3H) first-layer weights, transposed
     hidden_weights: NDArray[np.float32]  # (3 * (layers - 1), H, H) further layers, transposed
     hidden_biases: NDArray[np.float32]  # (3 * (layers - 1), H)
@@ -42,7 +45,7 @@ class SEKernel(NamedTuple):
 def prepare(
     networks: tuple[Network, Network, Network],
     parameters: tuple[NDArray[np.float32], NDArray[np.float32], NDArray[np.float32]],
-    n_actions: int,
+    action_size: int,
     slope: float,
 ) -> SEKernel:
     """Arrange the next-state, reward and done networks for `step`."""
@@ -51,13 +54,13 @@ def prepare(
     weights = [[layer_weights(n, p, layer) for layer in range(depth + 1)] for n, p in pairs]
     biases = [[layer_biases(n, p, layer) for layer in range(depth + 1)] for n, p in pairs]
     first = np.concatenate([w[0] for w in weights])  # (3H, A + S)
-    first_bias = np.concatenate([b[0] for b in biases])
     hidden = int(networks[0].sizes[1])
     middle = [w[layer].T for w in weights for layer in range(1, depth)]
     middle_bias = [b[layer] for b in biases for layer in range(1, depth)]
     return SEKernel(
-        np.ascontiguousarray(first[:, :n_actions].T + first_bias),
-        np.ascontiguousarray(first[:, n_actions:].T),
+        np.concatenate([b[0] for b in biases]),
+        np.ascontiguousarray(first[:, :action_size].T),
+        np.ascontiguousarray(first[:, action_size:].T),
         np.ascontiguousarray(middle, np.float32).reshape(-1, hidden, hidden),
         np.ascontiguousarray(middle_bias, np.float32).reshape(-1, hidden),
         np.concatenate([w[depth] for w in weights]),
@@ -69,15 +72,36 @@ def prepare(
 
 def work_space(se: SEKernel) -> NDArray[np.float32]:
     """Memory (2, 3H) for the hidden layers of `step`."""
-    return np.zeros((2, se.action_biases.shape[1]), np.float32)
+    return np.zeros((2, se.biases.size), np.float32)
+
+
+def add_action(se, action, h):
+    """Write biases + action_weights.T @ action into `h` (3H,). The action is an index, which counts
+    as one-hot, or a vector (A,)."""
+
+
+@overload(add_action, jit_options=OPTIONS, strict=False)
+def _add_action(se, action, h):
+    def add_index(se, action, h):
+        for j in range(h.size):
+            h[j] = se.biases[j] + se.action_weights[action, j]
+
+    def add_vector(se, action, h):
+        h[:] = se.biases
+        for k in range(action.size):
+            x = action[k]
+            for j in range(h.size):
+                h[j] += x * se.action_weights[k, j]
+
+    return add_vector if isinstance(action, types.Array) else add_index
 
 
 @compiled
 def step(se, state, action, next_state, work):
-    """Write the next state into `next_state` (S,); return reward and raw done output."""
+    """Write the next state into `next_state` (S,); return reward and raw done output. The action is
+    an index or a vector (A,)."""
     h = work[0]
-    for j in range(h.size):
-        h[j] = se.action_biases[action, j]
+    add_action(se, action, h)
     for k in range(state.size):
         x = state[k]
         for j in range(h.size):
@@ -115,6 +139,7 @@ def step(se, state, action, next_state, work):
 
 @compiled
 def step_all(se, states, actions, next_states, rewards, dones, work):
-    """`step` of N copies: `states` and `next_states` are (N, S), the others (N,)."""
-    for copy in range(actions.size):
+    """`step` of N copies: `states` and `next_states` are (N, S), the others (N,); `actions` are
+    (N,) indices or (N, A) vectors."""
+    for copy in range(rewards.size):
         rewards[copy], dones[copy] = step(se, states[copy], actions[copy], next_states[copy], work)

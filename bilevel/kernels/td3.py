@@ -1,12 +1,15 @@
-"""Discrete TD3, compiled: the twin of the definition `bilevel.agents.td3`.
+"""TD3, compiled: the twin of the definition `bilevel.agents.td3`.
 
 symbol     shape             meaning
 --------   ---------------   --------------------------------------------------
-actor      (P_a,) float32    parameters of the actor, logits of S -> A
-rho        (1,) float32      logarithm of the Gumbel-Softmax temperature
+actor      (P_a,) float32    parameters of the actor, S -> A
 critics    2 x (P_c,)        parameters of the critics, value of (S + A) -> 1
-soft       (A, B')           relaxed one-hot actions, softmax((logits + g) / exp(rho))
+outputs    (A, B')           the actor's outputs before its squashing function
+A          -                 length of an action vector
 B, B'      -                 batch size; padded to whole vector registers
+
+`bilevel.kernels.td3_discrete` shares the critics' step and has its own kind of actor: it implements
+`target_actions` and `actor_step` for its type.
 """
 
 import math
@@ -16,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.hyperparameters import TD3Hyperparameters
+from bilevel.kernels.activations import tanh
 from bilevel.kernels.adam import Learned, adam_step, learned, soft_update
 from bilevel.kernels.jit import compiled
 from bilevel.kernels.mlp import (
@@ -30,7 +34,7 @@ from bilevel.kernels.mlp import (
     zeros,
 )
 from bilevel.kernels.products import product
-from bilevel.kernels.random import below, gumbel, normal
+from bilevel.kernels.random import normal, uniform
 from bilevel.kernels.replay import Batch, new_batch
 from bilevel.kernels.training import act, end_episode, greedy, implements, learn
 from bilevel.networks import Network, initial_parameters
@@ -39,7 +43,7 @@ _f = np.float32
 
 
 class Settings(NamedTuple):
-    """The fields of `TD3Hyperparameters` that the kernel reads."""
+    """The fields of `TD3Hyperparameters` that the kernels read."""
 
     learning_rate: float
     target_update_rate: float
@@ -58,36 +62,40 @@ class TD3Kernel(NamedTuple):
     actor_net: Network
     critic_net: Network
     actor: Learned
-    rho: Learned
+    rho: Learned  # logarithm of the temperature, of discrete actions only
     critics: tuple[Learned, Learned]
     steps: NDArray[np.int64]  # (2,) gradient steps of critics and of actor
-    action: NDArray[np.float32]  # (A,) the last action, relaxed and noisy
+    action: NDArray[np.float32]  # (A,) the last action
     batch: Batch
     actor_work: Work
     critic_work: Work
     next_inputs: NDArray[np.float32]  # (S + A, B') next states and target actions
     policy_inputs: NDArray[np.float32]  # (S + A, B') states and the actor's actions
     delta_inputs: NDArray[np.float32]  # (S + A, B')
-    logits: NDArray[np.float32]  # (A, B'), scaled: (logits + g) / temperature
-    delta_logits: NDArray[np.float32]  # (A, B')
+    outputs: NDArray[np.float32]  # (A, B')
+    delta_outputs: NDArray[np.float32]  # (A, B')
     value: NDArray[np.float32]  # (1, B')
     delta_value: NDArray[np.float32]  # (1, B')
     goal: NDArray[np.float32]  # (B',)
-    single_logits: NDArray[np.float32]  # (A,)
+    single: NDArray[np.float32]  # (A,) outputs for one state
 
     def parameters(self) -> list[NDArray[np.float32]]:
-        """The parameters of actor, rho and critics, then their targets."""
-        parts = (self.actor, self.rho, *self.critics)
+        """The parameters of actor and critics, then their targets."""
+        parts = (self.actor, *self.critics)
         return [part.online for part in parts] + [part.target for part in parts]
 
 
 def new_agent(
-    hp: TD3Hyperparameters, state_size: int, n_actions: int, rng: np.random.Generator
+    hp: TD3Hyperparameters,
+    state_size: int,
+    action_size: int,
+    rng: np.random.Generator,
+    kind: type[TD3Kernel] = TD3Kernel,
 ) -> TD3Kernel:
     """A fresh agent; `rng` draws the initial parameters of actor and critics."""
-    actor, critic = hp.networks(state_size, n_actions)
-    columns, inputs = padded(hp.batch_size), state_size + n_actions
-    return TD3Kernel(
+    actor, critic = hp.networks(state_size, action_size)
+    columns, inputs = padded(hp.batch_size), state_size + action_size
+    return kind(
         settings=Settings(*(getattr(hp, name) for name in Settings._fields)),
         actor_net=actor,
         critic_net=critic,
@@ -98,39 +106,35 @@ def new_agent(
             learned(initial_parameters(critic, rng)),
         ),
         steps=np.zeros(2, np.int64),
-        action=zeros(n_actions),
-        batch=new_batch(state_size, n_actions, hp.batch_size),
+        action=zeros(action_size),
+        batch=new_batch(state_size, action_size, hp.batch_size),
         actor_work=work_space(actor, hp.batch_size),
         critic_work=work_space(critic, hp.batch_size),
         next_inputs=zeros(inputs, columns),
         policy_inputs=zeros(inputs, columns),
         delta_inputs=zeros(inputs, columns),
-        logits=zeros(n_actions, columns),
-        delta_logits=zeros(n_actions, columns),
+        outputs=zeros(action_size, columns),
+        delta_outputs=zeros(action_size, columns),
         value=zeros(1, columns),
         delta_value=zeros(1, columns),
         goal=zeros(columns),
-        single_logits=zeros(n_actions),
+        single=zeros(action_size),
     )
 
 
+def target_actions(agent, rng, actions):
+    """Write the smoothed target actions in `agent.next_inputs` into `actions` (A, B')."""
+
+
+def actor_step(agent, rng):
+    """Make one step of the actor, uphill on the first critic's value."""
+
+
 @compiled
-def relax(logits, rho, batch_size, rng, soft):
-    """Draw `soft` (A, B') from the Gumbel-Softmax distribution (Jang et al., 2017)
-    of `logits` (A, B'), which are left scaled: (logits + g) / exp(rho)."""
-    n_actions = logits.shape[0]
-    inverse = _f(1) / np.exp(rho)
-    for i in range(batch_size):
-        highest = -_f(np.inf)
-        for a in range(n_actions):
-            logits[a, i] = (logits[a, i] + gumbel(rng)) * inverse
-            highest = max(highest, logits[a, i])
-        total = _f(0)
-        for a in range(n_actions):
-            soft[a, i] = np.exp(logits[a, i] - highest)
-            total += soft[a, i]
-        for a in range(n_actions):
-            soft[a, i] /= total
+def smoothing(settings, rng):
+    """Noise of target smoothing."""
+    limit = _f(settings.target_noise_clip)
+    return min(max(_f(settings.target_noise) * normal(rng), -limit), limit)
 
 
 @compiled
@@ -138,14 +142,8 @@ def critic_step(agent, rng):
     """Make one gradient step of both critics; return the loss."""
     settings, batch, net, work = agent.settings, agent.batch, agent.critic_net, agent.critic_work
     n_states, batch_size = batch.states.shape[0], batch.rewards.size
-    next_states, next_actions = agent.next_inputs[:n_states], agent.next_inputs[n_states:]
-    next_states[:] = batch.next_states
-    forward(agent.actor_net, agent.actor.target, next_states, agent.actor_work, agent.logits)
-    relax(agent.logits, agent.rho.target[0], batch_size, rng, next_actions)
-    spread, limit = _f(settings.target_noise), _f(settings.target_noise_clip)
-    for i in range(batch_size):
-        for a in range(agent.logits.shape[0]):
-            next_actions[a, i] += min(max(spread * normal(rng), -limit), limit)
+    agent.next_inputs[:n_states] = batch.next_states
+    target_actions(agent, rng, agent.next_inputs[n_states:])
 
     value, delta_value, goal = agent.value, agent.delta_value, agent.goal
     gamma, one = _f(settings.discount), _f(1)
@@ -172,17 +170,11 @@ def critic_step(agent, rng):
 
 
 @compiled
-def actor_step(agent, rng):
-    """Make one step of actor and temperature, uphill on the first critic's value."""
-    settings, batch, actor, rho = agent.settings, agent.batch, agent.actor, agent.rho
-    n_states, batch_size = batch.states.shape[0], batch.rewards.size
-    n_actions = agent.logits.shape[0]
-    agent.policy_inputs[:n_states] = batch.states
-    soft = agent.policy_inputs[n_states:]
-    forward(agent.actor_net, actor.online, batch.states, agent.actor_work, agent.logits)
-    relax(agent.logits, rho.online[0], batch_size, rng, soft)
-
+def action_gradients(agent):
+    """Write the gradient of the first critic's loss, minus its mean value, with respect to the
+    states and actions in `agent.policy_inputs` into `agent.delta_inputs`."""
     net, work, critic = agent.critic_net, agent.critic_work, agent.critics[0]
+    batch_size = agent.batch.rewards.size
     forward(net, critic.online, agent.policy_inputs, work, agent.value)
     for i in range(batch_size):
         agent.delta_value[0, i] = _f(-1.0 / batch_size)
@@ -190,27 +182,18 @@ def actor_step(agent, rng):
     propagate(net, critic.online, work, agent.delta_value, critic.gradient)
     product(layer_weights(net, critic.online, 0).T, work.delta_h[0], agent.delta_inputs)
 
-    inverse = _f(1) / np.exp(rho.online[0])
-    delta_rho, delta_logits = _f(0), agent.delta_logits
-    for i in range(batch_size):
-        mean = _f(0)
-        for a in range(n_actions):
-            mean += soft[a, i] * agent.delta_inputs[n_states + a, i]
-        for a in range(n_actions):
-            delta = soft[a, i] * (agent.delta_inputs[n_states + a, i] - mean)
-            delta_rho -= delta * agent.logits[a, i]
-            delta_logits[a, i] = delta * inverse
-    work = agent.actor_work
-    backward(agent.actor_net, actor.online, batch.states, work, delta_logits, actor.gradient)
+
+@compiled
+def actor_adam_step(agent):
+    """Make one Adam step of the actor with the gradient `agent.delta_outputs`."""
+    actor, work = agent.actor, agent.actor_work
+    backward(
+        agent.actor_net, actor.online, agent.batch.states, work, agent.delta_outputs, actor.gradient
+    )
     agent.steps[1] += 1
-    adam_step(actor, agent.steps[1], settings.learning_rate)
-    rho.gradient[0] = delta_rho
-    adam_step(rho, agent.steps[1], settings.learning_rate)
-    lowest, highest = settings.temperatures
-    rho.online[0] = min(max(rho.online[0], _f(math.log(lowest))), _f(math.log(highest)))
+    adam_step(actor, agent.steps[1], agent.settings.learning_rate)
 
 
-@implements(TD3Kernel, learn)
 @compiled
 def gradient_step(agent, rng):
     """Make one step of the critics, and every `policy_delay` steps of actor and targets."""
@@ -225,34 +208,68 @@ def gradient_step(agent, rng):
     return loss
 
 
+implements(TD3Kernel, learn)(gradient_step)
+
+
+@implements(TD3Kernel, target_actions)
+@compiled
+def smoothed_actions(agent, rng, actions):
+    """tanh of the target actor's outputs, plus clipped noise, clipped to [-1, 1]."""
+    next_states = agent.next_inputs[: agent.batch.states.shape[0]]
+    forward(agent.actor_net, agent.actor.target, next_states, agent.actor_work, agent.outputs)
+    for i in range(agent.batch.rewards.size):
+        for a in range(actions.shape[0]):
+            noisy = tanh(agent.outputs[a, i]) + smoothing(agent.settings, rng)
+            actions[a, i] = min(max(noisy, _f(-1)), _f(1))
+
+
+@implements(TD3Kernel, actor_step)
+@compiled
+def deterministic_actor_step(agent, rng):
+    """The deterministic policy gradient (Silver et al., 2014)."""
+    batch, n_states = agent.batch, agent.batch.states.shape[0]
+    agent.policy_inputs[:n_states] = batch.states
+    actions, deltas = agent.policy_inputs[n_states:], agent.delta_inputs[n_states:]
+    forward(agent.actor_net, agent.actor.online, batch.states, agent.actor_work, agent.outputs)
+    for a in range(actions.shape[0]):
+        for i in range(batch.rewards.size):
+            actions[a, i] = tanh(agent.outputs[a, i])
+    action_gradients(agent)
+    for a in range(actions.shape[0]):
+        for i in range(batch.rewards.size):
+            agent.delta_outputs[a, i] = deltas[a, i] * (_f(1) - actions[a, i] * actions[a, i])
+    actor_adam_step(agent)
+
+
 @implements(TD3Kernel, greedy)
 @compiled
 def greedy_action(agent, state):
-    """The action with the highest logit: the most probable one."""
-    logits = agent.single_logits
-    forward_single(agent.actor_net, agent.actor.online, state, agent.actor_work, logits)
-    return np.argmax(logits)
+    """tanh of the actor's outputs (A,)."""
+    outputs = agent.single
+    forward_single(agent.actor_net, agent.actor.online, state, agent.actor_work, outputs)
+    for a in range(outputs.size):
+        outputs[a] = tanh(outputs[a])
+    return outputs
 
 
 @implements(TD3Kernel, act)
 @compiled
 def explore(agent, state, exploring, rng):
-    """The next training action, uniform in the initial episodes; its vector is `agent.action`."""
-    action, logits = agent.action, agent.single_logits
+    """The next training action (A,), uniform in the initial episodes, else the actor's with noise,
+    clipped to [-1, 1]."""
+    action = agent.action
     if exploring:
-        index = below(rng, action.size)
-        action[:] = 0
-        action[index] = 1
-        return index
-    forward_single(agent.actor_net, agent.actor.online, state, agent.actor_work, logits)
-    column = (action.size, 1)
-    relax(logits.reshape(column), agent.rho.online[0], 1, rng, action.reshape(column))
+        for a in range(action.size):
+            action[a] = _f(2.0 * uniform(rng) - 1.0)
+        return action
+    best = greedy_action(agent, state)
     for a in range(action.size):
-        action[a] += _f(agent.settings.action_noise) * normal(rng)
-    return np.argmax(action)
+        noisy = best[a] + _f(agent.settings.action_noise) * normal(rng)
+        action[a] = min(max(noisy, _f(-1)), _f(1))
+    return action
 
 
 @implements(TD3Kernel, end_episode)
 @compiled
-def rest(agent):
+def end_training_episode(agent):
     """Do nothing."""

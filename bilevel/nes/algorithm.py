@@ -24,6 +24,7 @@ from typing import Any
 
 import numpy as np
 
+from bilevel.agents import get_agent
 from bilevel.errors import InvalidInput, require
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, scores_of
 from bilevel.evolution import RULES, EvolutionStrategy, Fitness, Rule
@@ -78,6 +79,8 @@ class NES:
                 f"nes.score_transform {nes.score_transform!r} compares members: "
                 f"nes.population_size must be at least 2; got {nes.population_size}"
             )
+        for agent in self.hp.agents:
+            get_agent(agent.agent, self.task.continuous)
         self.family(self.task.unit_scale)
 
     @property
@@ -133,10 +136,10 @@ class NES:
         return state
 
     def init(self) -> NESState:
-        """Return the first state. The exogenous family takes real steps to measure the scale of
-        observations (`Task.observation_scale`)."""
+        """Return the first state. Except for the plain family, it takes real steps to measure the
+        scale of observations (`Task.observation_scale`)."""
         scale = self.task.unit_scale
-        if self.hp.se.family == "exogenous":
+        if self.hp.se.family != "plain":
             scale = self.task.observation_scale(derive(self.seed, Purpose.OBSERVATIONS))
         origin = self.strategy().init(np.zeros(self.family(scale).size, np.float32))
         state = NESState(Evolving(), origin, scale, real_env_steps=scale.real_env_steps)

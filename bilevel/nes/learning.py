@@ -43,7 +43,7 @@ def learn(
     """
     task = get_task(task) if isinstance(task, str) else task
     require(Task, task, "the task to learn", "as bilevel.get_task returns it, or its id")
-    hp = recipe if isinstance(recipe, Hyperparameters) else load_recipe(recipe, task.id)
+    hp = recipe if isinstance(recipe, Hyperparameters) else load_recipe(recipe, task)
     nes = NES(task, hp, seed)
     with _executor(workers, executor, task, hp) as running:
         mapped = map if running is None else running.map
@@ -71,7 +71,7 @@ def _executor(
     # receive the task and the agents that the script may have registered.
     from loky import ProcessPoolExecutor
 
-    agents = [(type(agent), get_agent(agent.agent)) for agent in hp.agents]
+    agents = [(type(agent), get_agent(agent.agent, task.continuous)) for agent in hp.agents]
     initargs = (gymnasium.registry.get(task.id), agents)
     pool: AbstractContextManager[Executor]
     pool = ProcessPoolExecutor(int(workers), initializer=_register, initargs=initargs)

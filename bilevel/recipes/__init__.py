@@ -8,7 +8,8 @@ authors     the update rule, transforms and ties of the authors' code
 
 A recipe holds its differences from the recipe that it `extends`. `agents` and `vary_agent` select
 the agents that evaluations draw. The sections `nes`, `se` and one per agent hold hyperparameters.
-A section `tasks.ID.SECTION` applies only to the task ID, where it overrides the recipe's SECTION.
+A section `continuous.SECTION` applies only to tasks with continuous actions, and a section
+`tasks.ID.SECTION` only to the task ID, where they override the recipe's SECTION.
 """
 
 import json
@@ -42,19 +43,24 @@ class _Task(Protocol):
     def id(self) -> str:
         """The gymnasium id."""
 
+    @property
+    def continuous(self) -> bool:
+        """Whether actions are vectors."""
+
 
 def load_recipe(
     name: str | Path, task: _Task | str, agents: Sequence[str] | str | None = None
 ) -> Hyperparameters:
-    """Return the hyperparameters of a recipe for a task, or for the task's id ("" for no task).
+    """Return the hyperparameters of a recipe for a task, or for the id of a task with discrete
+    actions ("" for any).
 
     `name` is a recipe of this package or the path of a file (`*.toml`). `agents`, one name or
     several, replaces the agents of the recipe. Fields of an agent that the recipe does not give
     have the defaults of its class. Raises InvalidInput for an unknown name, and for a file that is
     not a recipe or incomplete.
     """
-    name, task_id = str(name), task if isinstance(task, str) else task.id
-    values, source = _resolved(name, task_id, ()), f"recipe {name!r}"
+    name = str(name)
+    values, source = _resolved(name, task, ()), f"recipe {name!r}"
     names = decode(tuple[str, ...], values.pop("agents", ()), f"{source}: agents")
     if agents is not None:
         names = (agents,) if isinstance(agents, str) else tuple(agents)
@@ -99,14 +105,15 @@ def recipe_text(
     return "\n".join(lines) + "\n"
 
 
-def _resolved(name: str, task_id: str, children: tuple[str, ...]) -> _Values:
+def _resolved(name: str, task: _Task | str, children: tuple[str, ...]) -> _Values:
     """Return the values of a recipe on top of those that it extends."""
     if name in children:
         raise InvalidInput(f"recipe {name!r} extends itself: {' -> '.join((*children, name))}")
     own = _read(name)
-    parent, tasks = own.pop("extends", None), own.pop("tasks", {})
-    merged = {} if parent is None else _resolved(str(parent), task_id, (*children, name))
-    for layer in (own, tasks.get(task_id, {})):
+    parent, tasks, continuous = (own.pop(key, {}) for key in ("extends", "tasks", "continuous"))
+    merged = _resolved(str(parent), task, (*children, name)) if parent else {}
+    task_id, is_continuous = (task, False) if isinstance(task, str) else (task.id, task.continuous)
+    for layer in (own, continuous if is_continuous else {}, tasks.get(task_id, {})):
         for key, value in layer.items():
             both = isinstance(value, Mapping) and isinstance(merged.get(key), Mapping)
             merged[key] = {**merged[key], **value} if both else value

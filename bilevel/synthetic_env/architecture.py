@@ -1,10 +1,11 @@
 """A synthetic environment (SE): its architecture, and its parameters as one flat vector psi.
 
 Three MLPs with equal hidden layers (next state, reward, done) read the same input,
-concat(one_hot(action), state). psi concatenates their parameters, in the layout of
-`bilevel.networks`.
+concat(action, state). A discrete action is one-hot, a continuous one a vector in [-1, 1]. psi
+concatenates their parameters, in the layout of `bilevel.networks`. Learned initial states W z + b,
+with z ~ N(0, I), add the parameters W (S, S) and b (S,).
 
-S and A are the state size and the number of actions, P is the length of psi.
+S is the state size, A the number of actions or the length of an action vector, P the length of psi.
 """
 
 import json
@@ -49,25 +50,35 @@ class Architecture:
     writing an SE file checks the ranges."""
 
     state_size: _Size
-    n_actions: _Size
+    action_size: _Size
     hidden_layers: _Size
     hidden_size: _Size
     activation: Activation
     step_limit: StepLimit
+    continuous: bool = False  #: whether actions are vectors
+    #: Whether episodes start in states of the SE instead of initial states of the real task.
+    own_initial_states: bool = False
 
     @classmethod
     def of(cls, task: Task, hp: SEHyperparameters) -> "Architecture":
         """Return the architecture of an SE for `task`."""
-        sizes = task.state_size, task.n_actions, hp.hidden_layers, hp.hidden_size
-        return cls(*sizes, hp.activation, hp.step_limit or task.step_limit)
+        one_step = hp.family == "one-step"
+        smallest = 2 * task.action_size if one_step else 1
+        sizes = task.state_size, task.action_size, hp.hidden_layers, max(hp.hidden_size, smallest)
+        limit = 1 if one_step else hp.step_limit or task.step_limit
+        return cls(*sizes, hp.activation, limit, task.continuous, one_step)
 
     def check_fits(self, task: Task) -> None:
-        """Raise InvalidInput unless the task has the same numbers of states and actions."""
-        if (self.state_size, self.n_actions) != (task.state_size, task.n_actions):
-            raise InvalidInput(
-                f"the SE has {self.state_size} state dimensions and {self.n_actions} actions: "
-                f"{task.id} has {task.state_size} and {task.n_actions}"
-            )
+        """Raise InvalidInput unless the task has states and actions of the same sizes and kind."""
+        own = self.state_size, self.action_size, self.continuous
+        other = task.state_size, task.action_size, task.continuous
+        if own != other:
+            kinds = [
+                f"{size} state dimensions and {actions} "
+                f"{'action dimensions' if continuous else 'discrete actions'}"
+                for size, actions, continuous in (own, other)
+            ]
+            raise InvalidInput(f"the SE has {kinds[0]}: {task.id} has {kinds[1]}")
 
     @property
     def slope(self) -> float:
@@ -79,7 +90,7 @@ class Architecture:
         """Shapes of the next-state, reward and done network."""
         # The slope of a PReLU is not a parameter of the SE: it becomes a LeakyReLU.
         activation = "lrelu" if self.activation == "prelu" else self.activation
-        inputs = self.n_actions + self.state_size
+        inputs = self.action_size + self.state_size
         next_state, reward, done = (
             network(inputs, self.hidden_size, self.hidden_layers, outputs, activation)
             for outputs in (self.state_size, 1, 1)
@@ -89,13 +100,20 @@ class Architecture:
     @property
     def parameter_count(self) -> int:
         """Length P of psi."""
-        return sum(net.parameter_count for net in self.networks)
+        initial = self.state_size * (self.state_size + 1) if self.own_initial_states else 0
+        return sum(net.parameter_count for net in self.networks) + initial
 
     def split(self, psi: Psi) -> tuple[Psi, Psi, Psi]:
         """Return views of psi (P,), one per network."""
         counts = [net.parameter_count for net in self.networks]
-        next_state, reward, done = np.split(psi, np.cumsum(counts)[:-1])
+        next_state, reward, done, _ = np.split(psi, np.cumsum(counts))
         return next_state, reward, done
+
+    def initial(self, psi: Psi) -> tuple[Psi, Psi]:
+        """Return views of W (S, S) and b (S,) of learned initial states."""
+        size = self.state_size
+        weight, bias = np.split(psi[-size * (size + 1) :], [size * size])
+        return weight.reshape(size, size), bias
 
     def tensors(self, psi: Psi) -> dict[str, Psi]:
         """Return views of psi (P,) by name: `reward.0.weight` (units, inputs), `reward.0.bias`."""
@@ -104,11 +122,16 @@ class Architecture:
             for layer in range(len(net.shapes)):
                 tensors[f"{name}.{layer}.weight"] = layer_weights(net, part, layer)
                 tensors[f"{name}.{layer}.bias"] = layer_biases(net, part, layer)
+        if self.own_initial_states:
+            tensors["initial_state.0.weight"], tensors["initial_state.0.bias"] = self.initial(psi)
         return tensors
 
     def initialize(self, rng: np.random.Generator) -> Psi:
         """Draw an initial psi (P,), uniform in +-1/sqrt(fan_in)."""
-        return np.concatenate([initial_parameters(net, rng) for net in self.networks])
+        psi = np.zeros(self.parameter_count, np.float32)
+        networks = [initial_parameters(net, rng) for net in self.networks]
+        psi[: sum(map(len, networks))] = np.concatenate(networks)
+        return psi
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,9 +166,14 @@ class SE:
         return prepare(
             self.architecture.networks,
             self.architecture.split(self.psi),
-            self.architecture.n_actions,
+            self.architecture.action_size,
             self.architecture.slope,
         )
+
+    def initial_states(self, rng: np.random.Generator, n: int) -> NDArray[np.float32]:
+        """Draw `n` learned initial states (n, S)."""
+        weight, bias = self.architecture.initial(self.psi)
+        return rng.standard_normal((n, len(bias)), np.float32) @ weight.T + bias
 
     @property
     def digest(self) -> str:

@@ -84,11 +84,12 @@ def _checked(values: Any) -> _Header:
 
 
 def _reading(architecture: Architecture) -> dict[str, Any]:
+    learned = architecture.own_initial_states
     return {
-        "inputs": "one-hot action, then state",
+        "inputs": f"{'action' if architecture.continuous else 'one-hot action'}, then state",
         "slope": architecture.slope,
         "done": DONE,
-        "initial_states": "the real task's",
+        "initial_states": "initial_state(z), z ~ N(0, I)" if learned else "the real task's",
     }
 
 

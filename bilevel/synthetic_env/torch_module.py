@@ -9,7 +9,7 @@ from bilevel.torch_activations import activation_module
 
 
 class SEModule(nn.Module):
-    """Three MLPs on concat(one_hot(action), state), with the parameters of an SE.
+    """Three MLPs on concat(action, state), with the parameters of an SE.
 
     Outputs are differentiable with respect to the states. Parameters are frozen; call
     `requires_grad_(True)` to train them.
@@ -33,9 +33,11 @@ class SEModule(nn.Module):
     def forward(self, state: Tensor, action: Tensor) -> tuple[Tensor, Tensor, Tensor]:
         """Return next states (..., S), rewards (...,) and raw done outputs (...,).
 
-        States are (..., S) float32, actions (...,) int64. An episode ends at done > 0.5.
+        States are (..., S) float32. Actions are (...,) int64, which become one-hot, or (..., A)
+        float32 in [-1, 1]. An episode ends at done > 0.5.
         """
-        one_hot = nn.functional.one_hot(action, self.architecture.n_actions)
-        inputs = torch.cat([one_hot.to(state.dtype), state], dim=-1)
+        if not self.architecture.continuous:
+            action = nn.functional.one_hot(action, self.architecture.action_size)
+        inputs = torch.cat([action.to(state.dtype), state], dim=-1)
         outputs = [self.get_submodule(name)(inputs) for name in NETWORKS]
         return outputs[0], outputs[1].squeeze(-1), outputs[2].squeeze(-1)

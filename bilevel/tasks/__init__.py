@@ -1,6 +1,6 @@
 """Real tasks, on which agents are tested."""
 
-from bilevel.tasks.adapter import checked_action
+from bilevel.tasks.adapter import RealEnv
 from bilevel.tasks.specification import BUILT_IN_TASKS, get_task
 from bilevel.tasks.task import MAX_STEP_LIMIT, ObservationScale, Task
 
@@ -8,7 +8,7 @@ __all__ = [
     "BUILT_IN_TASKS",
     "MAX_STEP_LIMIT",
     "ObservationScale",
+    "RealEnv",
     "Task",
-    "checked_action",
     "get_task",
 ]

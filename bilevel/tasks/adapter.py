@@ -1,6 +1,5 @@
-"""Gymnasium environments of real tasks, with validation of actions and returned values."""
+"""Gymnasium environments of real tasks, with flat states and validated values."""
 
-import operator
 import warnings
 from typing import Any
 
@@ -8,16 +7,14 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from bilevel.errors import InvalidInput
+from bilevel.spaces import Action, Actions, Observations, State
 from bilevel.user_code import UserCodeError, user_code_errors
 
 #: A real task in gymnasium.
-RealEnv = gymnasium.Env[NDArray[np.float32], np.int64]
+GymEnv = gymnasium.Env[Any, Any]
 
 
-def make_env(
-    task_id: str, step_limit: int | None = None, render_mode: str | None = None
-) -> RealEnv:
+def make_env(task_id: str, step_limit: int | None = None, render_mode: str | None = None) -> GymEnv:
     """Create a task's environment. Raises gymnasium's and the environment's errors."""
     # A task without rendering need not accept the argument.
     kwargs: dict[str, Any] = {} if render_mode is None else {"render_mode": render_mode}
@@ -28,51 +25,53 @@ def make_env(
         return gymnasium.make(task_id, step_limit, disable_env_checker=True, **kwargs)
 
 
-def checked_action(action: Any, n_actions: int, first: int = 0) -> int:
-    """Return the index, from 0, of an action of a Discrete space that starts at `first`.
+class RealEnv:
+    """A real task with states (S,) and actions as agents use them (`bilevel.spaces`). Errors and
+    invalid values of the user's environment raise UserCodeError. Raises InvalidInput for
+    unsupported spaces."""
 
-    The action may be an integer of any type, such as a torch tensor. Raises InvalidInput for other
-    values.
-    """
-    try:
-        index = operator.index(action) - first
-    except TypeError:
-        index = -1
-    if not 0 <= index < n_actions:
-        last = first + n_actions - 1
-        raise InvalidInput(f"action {action!r} is not allowed: allowed are {first} to {last}")
-    return index
-
-
-class CheckedEnv(gymnasium.Wrapper[NDArray[np.float32], np.int64, NDArray[np.float32], np.int64]):
-    """A user's environment, whose errors and invalid return values raise UserCodeError."""
-
-    def __init__(self, env: RealEnv, task_id: str) -> None:
-        super().__init__(env)
+    def __init__(self, env: GymEnv, task_id: str) -> None:
+        self.env = env
         self._name = f"task {task_id!r}"
+        self.observations = Observations(env.observation_space, task_id)
+        self.actions = Actions(env.action_space, task_id)
 
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[NDArray[np.float32], dict[str, Any]]:
-        """See gymnasium."""
+    def reset(self, seed: int | None = None) -> State:
+        """Start an episode; return the initial state (S,)."""
+        return self.raw_reset(seed).astype(np.float32)
+
+    def raw_reset(self, seed: int | None = None) -> NDArray[Any]:
+        """Start an episode; return the initial state (S,) in the dtype of the space."""
         with user_code_errors(self._name, "is reset"):
-            state, info = self.env.reset(seed=seed, options=options)
-            return self._checked(state, 0.0), info
+            return self._checked(self.env.reset(seed=seed)[0], 0.0)
 
-    def step(
-        self, action: np.int64
-    ) -> tuple[NDArray[np.float32], float, bool, bool, dict[str, Any]]:
-        """See gymnasium."""
+    def step(self, action: Action) -> tuple[State, float, bool, bool]:
+        """Take one step: next state (S,), reward, terminated, truncated. Raises InvalidInput for
+        invalid actions."""
+        taken = self.actions.outward(action)
         with user_code_errors(self._name, "takes a step"):
-            state, reward, terminated, truncated, info = self.env.step(action)
+            observation, reward, terminated, truncated, _ = self.env.step(taken)
             number = float(reward)
-            return self._checked(state, number), number, bool(terminated), bool(truncated), info
+            state = self._checked(observation, number).astype(np.float32)
+            return state, number, bool(terminated), bool(truncated)
 
-    def _checked(self, state: Any, reward: float) -> NDArray[np.float32]:
-        # A copy: a task may write its next observation into the same array.
-        array, shape = np.array(state), self.observation_space.shape
-        if array.shape != shape:
-            raise UserCodeError(f"{self._name} observes the shape {array.shape} instead of {shape}")
-        if not np.isfinite(array).all() or not np.isfinite(reward):
-            raise UserCodeError(f"{self._name} returns {array} and the reward {reward}: not finite")
-        return array
+    def random_step(self) -> tuple[NDArray[Any], bool]:
+        """Take a random action: next state (S,) in the dtype of the space, end of the episode."""
+        with user_code_errors(self._name, "takes a step"):
+            action = self.env.action_space.sample()
+            observation, reward, terminated, truncated, _ = self.env.step(action)
+            return self._checked(observation, float(reward)), bool(terminated or truncated)
+
+    def close(self) -> None:
+        """Close the simulator, which may hold processes or sockets."""
+        self.env.close()
+
+    def _checked(self, observation: Any, reward: float) -> NDArray[Any]:
+        state, expected = self.observations.flatten(observation), (self.observations.size,)
+        if state.shape != expected:
+            raise UserCodeError(f"{self._name} observes the shape {state.shape}, not {expected}")
+        if not np.isfinite(state.astype(np.float32)).all() or not np.isfinite(reward):
+            raise UserCodeError(
+                f"{self._name} returns {observation} and the reward {reward}: not finite in float32"
+            )
+        return state

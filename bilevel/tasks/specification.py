@@ -6,18 +6,40 @@ from numbers import Integral
 
 import gymnasium
 from gymnasium.envs.registration import EnvSpec
-from gymnasium.spaces import Box, Discrete
 
 from bilevel.errors import InvalidInput, first_line, is_number
 from bilevel.kernels import dynamics
-from bilevel.tasks.adapter import CheckedEnv, make_env
+from bilevel.spaces import Actions, Observations
+from bilevel.tasks.adapter import make_env
 from bilevel.tasks.task import MAX_STEP_LIMIT, Task
 from bilevel.user_code import user_code_errors
 
-#: Tasks with compiled dynamics and the paper's values (Table "Fixed hyperparameters") by id.
+_P = "gymnasium.envs.classic_control"
+#: Codes of the compiled dynamics by gymnasium's entry points.
+_COMPILED = {
+    f"{_P}.cartpole:CartPoleEnv": dynamics.CARTPOLE,
+    f"{_P}.acrobot:AcrobotEnv": dynamics.ACROBOT,
+    f"{_P}.mountain_car:MountainCarEnv": dynamics.MOUNTAIN_CAR,
+    f"{_P}.continuous_mountain_car:Continuous_MountainCarEnv": dynamics.CONTINUOUS_MOUNTAIN_CAR,
+    f"{_P}.pendulum:PendulumEnv": dynamics.PENDULUM,
+}
+
+#: Tasks with compiled dynamics by id. CartPole-v0 and Acrobot-v1 have the paper's values (Table
+#: "Fixed hyperparameters"). Gymnasium specifies no solved reward for Pendulum.
 BUILT_IN_TASKS = {
-    "CartPole-v0": Task("CartPole-v0", 4, 2, 200, 195.0, 0.0, dynamics.CARTPOLE),
-    "Acrobot-v1": Task("Acrobot-v1", 6, 3, 500, -100.0, -500.0, dynamics.ACROBOT),
+    task.id: task
+    for task in (
+        Task("CartPole-v0", 4, 2, 200, 195.0, 0.0, dynamics.CARTPOLE),
+        Task("CartPole-v1", 4, 2, 500, 475.0, 0.0, dynamics.CARTPOLE),
+        Task("Acrobot-v1", 6, 3, 500, -100.0, -500.0, dynamics.ACROBOT),
+        Task("MountainCar-v0", 2, 3, 200, -110.0, -200.0, dynamics.MOUNTAIN_CAR),
+        Task(
+            *("MountainCarContinuous-v0", 2, 1, 999, 90.0, -100.0),
+            dynamics.CONTINUOUS_MOUNTAIN_CAR,
+            continuous=True,
+        ),
+        Task("Pendulum-v1", 3, 1, 200, -200.0, -2000.0, dynamics.PENDULUM, continuous=True),
+    )
 }
 
 
@@ -29,9 +51,10 @@ def get_task(
 ) -> Task:
     """Return the task with a gymnasium id.
 
-    CartPole-v0 and Acrobot-v1 are built in: they have the paper's values and compiled dynamics. All
-    other environments of gymnasium work if their observations are a flat Box and their actions
-    Discrete. An id `MODULE:ID` imports a module, which registers the environment.
+    Gymnasium's classic control tasks have compiled dynamics; gymnasium runs all others.
+    Observations may be Box, Discrete, MultiDiscrete, MultiBinary, and Tuple and Dict of these,
+    except for images. Actions may be Discrete or a bounded Box of floats. An id `MODULE:ID` imports
+    a module, which registers the environment.
 
     Args:
         task_id: Gymnasium's id, such as `CartPole-v0` or `my_package:Balance-v0`.
@@ -49,8 +72,9 @@ def get_task(
     built_in = BUILT_IN_TASKS.get(task_id)
     if built_in is not None and (solved_reward, step_limit, worst_score) == (None, None, None):
         return built_in
-    spec, state_size, n_actions = _inspect(task_id)
-    solved = spec.reward_threshold if solved_reward is None else solved_reward
+    spec, observations, actions = _inspect(task_id)
+    default_solved = built_in.solved_reward if built_in else spec.reward_threshold
+    solved = default_solved if solved_reward is None else solved_reward
     limit = spec.max_episode_steps if step_limit is None else step_limit
     if solved is None or limit is None:
         missing = "solved-reward" if solved is None else "step-limit"
@@ -68,8 +92,9 @@ def get_task(
             f"{task_id}: worst score must be finite and below the solved reward, {solved:g}; "
             f"got {worst!r}"
         )
-    code = built_in.dynamics if built_in else dynamics.OBSERVED
-    return Task(task_id, state_size, n_actions, int(limit), float(solved), float(worst), code)
+    code = _COMPILED.get(str(spec.entry_point), dynamics.OBSERVED)
+    sizes = observations.size, actions.size, int(limit)
+    return Task(task_id, *sizes, float(solved), float(worst), code, actions.continuous)
 
 
 def _default_worst_score(solved_reward: float, step_limit: int) -> float:
@@ -78,27 +103,24 @@ def _default_worst_score(solved_reward: float, step_limit: int) -> float:
     return -float(step_limit) if -step_limit < solved_reward else 2 * float(solved_reward)
 
 
-def _inspect(task_id: str) -> tuple[EnvSpec, int, int]:
-    """Return spec, number of observations and number of actions of a task. Raises InvalidInput."""
-    unknown = spec = None
+def _inspect(task_id: str) -> tuple[EnvSpec, Observations, Actions]:
+    """Return spec, observations and actions of a task. Raises InvalidInput."""
+    unknown = env = None
     with user_code_errors(f"task {task_id!r}", "is created"):
         try:
-            with closing(CheckedEnv(make_env(task_id), task_id)) as env:
-                spec, observations, actions = env.spec, env.observation_space, env.action_space
+            env = make_env(task_id)
         except gymnasium.error.Error as error:
             unknown = first_line(error)
-    if spec is None:
+    if env is None or env.spec is None:
         raise InvalidInput(
             f"unknown task {task_id!r}: allowed are {', '.join(BUILT_IN_TASKS)} "
-            f"and gymnasium ids with a flat Box and Discrete actions ({unknown})"
+            f"and gymnasium ids ({unknown})"
         )
-    if spec.id != task_id.rpartition(":")[2]:  # gymnasium adds the latest version
-        raise InvalidInput(f"task {task_id!r} has no version, such as {spec.id}")
-    if not isinstance(observations, Box) or len(observations.shape) != 1:
-        raise InvalidInput(
-            f"{task_id} has observations {observations}: allowed is a Box of one dimension; "
-            "gymnasium.wrappers.FlattenObservation converts other spaces"
+    with closing(env):
+        if env.spec.id != task_id.rpartition(":")[2]:  # gymnasium adds the latest version
+            raise InvalidInput(f"task {task_id!r} has no version, such as {env.spec.id}")
+        return (
+            env.spec,
+            Observations(env.observation_space, task_id),
+            Actions(env.action_space, task_id),
         )
-    if not isinstance(actions, Discrete):
-        raise InvalidInput(f"{task_id} has actions {actions}: allowed is Discrete")
-    return spec, observations.shape[0], int(actions.n)

@@ -1,7 +1,7 @@
 """A real task: a gymnasium environment and the values that the method needs.
 
-CartPole-v0 and Acrobot-v1 have compiled dynamics. Gymnasium runs the dynamics of all other tasks:
-in tests, for initial states, and in training on the real task.
+Gymnasium's classic control tasks have compiled dynamics. Gymnasium runs all other tasks: in tests,
+for initial states, and in training on the real task.
 """
 
 from contextlib import closing, nullcontext
@@ -14,9 +14,9 @@ from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 from bilevel.kernels import dynamics
-from bilevel.tasks.adapter import CheckedEnv, RealEnv, make_env
+from bilevel.tasks.adapter import GymEnv, RealEnv, make_env
 from bilevel.tasks.compiled import SIMULATORS, Labels
-from bilevel.user_code import digest_of
+from bilevel.user_code import UserCodeError, digest_of
 
 #: Maximum number of initial states drawn from an environment that gymnasium runs; training episodes
 #: cycle through them. Compiled tasks draw one state per episode.
@@ -29,6 +29,9 @@ MAX_STEP_LIMIT = 1_000_000
 #: gymnasium runs, whose steps may be slow. With 1000 steps, CartPole takes about 1.4 times as many
 #: core seconds per SE as with 100 000 (docs/nes.md).
 SCALE_STEPS, GYMNASIUM_SCALE_STEPS = 100_000, 10_000
+
+#: Random steps that validate a task.
+TRIAL_STEPS = 20
 
 #: Range of an observation, relative to its mean, up to which it counts as constant.
 _CONSTANT = 1e-6
@@ -59,11 +62,12 @@ class Task:
 
     id: str
     state_size: int
-    n_actions: int
+    action_size: int  # number of actions, or length of an action vector
     step_limit: int  # maximum number of environment steps per episode
     solved_reward: float  # mean return at which the task counts as solved
     worst_score: float  # score of a diverged agent
     dynamics: int = dynamics.OBSERVED  # code of the compiled dynamics, if any
+    continuous: bool = False  # whether actions are vectors in [-1, 1]
 
     @property
     def compiled(self) -> bool:
@@ -84,21 +88,27 @@ class Task:
         if self.compiled:
             return SIMULATORS[self.dynamics].labels
         observations = tuple(f"observation {i}" for i in range(self.state_size))
-        actions = tuple(f"action {i}" for i in range(self.n_actions))
+        actions = tuple(f"action {i}" for i in range(self.action_size))  # or its dimensions
         return Labels(observations, actions, axes=(0, min(1, self.state_size - 1)))
 
-    def make(self, render_mode: str | None = None) -> RealEnv:
+    def make(self, render_mode: str | None = None) -> GymEnv:
         """Create the gymnasium environment, truncated at this task's step limit."""
-        env = make_env(self.id, self.step_limit, render_mode)
-        return env if self.compiled else CheckedEnv(env, self.id)
+        return make_env(self.id, self.step_limit, render_mode)
+
+    def real_env(self) -> RealEnv:
+        """Create the environment with states and actions as agents use them."""
+        return RealEnv(self.make(), self.id)
 
     def try_out(self) -> None:
-        """Reset the environment and take each action once. Raises UserCodeError."""
-        with closing(self.make()) as env:
-            first = int(env.action_space.start)  # type: ignore[attr-defined]
-            for action in range(self.n_actions):
-                env.reset(seed=0)
-                env.step(np.int64(first + action))
+        """Take some random steps. Raises UserCodeError for errors and invalid values, and for
+        observations that change by less than float32 can represent."""
+        with closing(self.real_env()) as env:
+            env.env.action_space.seed(0)
+            seen, over = [env.raw_reset(seed=0)], False
+            for _ in range(TRIAL_STEPS):
+                state, over = (env.raw_reset(), False) if over else env.random_step()
+                seen.append(state)
+        check_resolution(np.array(seen, np.float64), self.id)
 
     def initial_physics(
         self, rng: np.random.Generator, n: int, env: RealEnv | None = None
@@ -109,9 +119,9 @@ class Task:
         if self.compiled:
             return SIMULATORS[self.dynamics].initial_physics(rng, n)
         seed = int(rng.integers(2**31))
-        with closing(self.make()) if env is None else nullcontext(env) as env:
-            states = [env.reset(seed=seed)[0]]
-            states += [env.reset()[0] for _ in range(min(n, GYMNASIUM_INITIAL_STATES) - 1)]
+        with closing(self.real_env()) if env is None else nullcontext(env) as env:
+            states = [env.reset(seed)]
+            states += [env.reset() for _ in range(min(n, GYMNASIUM_INITIAL_STATES) - 1)]
         return np.array(states, np.float64)
 
     def observe(self, physics: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -139,7 +149,10 @@ class Task:
 
     def _simulated_observations(self, seed: int, steps: int) -> NDArray[np.float32]:
         rng = np.random.default_rng(seed)
-        actions = rng.integers(self.n_actions, size=steps)
+        if self.continuous:
+            actions = rng.uniform(-1.0, 1.0, steps)
+        else:
+            actions = rng.integers(self.action_size, size=steps).astype(np.float64)
         seen = np.empty((steps, self.state_size), np.float32)
         initial = self.initial_physics(rng, steps)  # at most one episode per step
         dynamics.observe_episodes(self.dynamics, self.step_limit, actions, initial, seen)
@@ -147,11 +160,26 @@ class Task:
 
     def _gymnasium_observations(self, seed: int, steps: int) -> NDArray[np.float32]:
         seen = np.empty((steps, self.state_size), np.float32)
-        with closing(self.make()) as env:
-            env.action_space.seed(seed % 2**31)
-            seen[0], _ = env.reset(seed=seed % 2**31)
-            for t in range(1, steps):
-                seen[t], _, terminated, truncated, _ = env.step(env.action_space.sample())
-                if terminated or truncated:
-                    seen[t], _ = env.reset()
+        with closing(self.real_env()) as env:
+            env.env.action_space.seed(seed % 2**31)
+            state, over = env.raw_reset(seed % 2**31), False
+            for t in range(steps):
+                if over:
+                    state = env.raw_reset()
+                seen[t] = state
+                state, over = env.random_step()
         return seen
+
+
+def check_resolution(seen: NDArray[np.float64], name: str) -> None:
+    """Raise UserCodeError if consecutive observations (n, S) differ by less than the distance
+    between neighbouring float32 numbers, as those of a clock in seconds do."""
+    spacing = np.spacing(np.abs(seen).max(axis=0).astype(np.float32))
+    changes = np.abs(np.diff(seen, axis=0))
+    for i in np.flatnonzero((changes > 0).any(axis=0)):
+        typical = float(np.median(changes[changes[:, i] > 0, i]))
+        if typical < spacing[i]:
+            raise UserCodeError(
+                f"task {name!r}: observation {i} is near {seen[-1, i]:g} and changes by "
+                f"{typical:g}, which float32 cannot represent: subtract a constant in the task"
+            )

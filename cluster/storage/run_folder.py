@@ -210,7 +210,7 @@ def stored_task(facts: Any) -> Task:
     task = decode(Task, facts, "task")
     if ".." in task.id:
         raise InvalidInput(f"task id {task.id!r} is not allowed")
-    if min(task.state_size, task.n_actions, task.step_limit) < 1:
+    if min(task.state_size, task.action_size, task.step_limit) < 1:
         raise InvalidInput("the task's sizes are not positive")
     return task
 

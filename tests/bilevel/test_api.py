@@ -104,7 +104,7 @@ class MyHyperparameters(AgentHyperparameters, agent="mine"):
 
 
 class Mine:
-    __init__ = lambda self, hp, state_size, n_actions, seed: None
+    __init__ = lambda self, hp, state_size, action_size, seed: None
     act = lambda self, state, exploring: 1
     greedy = lambda self, state: 0
     observe = lambda self, transition: None

@@ -30,7 +30,7 @@ def test_exports(task_id: str, layers: int, activation: str, tmp_path: Path) -> 
     se = make_se(get_task(task_id), layers, activation)
     states = np.random.default_rng(0).normal(size=(7, se.architecture.state_size))
     state = torch.tensor(states, dtype=torch.float32)
-    action = torch.arange(7) % se.architecture.n_actions
+    action = torch.arange(7) % se.architecture.action_size
     expected = SEModule(se)(state, action)
 
     onnx.save(onnx_model(se), str(tmp_path / "se.onnx"))

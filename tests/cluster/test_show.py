@@ -23,8 +23,8 @@ def test_answers_and_episodes_follow_the_se(task_id: str) -> None:
     task = get_task(task_id)
     se = make_se(task)
     portrait = Portrait.of(se)
-    assert len(portrait.actions) == task.n_actions
-    assert portrait.answers.next_states.shape == (task.n_actions * GRID**2, task.state_size)
+    assert len(portrait.actions) == task.action_size
+    assert portrait.answers.next_states.shape == (task.action_size * GRID**2, task.state_size)
     (across, up), indices = portrait.axes, portrait.indices
     assert portrait.answers.states[-1, indices].tolist() == [across[-1], up[-1]]
     for episode in portrait.episodes:

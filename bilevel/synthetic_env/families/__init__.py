@@ -7,6 +7,7 @@ name         genotype
 ----------   -----------------------------------------------------------------------------
 plain        psi itself, initialised uniformly in +-1/sqrt(fan_in) (the paper's)
 exogenous    a hand-designed subset: next states ignore the action, rewards compare actions
+one-step     the reward network of SEs with episodes of one step, for continuous actions
 
 A new family takes one module with a class that implements `Family`, and one line in `_FAMILIES`.
 """
@@ -21,6 +22,7 @@ from bilevel.evolution import Genotype, SearchDistribution
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.synthetic_env.architecture import SE, Architecture, Psi
 from bilevel.synthetic_env.families.exogenous import ExogenousFamily, smallest_hidden_size
+from bilevel.synthetic_env.families.one_step import OneStepFamily
 from bilevel.tasks import ObservationScale, Task
 
 __all__ = ["Family", "SEDistribution", "family_of", "smallest_hidden_size"]
@@ -67,6 +69,7 @@ class PlainFamily:
 _FAMILIES: dict[str, Callable[[Architecture, ObservationScale, SEHyperparameters], Family]] = {
     "plain": lambda architecture, scale, hp: PlainFamily(architecture),
     "exogenous": ExogenousFamily.build,
+    "one-step": OneStepFamily.build,
 }
 
 

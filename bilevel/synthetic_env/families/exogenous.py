@@ -72,9 +72,9 @@ MIN_ANGLE = math.radians(20)
 _Tensors = dict[str, Genotype]
 
 
-def smallest_hidden_size(state_size: int, n_actions: int) -> int:
+def smallest_hidden_size(state_size: int, action_size: int) -> int:
     """Return the smallest hidden size: two units for each action and for each observation."""
-    return 2 * max(n_actions, state_size)
+    return 2 * max(action_size, state_size)
 
 
 @dataclass(frozen=True)
@@ -91,9 +91,11 @@ class ExogenousFamily:
         cls, architecture: Architecture, scale: ObservationScale, hp: SEHyperparameters
     ) -> Self:
         """Return the family. Raises InvalidInput for networks that cannot hold it."""
+        if architecture.continuous:
+            raise InvalidInput("se.family 'exogenous' needs discrete actions")
         if (architecture.hidden_layers, architecture.activation) != (1, "tanh"):
             raise InvalidInput("se.family 'exogenous' needs se.hidden_layers 1, se.activation tanh")
-        smallest = smallest_hidden_size(architecture.state_size, architecture.n_actions)
+        smallest = smallest_hidden_size(architecture.state_size, architecture.action_size)
         if architecture.hidden_size < smallest:
             raise InvalidInput(
                 f"se.family 'exogenous' needs se.hidden_size of at least {smallest}; "
@@ -104,19 +106,19 @@ class ExogenousFamily:
     @cached_property
     def _shapes(self) -> dict[str, tuple[int, ...]]:
         """Shapes of the parts of a genotype, in order."""
-        states, n_actions = self.architecture.state_size, self.architecture.n_actions
+        states, action_size = self.architecture.state_size, self.architecture.action_size
         units = self.architecture.hidden_size
-        bends = units // n_actions - 2  # K: two units for an action's linear part and constants
+        bends = units // action_size - 2  # K: two units for an action's linear part and constants
         return {
             "W": (units, states),
             "b": (units,),
             "B": (states, states),
             "phi": (states // 2,),
             "v": (states,),
-            "L": (n_actions, states),
+            "L": (action_size, states),
             "R": (bends, states),
             "d": (bends,),
-            "U": (n_actions, bends),
+            "U": (action_size, bends),
             "e": (states,),
         }
 
@@ -155,7 +157,7 @@ class ExogenousFamily:
     ) -> None:
         """Let these units of a network compute weights @ x + bias of the scaled state x."""
         raw = weights / self.scale.deviation
-        tensors[f"{net}.0.weight"][rows, self.architecture.n_actions :] = raw
+        tensors[f"{net}.0.weight"][rows, self.architecture.action_size :] = raw
         tensors[f"{net}.0.bias"][rows] = bias - raw @ self.scale.mean
 
     def _write_next_state(self, tensors: _Tensors, parts: _Tensors) -> None:
@@ -184,9 +186,9 @@ class ExogenousFamily:
         preference *= np.float32(BEND / math.sqrt(max(bends, 1)))
         at_mean = preference @ np.tanh(biases)  # (A,)
         total = preference.sum()
-        n_actions, units = len(preference), bends + 1
+        action_size, units = len(preference), bends + 1
         switches, output = tensors["reward.0.weight"], tensors["reward.1.weight"][0]
-        for action in range(n_actions):
+        for action in range(action_size):
             line = action * units
             block, bent = slice(line, line + units), slice(line + 1, line + units)
             first, slope = slice(line, line + 1), NEARLY * linear[[action]]
@@ -196,9 +198,9 @@ class ExogenousFamily:
             output[line] = 1 / NEARLY
             output[bent] = preference[action]
             # Cancels the output of the blocks that are off, and the reward at the mean.
-            unit = n_actions * units + action
+            unit = action_size * units + action
             switches[unit, action] = SATURATED
-            others = total - preference[action].sum() + (n_actions - 1) / NEARLY
+            others = total - preference[action].sum() + (action_size - 1) / NEARLY
             output[unit] = others - at_mean[action]
 
     def _write_done(self, tensors: _Tensors, parts: _Tensors) -> None:

@@ -149,7 +149,7 @@ def _adapted_core(task: Task, base: Hyperparameters) -> Space:
         del dimensions["se.spread"]
     else:
         size = dimensions["se.hidden_size"]
-        units = smallest_hidden_size(task.state_size, task.n_actions)
+        units = smallest_hidden_size(task.state_size, task.action_size)
         assert isinstance(size, CS.UniformIntegerHyperparameter)
         if units <= size.lower:
             return Space("core")

@@ -37,13 +37,13 @@ def small(agent: str, **changes: Any) -> Any:
     return replace(hp, **(sizes | {"learning_rate": 1e-3, "test_episodes": 2} | changes))
 
 
-def twins(hp: AgentHyperparameters, n_states: int, n_actions: int) -> tuple[Any, Any, Any]:
+def twins(hp: AgentHyperparameters, n_states: int, action_size: int) -> tuple[Any, Any, Any]:
     """The definition, the kernel, and the kernel's random state."""
     registered = get_agent(hp.agent)
     initial, loop = agent_seeds(SEED)
     assert registered.build_kernel is not None
-    kernel = registered.build_kernel(hp, n_states, n_actions, np.random.default_rng(initial))
-    definition = registered.build(hp, n_states, n_actions, SEED)
+    kernel = registered.build_kernel(hp, n_states, action_size, np.random.default_rng(initial))
+    definition = registered.build(hp, n_states, action_size, SEED)
     return definition, kernel, np.array([loop], np.uint64)
 
 

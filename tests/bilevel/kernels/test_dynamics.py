@@ -24,7 +24,7 @@ def test_every_transition_equals_gymnasium(task_id: str, rng: np.random.Generato
             physics[:] = env.state
             np.testing.assert_allclose(task.observe(physics), state, atol=1e-7)
             episodes += 1
-        action = int(rng.integers(task.n_actions))
+        action = int(rng.integers(task.action_size))
         state, reward, terminated, _, _ = env.step(np.int64(action))
         got_reward, got_terminated = dynamics.step(task.dynamics, physics, action)
         assert (got_reward, got_terminated) == (reward, terminated)
@@ -54,7 +54,7 @@ def test_initial_states_have_gymnasiums_distribution(task_id: str) -> None:
 def test_observed_episodes_equal_single_steps(task_id: str) -> None:
     """Some episodes terminate, some end at the step limit."""
     task, rng = get_task(task_id), np.random.default_rng(0)
-    actions = rng.integers(task.n_actions, size=400)
+    actions = rng.integers(task.action_size, size=400)
     initial = task.initial_physics(rng, actions.size)
     step_limit, ends = 15, {True: 0, False: 0}
     seen = np.empty((actions.size, task.state_size), np.float32)

@@ -32,7 +32,7 @@ def test_the_torch_module_equals_the_kernel(task_id: str, layers: int, activatio
     se = make_se(task, layers, activation)
     rng = np.random.default_rng(2)
     states = rng.normal(0, 1, (20, task.state_size)).astype(np.float32)
-    actions = rng.integers(0, task.n_actions, 20)
+    actions = rng.integers(0, task.action_size, 20)
     next_states, rewards, dones = SEModule(se)(torch.from_numpy(states), torch.from_numpy(actions))
     work = np.zeros((2, 3 * 12), np.float32)
     out = np.zeros(task.state_size, np.float32)
@@ -201,7 +201,7 @@ def test_the_documented_reader_equals_the_torch_module(
     code: dict[str, Any] = {}
     exec(documented_code("se-files.md"), code)
     states = rng.standard_normal((40, task.state_size)).astype(np.float32)
-    actions = rng.integers(task.n_actions, size=40)
+    actions = rng.integers(task.action_size, size=40)
     expected = SEModule(se)(torch.from_numpy(states), torch.from_numpy(actions))
     found = [code["step"](s, a) for s, a in zip(states, actions, strict=True)]
     for i, output in enumerate(expected[:2]):

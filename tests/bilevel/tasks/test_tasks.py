@@ -141,4 +141,4 @@ def test_labels_have_the_sizes_of_the_task() -> None:
         task = get_task(name)
         labels = task.labels
         assert len(set(labels.observations)) == task.state_size > max(labels.axes)
-        assert len(set(labels.actions)) == task.n_actions
+        assert len(set(labels.actions)) == task.action_size

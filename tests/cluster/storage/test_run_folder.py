@@ -141,7 +141,7 @@ def test_temporary_files_of_a_killed_process_are_removed(tmp_path: Path) -> None
 
 def test_a_stored_task_is_read_without_gymnasium(tmp_path: Path) -> None:
     facts = json.loads(
-        '{"id": "antigravity:Env-v0", "state_size": 2, "n_actions": 2, "step_limit": 9, '
+        '{"id": "antigravity:Env-v0", "state_size": 2, "action_size": 2, "step_limit": 9, '
         '"solved_reward": 1.0, "worst_score": 0.0, "dynamics": 0}'
     )
     assert stored_task(facts).id == "antigravity:Env-v0"

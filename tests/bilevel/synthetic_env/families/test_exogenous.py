@@ -35,7 +35,7 @@ def answers(task_id: str, se: SE, states: np.ndarray) -> list[np.ndarray]:
     task = get_task(task_id)
     module = SEModule(StoredSE(se, task.id, task.step_limit, task.solved_reward))
     columns = []
-    for action in range(task.n_actions):
+    for action in range(task.action_size):
         actions = torch.full((len(states),), action)
         columns.append([o.numpy() for o in module(torch.from_numpy(states), actions)])
     return [np.stack(parts, axis=1) for parts in zip(*columns, strict=True)]

@@ -91,7 +91,7 @@ def test_core_has_ses_large_enough_for_the_task(state_size: int) -> None:
     adapted = searched_space(CORE, wide, load_recipe("default", "")).build()
     size = adapted["se.hidden_size"]
     assert isinstance(size, CS.UniformIntegerHyperparameter)
-    assert size.lower == smallest_hidden_size(wide.state_size, wide.n_actions) > 12
+    assert size.lower == smallest_hidden_size(wide.state_size, wide.action_size) > 12
     assert size.upper == max(64, 2 * size.lower)
     assert size.log
     others = set(adapted) - {"se.hidden_size"}
