@@ -31,6 +31,7 @@ from cluster.bohb.tune.searcher import BohbSearcher
 from cluster.bohb.tune.trial import JOB, REPORT, TrialReport
 from cluster.bohb.view import StudyViews
 from cluster.session.terminal import Terminal
+from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus, locked_settings
 from cluster.tracking import Mirror, Tracker
 from tests.studies import MadeUpPool, new_study
@@ -43,13 +44,13 @@ class MeasuredStudy:
 
     def __init__(self, folder: Path) -> None:
         self.study = replace(new_study(folder), schedule=Schedule((2, 6, 18), 3))
-        with locked_settings(folder, self.study.settings()) as identity:
+        with locked_settings(folder, self.study.settings()):
             RunStatus("RUNNING", time.time(), BRACKETS).save(folder)
         journal = Journal(folder)
         search = BracketSearch(self.study, journal, BRACKETS)
         self.searcher = BohbSearcher(search, lambda: 1, math.inf)
-        views = StudyViews(self.study, identity, live=True, journal=journal)
-        tracker = Tracker(f"sqlite:///{folder}/mlflow.db", "CartPole-v0", folder / "artifacts")
+        views = StudyViews(folder, live=True, journal=journal)
+        tracker = Tracker(f"sqlite:///{folder}/mlflow.db", "CartPole-v0", Home(folder))
         self.mirror = Mirror(tracker, views.view, print)
         self.mirror.mark(views.keys())
         terminal = Terminal(Console(file=io.StringIO()))

@@ -148,7 +148,7 @@ def search(task_id: str, method: str, seed: int, core_seconds: int, home: Path) 
         "results": len(summary.journal.results),
         "outcomes": outcomes(summary.journal),
         "incumbent": incumbent.loss,
-        "configuration": summary.configuration(incumbent.id),
+        "configuration": summary.journal.proposals[incumbent.id].configuration,
     }
 
 

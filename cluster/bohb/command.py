@@ -17,7 +17,7 @@ from cluster.bohb.tune.report import StudyReport
 from cluster.bohb.tune.searcher import BohbSearcher
 from cluster.bohb.tune.tuner import run_trials
 from cluster.bohb.view import StudyViews
-from cluster.ray.connection import Capacity, require_server_for_nodes
+from cluster.ray.connection import cluster_cores, require_cores, require_server_for_nodes
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext
 from cluster.session.session import Session
@@ -39,22 +39,22 @@ class StudyCommand:
     brackets: int
     time_budget: float | None  # seconds; None runs all brackets
     final_agents: int  # trained on the best SE at the end, with fresh seeds
-    workers_per_trial: int = 1  # 0 until `placed` sets it
+    workers_per_trial: int = 1  # 0 until `with_workers` sets it
     concurrent_trials: int | None = None  # None fills the cluster's cores
 
-    def placed(self, capacity: Capacity) -> Self:
+    def with_workers(self, cores: int) -> Self:
         """Choose the workers per trial unless they are given: 1, or more if the study has fewer
-        configurations than there are cores."""
+        configurations than the cluster has `cores`."""
         if self.workers_per_trial:
             return self
         started = initial_configurations(self.study.schedule.brackets(self.brackets))
         trials = min(self.concurrent_trials or started, started)
-        workers = min(capacity.trials(trials), self.study.base.nes.evaluations)
+        workers = min(max(cores // trials, 1), self.study.base.nes.evaluations)
         return replace(self, workers_per_trial=workers)
 
-    def trials_on(self, capacity: Capacity) -> int:
-        """Return the number of concurrent trials on a cluster."""
-        return self.concurrent_trials or capacity.trials(self.workers_per_trial)
+    def trials_on(self, cores: int) -> int:
+        """Return the number of concurrent trials on a cluster, at least 1."""
+        return self.concurrent_trials or max(cores // self.workers_per_trial, 1)
 
 
 def brackets_to_reach(
@@ -90,7 +90,7 @@ def run_study(command: StudyCommand) -> int:
         command.context.connected(workers, command.concurrent_trials or 1) as driver,
         driver.session(study.folder, study.task.id, study.settings()) as session,
     ):
-        return _Runner(command.placed(Capacity.of_cluster()), session).run()
+        return _Runner(command.with_workers(cluster_cores()), session).run()
 
 
 def estimate(command: StudyCommand) -> None:
@@ -102,16 +102,16 @@ def estimate(command: StudyCommand) -> None:
     study.prior_configuration()
     require_writable(command.context.home.folder)
     check_settings(study.folder, study.settings())
-    capacity = command.context.capacity()
-    command = command.placed(capacity)
-    trials, workers = command.trials_on(capacity), command.workers_per_trial
-    capacity.require(workers, trials)
+    available = command.context.cores()
+    command = command.with_workers(available)
+    trials, workers = command.trials_on(available), command.workers_per_trial
+    require_cores(available, workers, trials)
     rungs = schedule.brackets(brackets)
     searched = core_seconds_to_run(rungs)
     validated = validation_seconds(searched)
     cores = trials * workers
     with Terminal() as terminal:
-        terminal.log(f"{study.method_name} on {study.task.id}: study {study.name!r}")
+        terminal.log(study.title)
         terminal.log("bracket   configurations x core seconds")
         for bracket in range(min(brackets, schedule.cycle)):
             row = (f"{rung.configurations} x {rung.budget}" for rung in schedule.bracket(bracket))
@@ -147,8 +147,7 @@ class _Runner:
         """Run the study to its end; return the exit code."""
         self._introduce()
         command = self.command
-        identity = self.session.identity
-        views = StudyViews(command.study, identity, live=True, journal=self.journal)
+        views = StudyViews(command.study.folder, live=True, journal=self.journal)
         resume_hint = "run the same command again to resume"
         with self.session.live(views, self.brackets, resume_hint) as mirror:
             try:
@@ -170,7 +169,7 @@ class _Runner:
     def _introduce(self) -> None:
         command, study = self.command, self.command.study
         self.session.introduce(
-            f"{study.method_name} on {study.task.id}: study {study.name!r}, "
+            f"{study.title}, "
             f"space {study.space.name}, recipe {study.base.recipe}, prior {study.prior}, "
             f"budgets {'/'.join(map(str, study.schedule.budgets))} core seconds, "
             f"{count(self._trials(), 'trial')} at a time with "
@@ -186,7 +185,7 @@ class _Runner:
     def _trials(self) -> int:
         """Return the number of concurrent trials on the cluster's current nodes."""
         require_server_for_nodes(self.command.context.tracking_uri)  # a node may have joined
-        return self.command.trials_on(Capacity.of_cluster())
+        return self.command.trials_on(cluster_cores())
 
     def _search(self, views: StudyViews, mirror: Mirror, deadline: float) -> None:
         command = self.command

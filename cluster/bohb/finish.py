@@ -71,7 +71,7 @@ class StudyEnd:
             terminal.log(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE with it by {call}")
         model = model_address(study.task.id, "newest")
         terminal.log(f"best SE: {path}  ({model} in MLflow's model registry)")
-        terminal.log(f"results: {self.session.shown_at(self.session.identity.uuid)}")
+        terminal.log(f"results: {self.session.address}")
         terminal.log("run the same command again to add brackets")
         return True
 

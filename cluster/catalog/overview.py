@@ -6,7 +6,7 @@ from pathlib import Path
 from rich.console import Console
 
 from bilevel.errors import InvalidInput, OtherVersion
-from cluster.catalog.kinds import KINDS, kind_of
+from cluster.catalog.kinds import views_of
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus, finals, is_held
 
@@ -48,15 +48,14 @@ def print_overview(lines: list[Line], console: Console) -> None:
 def _line(folder: Path) -> Line:
     task, name = folder.parent.name, folder.name
     try:
-        kind = kind_of(folder)
-        status = RunStatus.load(folder) or RunStatus("KILLED", 0.0, 0)
-        state = "running" if is_held(folder) else _STATES[status.status]
-        progress = KINDS[kind].progress(folder, status.target)
-        ends = finals(folder)
+        views, status = views_of(folder), RunStatus.load(folder)
+        state = _STATES["KILLED" if status is None else status.status]
+        state = "running" if is_held(folder) else state
+        progress, ends = views.progress(), finals(folder)
         score = ends[-1].metrics.get("final_score_mean") if ends else None
     except OtherVersion as error:
         return Line(task, name, "", "old", fault=str(error))
     except (InvalidInput, OSError) as error:
         return Line(task, name, "", "damaged", fault=str(error))
     final = "" if score is None else f"{score:.1f}"
-    return Line(task, name, kind, state, progress.done, progress.best, final)
+    return Line(task, name, views.kind, state, progress.done, progress.best, final)

@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from cluster.catalog.kinds import views_of
-from cluster.session.session import shown_at
 from cluster.session.terminal import Terminal, count
 from cluster.storage.home import Home
 from cluster.storage.run_folder import held
@@ -20,10 +19,10 @@ def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> Non
     with held(folder):
         views = views_of(folder)
         keys = views.keys()
-        tracker = Tracker(tracking_uri, views.task_id, home.artifacts)
+        tracker = Tracker(tracking_uri, views.task_id, home)
         with terminal, mlflow_errors(tracking_uri):
             for done, key in enumerate(keys):
                 terminal.bar("sync", done, len(keys), "runs")
                 tracker.show(views.view(key))
         terminal.log(f"{folder.name}: {count(len(keys), 'run')} in MLflow now match the disk")
-        terminal.log(f"MLflow {shown_at(home, tracker, keys[0])}")
+        terminal.log(f"MLflow {tracker.address(keys[0])}")

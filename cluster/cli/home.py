@@ -82,7 +82,13 @@ def ui(home: Path, host: str, port: int) -> None:
     click.echo(f"MLflow UI: {server}{HOME_PAGE} (Ctrl-C stops it)")
     for task in tasks:
         click.echo(f"{task.name}: {server}{runs_page(task.experiment_id)}")
-    command = _mlflow_server(place, host, port)
+    # Clients write artifacts directly, so that the database can be used without the server.
+    command = [
+        *(sys.executable, "-m", "mlflow", "server", "--host", host, "--port", str(port)),
+        *("--workers", "1", "--uvicorn-opts", "--log-level error"),
+        *("--backend-store-uri", place.database_uri, "--registry-store-uri", place.database_uri),
+        *("--default-artifact-root", place.artifacts.as_uri()),
+    ]
     # Log only errors, and run no jobs for language models.
     environment = {
         **os.environ,
@@ -99,15 +105,3 @@ def ui(home: Path, host: str, port: int) -> None:
             sys.exit(process.wait())
         except KeyboardInterrupt:
             os.killpg(process.pid, signal.SIGTERM)
-
-
-def _mlflow_server(home: Home, host: str, port: int) -> list[str]:
-    """Return the command of an MLflow server on a home.
-
-    Clients write artifacts directly, so that the database can be used without the server.
-    """
-    command = [sys.executable, "-m", "mlflow", "server", "--host", host, "--port", str(port)]
-    command += ["--workers", "1", "--uvicorn-opts", "--log-level error"]
-    command += ["--backend-store-uri", home.database_uri]
-    command += ["--registry-store-uri", home.database_uri]
-    return [*command, "--default-artifact-root", home.artifacts.as_uri()]

@@ -45,11 +45,10 @@ def nes(
     context = the_context(**options)
     folder = context.home.run_folder(task.id, name)
 
-    from cluster.nes.command import NESCommand, run_nes
+    from cluster.nes.command import run_nes
     from cluster.nes.run import NESRun
 
-    run = NESRun(task, hp, common.seed, folder)
-    run_nes(NESCommand(run, context, workers))
+    run_nes(NESRun(task, hp, common.seed, folder), context, workers)
 
 
 @click.command()

@@ -73,7 +73,7 @@ def run_evaluate(command: EvaluateCommand) -> list[Group]:
     folder = command.context.home.run_folder(command.task.id, command.name)
     with (
         command.context.connected(command.workers or 1) as driver,
-        EvaluationPool.on_cluster(command.workers) as pool,
+        EvaluationPool(command.workers) as pool,
         driver.session(folder, command.task.id, command.settings()) as session,
     ):
         session.introduce(
@@ -151,4 +151,4 @@ def _report(command: EvaluateCommand, session: Session, groups: list[Group]) -> 
     metrics = {f"test_return/{g.agent}/{g.source}": float(g.test_returns.mean()) for g in groups}
     add_final(folder, Final(command.agents, time.time(), metrics))
     log(f"report: {folder / REPORT_FILE}; picture: {folder / PICTURE_FILE}")
-    log(f"MLflow {session.shown_at(session.identity.uuid)}")
+    log(f"MLflow {session.address}")

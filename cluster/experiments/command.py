@@ -86,7 +86,7 @@ def run_experiments(command: ExperimentCommand, experiments: Sequence[Experiment
     home, task = command.context.home, command.task
     with (
         command.context.connected(command.workers or 1) as driver,
-        EvaluationPool.on_cluster(command.workers) as pool,
+        EvaluationPool(command.workers) as pool,
     ):
         for experiment, plan in plans:
             settings = command.settings(
@@ -131,7 +131,7 @@ class _Runner:
             for line in table(findings.summary).to_string(index=False).splitlines():
                 session.terminal.log(line)
             session.terminal.log(f"data and pictures: {session.folder}")
-            session.terminal.log(f"MLflow {session.shown_at(session.identity.uuid)}")
+            session.terminal.log(f"MLflow {session.address}")
 
     def _finish(self, runs: Mapping[tuple[str, int], NESRun]) -> None:
         """Finish the NES run of every SE, seed by seed."""

@@ -4,7 +4,6 @@ The page embeds its pictures and loads no other file.
 """
 
 import base64
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from html import escape
@@ -21,7 +20,7 @@ from cluster.experiments.conditions import title_of
 from cluster.experiments.experiment import Experiment
 from cluster.experiments.figures import EXPERIMENTS
 from cluster.experiments.run import REPORT, REPORT_FILE, ExperimentViews, StoredFindings
-from cluster.storage.run_folder import Final, add_final, check_settings
+from cluster.storage.run_folder import check_settings
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en">
@@ -54,12 +53,10 @@ def write_report(command: ExperimentCommand) -> Path:
         command.context.offline() as driver,
         driver.session(folder, command.task.id, command.settings(REPORT, {})) as session,
     ):
-        views = ExperimentViews(folder, live=True)
-        with session.live(views, 0, "run the same command again"):
+        with session.live(ExperimentViews(folder, live=True), 0, "run the same command again"):
             write_aside(path, text.encode())
-            add_final(folder, Final(0, time.time(), {"characters": float(len(text))}))
         session.terminal.log(f"report: {path}")
-        session.terminal.log(f"MLflow {session.shown_at(session.identity.uuid)}")
+        session.terminal.log(f"MLflow {session.address}")
     return path
 
 

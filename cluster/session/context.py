@@ -9,7 +9,12 @@ from typing import Any
 import ray
 from loky import cpu_count
 
-from cluster.ray.connection import Capacity, ray_cluster, require_server_for_nodes
+from cluster.ray.connection import (
+    cluster_cores,
+    ray_cluster,
+    require_cores,
+    require_server_for_nodes,
+)
 from cluster.session.interrupts import InterruptGuard
 from cluster.session.session import Session
 from cluster.session.terminal import Terminal
@@ -36,7 +41,7 @@ class RunContext:
         require_writable(self.home.folder)
         check_tracking_uri(self.tracking_uri)
         if self.address is None:  # check before the start, which takes seconds
-            Capacity(cpu_count()).require(workers_per_trial, trials)
+            require_cores(cpu_count(), workers_per_trial, trials)
         preload_mlflow()
         with (
             Terminal() as terminal,
@@ -59,13 +64,13 @@ class RunContext:
         with Terminal() as terminal, InterruptGuard(terminal) as guard:
             yield Driver(self, terminal, guard)
 
-    def capacity(self) -> Capacity:
+    def cores(self) -> int:
         """Return the cores that a run could use. Raises InvalidInput like `connected`."""
         if self.address is None:
             check_tracking_uri(self.tracking_uri)
-            return Capacity(cpu_count())
+            return int(cpu_count())
         with self.connected():
-            return Capacity.of_cluster()
+            return cluster_cores()
 
 
 @dataclass(frozen=True)
@@ -85,7 +90,7 @@ class Driver:
         home, uri = self.context.home, self.context.tracking_uri
         home.prepare()
         known = self.trackers.get(task_id)
-        tracker = known.another() if known else Tracker(uri, task_id, home.artifacts)
+        tracker = known.another() if known else Tracker(uri, task_id, home)
         self.trackers.setdefault(task_id, tracker)
         with locked_settings(folder, settings) as identity:
             yield Session(home, folder, identity, tracker, self.terminal, self.guard)

@@ -32,11 +32,12 @@ class Session:
         """Print a description of the run, its folder, and its MLflow address."""
         self.terminal.log(description)
         self.terminal.log(f"folder {self.folder}")
-        self.terminal.log(f"MLflow {self.shown_at()}")
+        self.terminal.log(f"MLflow {self.tracker.address()}")
 
-    def shown_at(self, key: str | None = None) -> str:
-        """Return the address of a run in MLflow, by default of all runs of the task."""
-        return shown_at(self.home, self.tracker, key)
+    @property
+    def address(self) -> str:
+        """The address of the run in MLflow."""
+        return self.tracker.address(self.identity.uuid)
 
     @contextlib.contextmanager
     def live(self, views: Views, target: int, resume_hint: str) -> Iterator[Mirror]:
@@ -74,14 +75,3 @@ class Session:
         if uri != self.home.database_uri:
             command += f" --tracking-uri {without_password(uri)}"
         return self.home.hint(command)
-
-
-def shown_at(home: Home, tracker: Tracker, key: str | None = None) -> str:
-    """Return the address of a run in MLflow, by default of all runs of the task, and for the home's
-    database the command that serves it."""
-    page = tracker.page(key)
-    if tracker.server is not None:
-        return without_password(tracker.server) + page
-    if tracker.uri != home.database_uri:
-        return f"{without_password(tracker.uri)}, experiment {tracker.experiment_id}"
-    return f"http://127.0.0.1:5000{page} (after {home.hint('ui')})"

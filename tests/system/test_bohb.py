@@ -119,11 +119,11 @@ def test_the_same_command_adds_brackets(
     validation = Validation.load(study.folder)
     assert validation is not None
     assert validation.results == 6
-    winner = configuration_name(validation.winner.id)
+    winner = configuration_name(validation.finalists[0].id)
     assert f"incumbent {winner} (" in output
     assert f"configuration {winner}\n" in (study.folder / RECIPE_FILE).read_text()
     (parent,) = [r for r in tracked_runs(home) if "mlflow.parentRunId" not in r.data.tags]
-    assert parent.data.metrics["validated_objective"] == validation.winner.loss
+    assert parent.data.metrics["validated_objective"] == validation.finalists[0].loss
     assert parent.data.tags["bilevel.incumbent"] == winner
     files = {file.path for file in client(home).list_artifacts(parent.info.run_id)}
     assert "validation.csv" in files

@@ -87,7 +87,7 @@ class ConfigurationRuns:
         number = next(unfinished, len(self.states))
         run = self.run(number)
         if number == len(self.states):
-            on_disk = run.begun  # after a damaged run, or damaged itself
+            on_disk = run.state_file.exists()  # after a damaged run, or damaged itself
             self.states.append(run.open(self.log))
             if on_disk:  # possibly finished
                 return self.states[number]

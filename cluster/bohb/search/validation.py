@@ -70,16 +70,6 @@ class Validation:
         )
         return cls(len(journal.results), tuple(lines))
 
-    def completes(self, results: int, core_seconds: int) -> bool:
-        """Return whether the finalists of that many results have spent those core seconds."""
-        spent = min(line.info["core_seconds"] for line in self.finalists)
-        return self.results == results and bool(spent >= core_seconds)
-
-    @property
-    def winner(self) -> ResultLine:
-        """The finalist with the lowest objective."""
-        return self.finalists[0]
-
 
 def finalists_of(journal: Journal, largest: int) -> list[ConfigId]:
     """Return at most FINALISTS configurations, in the order of their proposals: those that can run
@@ -90,7 +80,7 @@ def finalists_of(journal: Journal, largest: int) -> list[ConfigId]:
     core_seconds = validation_seconds(sum(journal.reached.values()))
     number = min(max(int(core_seconds / largest), 2), FINALISTS)
     recipe = {line.id for line in journal.configs if line.origin is Origin.RECIPE}
-    chosen = recipe & journal.reached.keys()
+    chosen = recipe & {line.id for line in journal.successes}
     for line in sorted(journal.successes, key=lambda line: (-line.budget, line.objective)):
         if len(chosen) < number:
             chosen.add(line.id)
@@ -123,7 +113,8 @@ def validate(
         return None
     each = math.ceil(validation_seconds(sum(journal.reached.values())) / len(chosen))
     before = Validation.load(study.folder)
-    if before is not None and before.completes(len(journal.results), each):
+    costs = [] if before is None else [line.info["core_seconds"] for line in before.finalists]
+    if before is not None and before.results == len(journal.results) and min(costs) >= each:
         return before
     log(f"validating {len(chosen)} configurations with new seeds")
     started, proposals = time.time(), journal.proposals

@@ -24,6 +24,7 @@ from cluster.bohb.tune.report import StudyReport
 from cluster.bohb.tune.trial import REPORT, TrialReport
 from cluster.bohb.view import StudyViews
 from cluster.session.terminal import Terminal
+from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus
 from cluster.tracking import Mirror, RunView, Tracker
 from cluster.tracking.tracker import KEY
@@ -45,9 +46,9 @@ class Trial:
             if records := [record for state in states for record in state.records]:
                 self.records, self.job = records, Job(line.id, line.configuration, 3, *_DRAWN)
         RunStatus("RUNNING", 0.0, 2).save(folder)
-        self.views = replace(StudyViews.of(folder), live=True, journal=self.journal)
+        self.views = StudyViews(folder, live=True, journal=self.journal)
         self.key = self.views.key(configuration_name(self.job.id))
-        self.tracker = Tracker(f"sqlite:///{folder}/mlflow.db", "task", folder / "artifacts")
+        self.tracker = Tracker(f"sqlite:///{folder}/mlflow.db", "task", Home(folder))
         self.out = io.StringIO()
         self.built: list[str] = []
         terminal = Terminal(Console(file=self.out, width=200, soft_wrap=True))

@@ -125,7 +125,7 @@ def test_a_full_disk_under_the_journal_stops_the_study(
     searcher: BohbSearcher, journal: Journal
 ) -> None:
     suggested(searcher, "a")
-    journal.paths[1].symlink_to("/dev/full")
+    (journal.folder / "results.json").symlink_to("/dev/full")
     searcher.on_trial_complete("a", DONE)
     assert isinstance(searcher.stopped_by, StorageFailure)
     assert journal.results == []
