@@ -16,6 +16,7 @@ from bilevel.kernels.synthetic_env import DONE
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
+from bilevel.tasks.compiled import Labels
 from cluster.pictures import GREY
 
 Floats = NDArray[np.float32]
@@ -47,37 +48,27 @@ class Episode:
 
 
 @dataclass(frozen=True)
-class Portrait:
+class SEPlot:
     """An SE over two observations of its task, and episodes on the task."""
 
-    actions: tuple[str, ...]  # names
-    names: tuple[str, str]  # of the two observations
-    indices: tuple[int, int]  # of the two observations
-    axes: tuple[Floats, Floats]  # (GRID,) their values
+    labels: Labels
+    axes: tuple[Floats, Floats]  # (GRID,) values of the two observations
     answers: Transitions  # of the SE, on the grid, action by action; others have their means
     episodes: list[Episode]  # with the actions that the SE rewards most
 
     @classmethod
-    def of(cls, se: StoredSE) -> "Portrait":
+    def of(cls, se: StoredSE) -> "SEPlot":
         """Scale the grid by observations under random actions. Raises InvalidInput if gymnasium
         does not know the task."""
         task = se.task()
         scale = task.observation_scale(derive(0, Purpose.OBSERVATIONS))
-        names, (i, j) = task.labels.observations, task.labels.axes
-        steps = np.linspace(-WIDTH, WIDTH, GRID)
+        steps, (i, j) = np.linspace(-WIDTH, WIDTH, GRID), task.labels.axes
         across, up = (
             (scale.mean[k] + scale.deviation[k] * steps).astype(np.float32) for k in (i, j)
         )
         states = np.tile(scale.mean, (GRID * GRID, 1))
         states[:, i], states[:, j] = (axis.ravel() for axis in np.meshgrid(across, up))
-        return cls(
-            task.labels.actions,
-            (names[i], names[j]),
-            (i, j),
-            (across, up),
-            answers(se, states),
-            real_episodes(se),
-        )
+        return cls(task.labels, (across, up), answers(se, states), real_episodes(se))
 
     @property
     def sentence(self) -> str:
@@ -115,44 +106,45 @@ def real_episodes(se: StoredSE) -> list[Episode]:
     return episodes
 
 
-def picture(portrait: Portrait, title: str) -> Figure:
+def picture(plot: SEPlot, title: str) -> Figure:
     """Draw the SE, and the episodes on the real task, over two observations."""
     figure = Figure(figsize=(10, 5), layout="constrained")
     figure.suptitle(f"{title}; other observations have their means")
-    shades = np.linspace(0, 0.9, len(portrait.actions))
+    labels = plot.labels
+    shades = np.linspace(0, 0.9, len(labels.actions))
     colours = [to_hex(colour) for colour in colormaps["viridis"](shades)]
     on_se, on_task = figure.subplots(1, 2, sharex=True, sharey=True)
-    _draw_se(on_se, portrait, colours)
-    for episode in portrait.episodes:
-        path = episode.states[:, portrait.indices]
+    _draw_se(on_se, plot, colours)
+    for episode in plot.episodes:
+        path = episode.states[:, labels.axes]
         on_task.plot(*path.T, color=GREY, lw=0.6, alpha=0.6)
         on_task.scatter(*path[:-1].T, c=np.array(colours)[episode.actions], s=6, zorder=3)
     on_task.set_title("real task: episodes by the SE's rewards")
-    on_se.set(xlim=portrait.axes[0][[0, -1]], ylim=portrait.axes[1][[0, -1]])
-    on_se.set_ylabel(portrait.names[1])
+    on_se.set(xlim=plot.axes[0][[0, -1]], ylim=plot.axes[1][[0, -1]])
+    on_se.set_ylabel(labels.observations[labels.axes[1]])
     for axes in (on_se, on_task):
-        axes.set_xlabel(portrait.names[0])
-    handles = [Patch(color=c, label=n) for c, n in zip(colours, portrait.actions, strict=True)]
+        axes.set_xlabel(labels.observations[labels.axes[0]])
+    handles = [Patch(color=c, label=n) for c, n in zip(colours, labels.actions, strict=True)]
     figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
     return figure
 
 
-def _draw_se(axes: Axes, portrait: Portrait, colours: list[str]) -> None:
+def _draw_se(axes: Axes, plot: SEPlot, colours: list[str]) -> None:
     """Colour the action of the highest reward, draw arrows to the next states after this action,
     and hatch where it ends episodes."""
-    found = portrait.answers
+    found = plot.answers
     best = found.rewards.reshape(-1, GRID * GRID).argmax(axis=0)
     rows = best * GRID * GRID + np.arange(GRID * GRID)
     pale = 1 - 0.4 * (1 - np.array([to_rgb(colour) for colour in colours]))
-    axes.pcolormesh(*portrait.axes, pale[best].reshape(GRID, GRID, 3), rasterized=True)
+    axes.pcolormesh(*plot.axes, pale[best].reshape(GRID, GRID, 3), rasterized=True)
     coarse = rows.reshape(GRID, GRID)[EVERY // 2 :: EVERY, EVERY // 2 :: EVERY].ravel()
-    start = found.states[coarse][:, portrait.indices]
-    moves = found.next_states[coarse][:, portrait.indices] - start
+    start = found.states[coarse][:, plot.labels.axes]
+    moves = found.next_states[coarse][:, plot.labels.axes] - start
     # The longest arrow is as long as the distance between two arrows.
-    distance = [axis[EVERY] - axis[0] for axis in portrait.axes]
+    distance = [axis[EVERY] - axis[0] for axis in plot.axes]
     moves /= max(float(np.linalg.norm(moves / distance, axis=1).max()), 1e-9)
     axes.quiver(*start.T, *moves.T, angles="xy", scale_units="xy", scale=1, width=0.003)
     ends = found.ends[rows].reshape(GRID, GRID)
     if ends.any():
-        axes.contourf(*portrait.axes, ends, levels=[0.5, np.inf], colors="none", hatches=["///"])
+        axes.contourf(*plot.axes, ends, levels=[0.5, np.inf], colors="none", hatches=["///"])
     axes.set_title("SE: rewarded action and next state; hatched: end")

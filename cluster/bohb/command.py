@@ -189,13 +189,11 @@ class _Runner:
 
     def _search(self, views: StudyViews, mirror: Mirror, deadline: float) -> None:
         command = self.command
-        searcher = BohbSearcher(self.search, self._trials, deadline)
-        report = StudyReport(
-            self.brackets, deadline, self.journal, searcher, views, mirror, self.terminal
-        )
+        report = StudyReport(self.brackets, deadline, views, mirror, self.terminal)
+        searcher = BohbSearcher(self.search, self._trials, deadline, report)
         guard = self.session.guard
         with guard.orderly():
-            run_trials(command.study, command.workers_per_trial, searcher, guard, report)
+            run_trials(command.study, command.workers_per_trial, searcher, guard)
         guard.check()
         if searcher.stopped_by is not None:
             raise searcher.stopped_by

@@ -104,7 +104,7 @@ class StudyEnd:
         incumbent = self.export_recipe()
         if incumbent is None:
             return
-        best = ConfigurationRuns.read(self.study, incumbent.id, incumbent.configuration).best
+        best = ConfigurationRuns(self.study, incumbent.id, incumbent.configuration).read().best
         if best is not None:
             save_se(best, self.study.folder / INCUMBENT_SE_FILE)
 
@@ -136,7 +136,7 @@ def all_runs(study: Study, journal: Journal) -> list[ConfigurationRuns]:
     for line in journal.configs:
         for validation in (False, True):
             try:
-                runs = ConfigurationRuns.read(study, line.id, line.configuration, validation)
+                runs = ConfigurationRuns(study, line.id, line.configuration, validation).read()
             except StorageFailure:
                 raise
             except InvalidInput:  # the configuration never ran

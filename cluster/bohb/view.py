@@ -32,7 +32,7 @@ from cluster.bohb.study.journal import (
 )
 from cluster.bohb.study.profiles import ENDLESS, METHODS
 from cluster.nes.view import registered, run_documents
-from cluster.pictures import png
+from cluster.pictures import image
 from cluster.session.terminal import last_line
 from cluster.storage.run_folder import BEST_FILE, Lifetime, Status, finals
 from cluster.tracking import Document, Point, Progress, RunView, Views
@@ -125,12 +125,12 @@ class StudyViews(Views):
         study, name = self.study, configuration_name(line.id)
         running = name in self.running
         failure = next((r.exception for r in results if r.exception is not None), None)
+        runs = ConfigurationRuns(study, line.id, line.configuration)
         try:
-            runs = ConfigurationRuns.read(study, line.id, line.configuration)
-        except InvalidInput:
+            runs.read()
+        except InvalidInput:  # an invalid configuration, which never ran
             if failure is None:
                 raise
-            runs = ConfigurationRuns(study, line.id, line.configuration)  # invalid, so it never ran
         tags = {
             "bilevel.kind": "configuration",
             "bilevel.bracket": str(line.id[0]),
@@ -217,7 +217,7 @@ def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Documen
         documents.append(Document.of("validation.csv", validation_csv(summary)))
 
     def objectives() -> bytes:
-        return png(pictures.objective_against_cost(summary, study.task, study.name))
+        return image(pictures.objective_against_cost(summary, study.task, study.name))
 
     documents += [
         Document("objective_against_cost.png", version, objectives),
@@ -229,7 +229,7 @@ def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Documen
         values = journal.proposals[incumbent.id].configuration
 
         def hyperparameters() -> bytes:
-            return png(hyperparameter_picture(study, summary, values))
+            return image(hyperparameter_picture(study, summary, values))
 
         documents += [
             Document("hyperparameters.png", version, hyperparameters),

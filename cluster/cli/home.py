@@ -18,7 +18,7 @@ from cluster.storage.home import Home
 @home_option
 def runs(home: Path) -> None:
     """List all studies and other runs: state, progress, best score."""
-    from cluster.catalog.overview import overview, print_overview
+    from cluster.catalog import overview, print_overview
     from cluster.session.terminal import Terminal
 
     lines = overview(Home(home))
@@ -45,7 +45,7 @@ def sync(run: str, home: Path, tracking_uri: str | None, agent_files: tuple[Path
     name.
     """
     from bilevel.agents import load_plugins
-    from cluster.catalog.sync import sync as write
+    from cluster.catalog import sync as write
     from cluster.ray.agent_files import load_agent_file
     from cluster.session.terminal import Terminal
 

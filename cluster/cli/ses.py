@@ -83,14 +83,13 @@ def show(
     out = out or Path(f"{label}.png")
     stored = load_se_of(path, se_task)
 
-    from cluster.show import Portrait, picture
+    from cluster.pictures import image
+    from cluster.show import SEPlot, picture
 
-    portrait = Portrait.of(stored)
-    drawn = picture(portrait, f"{label}: a synthetic environment for {stored.task_id}")
-    content = io.BytesIO()
-    drawn.savefig(content, format=out.suffix[1:], dpi=150)
-    write_file(out, content.getvalue())
-    click.echo(portrait.sentence)
+    plot = SEPlot.of(stored)
+    drawn = picture(plot, f"{label}: a synthetic environment for {stored.task_id}")
+    write_file(out, image(drawn, out.suffix[1:]))
+    click.echo(plot.sentence)
     click.echo(f"picture: {out}")
 
 

@@ -61,7 +61,7 @@ def build(name: str, folder: Path, agents: int, workers: int | None, **where: An
 
     entry, context = get_entry(name), the_context(**where)
 
-    from cluster.zoo.build import build as make
+    from cluster.zoo import build as make
 
     _print_zoo([make(entry, context, folder, agents, workers)])
     click.echo(f"written: {folder / name}.safetensors and its card, .json")

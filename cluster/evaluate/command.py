@@ -24,7 +24,7 @@ from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
 from cluster.evaluate.report import Group, as_json, as_table, groups_of, picture
 from cluster.evaluate.run import KIND, PICTURE_FILE, REPORT_FILE, RESULTS_FILE, EvaluationViews
-from cluster.pictures import png
+from cluster.pictures import image
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext
 from cluster.session.session import Session
@@ -146,7 +146,7 @@ def _report(command: EvaluateCommand, session: Session, groups: list[Group]) -> 
     report = json.dumps(as_json(groups), indent=2)
     write_aside(folder / REPORT_FILE, report.encode())
     title = f"fresh agents of the evaluation\n{folder.name}"
-    write_aside(folder / PICTURE_FILE, png(picture(groups, command.task, title)))
+    write_aside(folder / PICTURE_FILE, image(picture(groups, command.task, title)))
     # One metric per group, because MLflow shows every metric of any run as a column of all runs.
     metrics = {f"test_return/{g.agent}/{g.source}": float(g.test_returns.mean()) for g in groups}
     add_final(folder, Final(command.agents, time.time(), metrics))

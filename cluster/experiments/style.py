@@ -1,7 +1,6 @@
 """Style of the experiments' pictures: vector graphics as wide as one column of the paper."""
 
 import contextlib
-import io
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -10,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cluster.experiments.conditions import title_of
+from cluster.pictures import image
 
 #: Width in inches of a column of the paper.
 COLUMN = 3.4
@@ -77,7 +77,5 @@ def solved_line(axes: Axes, solved_reward: float) -> None:
 
 def svg(figure: Figure) -> bytes:
     """Return the content of the figure's SVG file, which depends only on the figure."""
-    buffer = io.BytesIO()
     with styled():
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
-    return buffer.getvalue()
+        return image(figure, "svg", metadata={"Date": None})

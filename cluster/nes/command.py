@@ -18,7 +18,7 @@ from cluster.nes.selection import (
     export_best,
 )
 from cluster.nes.view import CURVE_FILE, NESViews
-from cluster.pictures import png
+from cluster.pictures import image
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import Driver, RunContext
 from cluster.session.session import Session
@@ -132,7 +132,7 @@ class _Runner:
         if last.se.finite:
             save_se(last, last_file)
         figure = learning_curve(state.records, run.task, f"{run.folder.name} on {run.task.id}")
-        write_aside(run.folder / CURVE_FILE, png(figure))
+        write_aside(run.folder / CURVE_FILE, image(figure))
         path, real_steps = export_best(
             best.se, score, run.folder, state.generation, state.real_env_steps, tests
         )

@@ -10,7 +10,7 @@ from bilevel.nes.checkpoint import load_state
 from bilevel.synthetic_env import load_se, se_bytes
 from cluster.nes import pictures
 from cluster.nes.run import KIND, STATE_FILE, NESRun, start_of
-from cluster.pictures import png
+from cluster.pictures import image
 from cluster.storage.run_folder import BEST_FILE, LAST_FILE, Final, finals
 from cluster.tracking import Document, Point, Progress, RegisteredSE, RunView, Views
 
@@ -30,7 +30,7 @@ def run_documents(
     return [
         best,
         *([last] if current.se.finite else []),
-        Document(CURVE_FILE, version, lambda: png(pictures.learning_curve(records, task, title))),
+        Document(CURVE_FILE, version, lambda: image(pictures.learning_curve(records, task, title))),
         Document.of("configuration.json", json.dumps(run.hp.to_dict(), indent=2)),
     ]
 

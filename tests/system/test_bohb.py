@@ -63,7 +63,9 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     study = Study.read(home / "CartPole-v0" / "smoke")
     assert (study.folder / SPACE_FILE).exists()
     journal = Journal(study.folder)
-    runs = [ConfigurationRuns.read(study, line.id, line.configuration) for line in journal.configs]
+    runs = [
+        ConfigurationRuns(study, line.id, line.configuration).read() for line in journal.configs
+    ]
     assert sorted(round(each.tally.cost) for each in runs) == [1, 1, 3]
     learned = sum(state.real_env_steps for each in runs for state in each.states)
     counted = load_se(study.folder / BEST_FILE).info["real_env_steps"]

@@ -16,8 +16,7 @@ import pytest
 
 from bilevel import InvalidInput
 from cluster.bohb.view import StudyViews
-from cluster.catalog.kinds import views_of
-from cluster.catalog.sync import sync
+from cluster.catalog import sync, views_of
 from cluster.session.context import RunContext
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home

@@ -119,7 +119,7 @@ def validate(
     log(f"validating {len(chosen)} configurations with new seeds")
     started, proposals = time.time(), journal.proposals
     finalists = [
-        ConfigurationRuns.read(study, id, proposals[id].configuration, validation=True, log=log)
+        ConfigurationRuns(study, id, proposals[id].configuration, validation=True, log=log).read()
         for id in chosen
     ]
     while (unfinished := [runs for runs in finalists if not runs.spent(each)]) and not is_over():

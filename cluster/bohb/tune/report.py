@@ -1,28 +1,23 @@
 """Progress of a running study: lines in the terminal, and changes for MLflow.
 
-The report is a Ray Tune callback in the driver. Everything that it shows is already on disk.
+Everything that the report shows is already on disk.
 """
 
 import math
 import time
-from typing import Any
-
-from ray.tune import Callback
 
 from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.search.bracket_search import Job
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.study.definition import configuration_name
-from cluster.bohb.study.journal import Journal
-from cluster.bohb.tune.searcher import BohbSearcher, DriverOnly
-from cluster.bohb.tune.trial import REPORT, TrialReport
+from cluster.bohb.tune.trial import TrialReport
 from cluster.bohb.view import StudyViews, study_points
 from cluster.session.terminal import Terminal, count, last_line
 from cluster.tracking import Mirror, Point
 
 
-class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
-    """Follows the trials of one study."""
+class StudyReport:
+    """Follows the jobs of one study."""
 
     #: Seconds, and relative growth of the number of results, between updates of the study's
     #: pictures and tables. Updates take longer the more results there are.
@@ -32,76 +27,48 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         self,
         brackets: int,
         deadline: float,
-        journal: Journal,
-        searcher: BohbSearcher,
         views: StudyViews,
         mirror: Mirror,
         terminal: Terminal,
     ) -> None:
         self._deadline = deadline  # of the search, seconds of time.monotonic
-        self._journal = journal
-        self._searcher = searcher
+        self._journal = journal = views.journal
         self._views = views
         self._mirror = mirror
         self._terminal = terminal
         self._summary = StudySummary(journal, views.study.schedule.brackets(brackets))
-        self._jobs: dict[str, Job] = {}  # by trial
         self._pictures = (0.0, len(journal.results))  # time and number of results of the last ones
         self._started = time.monotonic()
         self._left_before = self._summary.core_seconds_left()
 
-    # -- called by Ray Tune ------------------------------------------------------
-
-    def on_trial_start(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
+    def started(self, job: Job) -> None:
         """Show that a job starts, or restarts after a crash."""
-        job = self._searcher.jobs[trial.trial_id]
-        self._jobs[trial.trial_id] = job
         name = configuration_name(job.id)
         self._views.running.add(name)
         self._mirror.mark([self._views.key(name)])
         self._bar(f"{name} begins")
 
-    def on_trial_result(
-        self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **info: Any
-    ) -> None:
+    def stepped(self, job: Job, report: TrialReport) -> None:
         """Show a finished generation."""
-        report: TrialReport = result[REPORT]
         if report.record is not None and report.tally is not None:
-            job = self._jobs[trial.trial_id]
-            name = configuration_name(job.id)
+            name, score = configuration_name(job.id), report.record.score_mean
             point = Point.of(report.record, report.before, run=report.run)
             self._mirror.append(self._views.key(name), [point])
-            score = report.record.score_mean
             self._bar(f"{name} {report.tally.cost:.0f}/{job.budget}s: {score:.1f}")
 
-    def on_trial_complete(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
-        """Show a job that is complete, stopped or failed; the journal already has its result."""
-        job = self._close(trial.trial_id)
-        report: TrialReport = (trial.last_result or {}).get(REPORT, TrialReport())
-        if job is None:
-            return
-        if report.error is not None:
-            name = configuration_name(job.id)
+    def ended(self, job: Job, report: TrialReport, died: bool = False) -> None:
+        """Show a job that is complete, stopped or failed, after the journal has its result. If its
+        process has died, it runs again, or failed after many crashes."""
+        name = configuration_name(job.id)
+        self._views.running.discard(name)
+        self._mirror.mark([self._views.key(name)])
+        if died:
+            self._terminal.log(f"{name}: the trial's process died")
+        elif report.error is not None:
             self._terminal.log(f"{name} failed: {last_line(str(report.error))}")
         elif report.tally is not None and report.budget_reached:
             self._log_result(job, report.tally)
         self._show_result()
-
-    def on_trial_error(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
-        """Show that a trial's process died: its job runs again, or failed after many crashes."""
-        job = self._close(trial.trial_id)
-        if job is not None:
-            self._terminal.log(f"{configuration_name(job.id)}: the trial's process died")
-
-    # -- MLflow ------------------------------------------------------------------
-
-    def _close(self, trial_id: str) -> Job | None:
-        job = self._jobs.pop(trial_id, None)
-        if job is not None:
-            name = configuration_name(job.id)
-            self._views.running.discard(name)
-            self._mirror.mark([self._views.key(name)])
-        return job
 
     def _show_result(self) -> None:
         """Add the last result to the study's own run, and sometimes update its pictures."""
@@ -113,8 +80,6 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
         else:
             points = [point for point in study_points(self._summary) if point.step == number]
             self._mirror.append(self._views.parent, points)
-
-    # -- terminal ----------------------------------------------------------------
 
     def _log_result(self, job: Job, tally: Tally) -> None:
         """Log the result in a line of 80 columns, and the configuration in another one."""

@@ -16,6 +16,7 @@ from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.user_code import UserCodeError
 from cluster.bohb.search.bracket_search import BracketSearch, Job
 from cluster.bohb.study.journal import ConfigId
+from cluster.bohb.tune.report import StudyReport
 from cluster.bohb.tune.trial import JOB, REPORT, TrialReport
 
 #: Crashes of a job's process or node after which the configuration counts as failed.
@@ -39,11 +40,13 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         search: BracketSearch,
         concurrent: Callable[[], int],
         deadline: float,
+        report: StudyReport,
     ) -> None:
         super().__init__()
         self._search = search
         self._concurrent = concurrent
         self._deadline = deadline
+        self._report = report
         self.jobs: dict[str, Job] = {}  # of the live trials
         self._crashes: Counter[tuple[ConfigId, int]] = Counter()  # by job
         self.stopped_by: InvalidInput | None = None
@@ -65,7 +68,12 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         if job is None:
             return None
         self.jobs[trial_id] = job
+        self._report.started(job)
         return {JOB: {"id": list(job.id), "configuration": job.configuration, "budget": job.budget}}
+
+    def on_trial_result(self, trial_id: str, result: dict[str, Any]) -> None:
+        """Report a step after which the trial continues."""
+        self._report.stepped(self.jobs[trial_id], result[REPORT])
 
     def on_trial_complete(
         self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False
@@ -78,16 +86,16 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         job = self.jobs.pop(trial_id, None)
         if job is None:
             return
+        report = (result or {}).get(REPORT, TrialReport())
         try:
             if error:
                 self._crashed(job)
-            elif result is None or REPORT not in result:
-                self._search.put_back(job)
             else:
-                self._register(job, result[REPORT])
+                self._register(job, report)
         except InvalidInput as reason:
             self.stopped_by = reason
             self._search.put_back(job)
+        self._report.ended(job, report, error)
 
     def _crashed(self, job: Job) -> None:
         self._crashes[job.id, job.budget] += 1

@@ -75,7 +75,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
             node = socket.gethostname()
             raise StorageFailure(f"node {node} does not see the folder {str(study.folder)!r}")
         if self._runs is None:
-            self._runs = ConfigurationRuns.read(study, tuple(job["id"]), job["configuration"])
+            self._runs = ConfigurationRuns(study, tuple(job["id"]), job["configuration"]).read()
         runs = self._runs
         record, run, before = None, 0, 0
         while record is None and not runs.spent(job["budget"]):

@@ -8,7 +8,6 @@ from typing import Any
 from ray import tune
 
 from cluster.bohb.study.definition import Study
-from cluster.bohb.tune.report import StudyReport
 from cluster.bohb.tune.searcher import BohbSearcher, DriverOnly
 from cluster.bohb.tune.trial import NESTrial
 from cluster.ray.connection import environment_kept
@@ -40,11 +39,7 @@ class _Stopper(DriverOnly, tune.Stopper):  # type: ignore[misc]
 
 
 def run_trials(
-    study: Study,
-    workers_per_trial: int,
-    searcher: BohbSearcher,
-    guard: InterruptGuard,
-    report: StudyReport,
+    study: Study, workers_per_trial: int, searcher: BohbSearcher, guard: InterruptGuard
 ) -> None:
     """Run the searcher's jobs until it has no more, its deadline, an error, or Ctrl-C."""
     trainable = tune.with_parameters(NESTrial, study=study, workers=workers_per_trial)
@@ -60,7 +55,6 @@ def run_trials(
             run_config=tune.RunConfig(
                 name=_FOLDER,
                 storage_path=str(study.folder),
-                callbacks=[report],
                 stop=_Stopper(searcher, guard),
                 checkpoint_config=tune.CheckpointConfig(checkpoint_at_end=False),
                 failure_config=tune.FailureConfig(max_failures=0),

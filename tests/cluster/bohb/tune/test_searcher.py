@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -35,7 +36,7 @@ def journal(tmp_path: Path) -> Journal:
 @pytest.fixture
 def searcher(journal: Journal) -> BohbSearcher:
     search = BracketSearch(new_study(journal.folder), journal, 1)
-    return BohbSearcher(search, lambda: 2, math.inf)
+    return BohbSearcher(search, lambda: 2, math.inf, Mock())
 
 
 def suggested(searcher: BohbSearcher, trial_id: str) -> Any:

@@ -1,16 +1,35 @@
-"""`bilevel runs`: all runs in a home with their state, progress and best score."""
+"""The kinds of runs, `bilevel runs` and `bilevel sync`."""
 
 from dataclasses import astuple, dataclass
 from pathlib import Path
 
 from rich.console import Console
 
-from bilevel.errors import InvalidInput, OtherVersion
-from cluster.catalog.kinds import views_of
+from bilevel.errors import InvalidInput, OtherVersion, unknown_value
+from cluster.bohb.view import StudyViews
+from cluster.evaluate.run import EvaluationViews
+from cluster.experiments.run import ExperimentViews
+from cluster.nes.view import NESViews
+from cluster.session.terminal import Terminal, count
 from cluster.storage.home import Home
-from cluster.storage.run_folder import RunStatus, finals, is_held
+from cluster.storage.run_folder import RunStatus, finals, held, is_held, read_settings
+from cluster.tracking import Tracker, Views
+from cluster.tracking.connection import mlflow_errors
+
+#: Views of all kinds of runs, by the kind's name in a run's settings.
+KINDS: dict[str, type[Views]] = {
+    views.kind: views for views in (StudyViews, NESViews, EvaluationViews, ExperimentViews)
+}
 
 _STATES = {"FINISHED": "finished", "KILLED": "stopped", "FAILED": "failed", "RUNNING": "killed"}
+
+
+def views_of(folder: Path) -> Views:
+    """Views of a folder that no process works on. Raises InvalidInput for a damaged folder."""
+    kind = str(read_settings(folder).get("kind"))
+    if kind not in KINDS:
+        raise unknown_value("kind of run", kind, KINDS)
+    return KINDS[kind](folder)
 
 
 @dataclass(frozen=True)
@@ -59,3 +78,21 @@ def _line(folder: Path) -> Line:
         return Line(task, name, "", "damaged", fault=str(error))
     final = "" if score is None else f"{score:.1f}"
     return Line(task, name, views.kind, state, progress.done, progress.best, final)
+
+
+def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> None:
+    """Write the parts of a run that MLflow lacks, from the run's files alone.
+
+    The call may be repeated. Raises InvalidInput if the folder is damaged or in use by another
+    process, or if MLflow fails or rejects a run.
+    """
+    with held(folder):
+        views = views_of(folder)
+        keys = views.keys()
+        tracker = Tracker(tracking_uri, views.task_id, home)
+        with terminal, mlflow_errors(tracking_uri):
+            for done, key in enumerate(keys):
+                terminal.bar("sync", done, len(keys), "runs")
+                tracker.show(views.view(key))
+        terminal.log(f"{folder.name}: {count(len(keys), 'run')} in MLflow now match the disk")
+        terminal.log(f"MLflow {tracker.address(keys[0])}")
