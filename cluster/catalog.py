@@ -70,14 +70,14 @@ def _line(folder: Path) -> Line:
         views, status = views_of(folder), RunStatus.load(folder)
         state = _STATES["KILLED" if status is None else status.status]
         state = "running" if is_held(folder) else state
-        progress, ends = views.progress(), finals(folder)
+        (progress, best), ends = views.progress(), finals(folder)
         score = ends[-1].metrics.get("final_score_mean") if ends else None
     except OtherVersion as error:
         return Line(task, name, "", "old", fault=str(error))
     except (InvalidInput, OSError) as error:
         return Line(task, name, "", "damaged", fault=str(error))
     final = "" if score is None else f"{score:.1f}"
-    return Line(task, name, views.kind, state, progress.done, progress.best, final)
+    return Line(task, name, views.kind, state, progress, best, final)
 
 
 def sync(folder: Path, home: Home, tracking_uri: str, terminal: Terminal) -> None:

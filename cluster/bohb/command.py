@@ -13,6 +13,7 @@ from cluster.bohb.search.validation import SHARE, validation_seconds
 from cluster.bohb.study.brackets import Schedule, core_seconds_to_run, initial_configurations
 from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import Journal
+from cluster.bohb.study.profiles import Profile
 from cluster.bohb.tune.report import StudyReport
 from cluster.bohb.tune.searcher import BohbSearcher
 from cluster.bohb.tune.tuner import run_trials
@@ -36,9 +37,7 @@ class StudyCommand:
 
     study: Study
     context: RunContext
-    brackets: int
-    time_budget: float | None  # seconds; None runs all brackets
-    final_agents: int  # trained on the best SE at the end, with fresh seeds
+    profile: Profile
     workers_per_trial: int = 1  # 0 until `with_workers` sets it
     concurrent_trials: int | None = None  # None fills the cluster's cores
 
@@ -47,7 +46,7 @@ class StudyCommand:
         configurations than the cluster has `cores`."""
         if self.workers_per_trial:
             return self
-        started = initial_configurations(self.study.schedule.brackets(self.brackets))
+        started = initial_configurations(self.study.schedule.brackets(self.profile.brackets))
         trials = min(self.concurrent_trials or started, started)
         workers = min(max(cores // trials, 1), self.study.base.nes.evaluations)
         return replace(self, workers_per_trial=workers)
@@ -98,7 +97,7 @@ def estimate(command: StudyCommand) -> None:
 
     Raises InvalidInput where the study would.
     """
-    study, schedule, brackets = command.study, command.study.schedule, command.brackets
+    study, schedule, brackets = command.study, command.study.schedule, command.profile.brackets
     study.prior_configuration()
     require_writable(command.context.home.folder)
     check_settings(study.folder, study.settings())
@@ -123,8 +122,8 @@ def estimate(command: StudyCommand) -> None:
             f"{searched} core seconds and {validated:.0f} of validation: about "
             f"{duration((searched + validated) / cores)} on {count(cores, 'core')}"
         )
-        if command.time_budget is not None:
-            terminal.log(f"the time budget ends it after {duration(command.time_budget)}")
+        if command.profile.time_budget is not None:
+            terminal.log(f"the time budget ends it after {duration(command.profile.time_budget)}")
         terminal.log(f"{count(trials, 'trial')} at a time, {count(workers, 'worker')} each")
 
 
@@ -138,7 +137,7 @@ class _Runner:
         self.journal = Journal(study.folder)
         run_status = RunStatus.load(study.folder)
         self.brackets = brackets_to_reach(
-            self.journal, study.schedule, command.brackets, run_status
+            self.journal, study.schedule, command.profile.brackets, run_status
         )
         self.search = BracketSearch(study, self.journal, self.brackets)
         self.end = StudyEnd(study, self.journal, session)
@@ -151,11 +150,11 @@ class _Runner:
         resume_hint = "run the same command again to resume"
         with self.session.live(views, self.brackets, resume_hint) as mirror:
             try:
-                deadline, end = deadlines(self.terminal.started, command.time_budget)
+                deadline, end = deadlines(self.terminal.started, command.profile.time_budget)
                 self._search(views, mirror, deadline)
                 with EvaluationPool(command.workers_per_trial * self._trials()) as pool:
                     found = self.end.finish(
-                        pool, command.final_agents, lambda: time.monotonic() > end
+                        pool, command.profile.final_agents, lambda: time.monotonic() > end
                     )
             except KeyboardInterrupt:
                 with suppress(InvalidInput):
@@ -175,8 +174,8 @@ class _Runner:
             f"{count(self._trials(), 'trial')} at a time with "
             f"{count(command.workers_per_trial, 'worker')} each"
         )
-        if command.time_budget is not None:
-            self.terminal.log(f"time budget {duration(command.time_budget)}")
+        if command.profile.time_budget is not None:
+            self.terminal.log(f"time budget {duration(command.profile.time_budget)}")
         if self.journal.configs:
             results = count(len(self.journal.results), "result")
             configurations = count(len(self.journal.configs), "configuration")

@@ -35,7 +35,7 @@ from cluster.nes.view import registered, run_documents
 from cluster.pictures import image
 from cluster.session.terminal import last_line
 from cluster.storage.run_folder import BEST_FILE, Lifetime, Status, finals
-from cluster.tracking import Document, Point, Progress, RunView, Views
+from cluster.tracking import Document, Point, RunView, Views
 
 #: Settings that are parameters of the MLflow run.
 _PARAMS = ("seed", "method", "prior", "budgets", "cycle", "base")
@@ -86,16 +86,16 @@ class StudyViews(Views):
                 return self._configuration(line, results)
         raise InvalidInput(f"study {self.study.name!r} has no run {key}")
 
-    def progress(self) -> Progress:
+    def progress(self) -> tuple[str, str]:
         """Number of results, and the incumbent's objective."""
         brackets, results = self.lifetime.target, len(self.journal.results)
         rungs = StudySettings.read(self.folder).schedule.brackets(brackets)
         incumbent = StudySummary.of(self.journal).incumbent
         best = "" if incumbent is None else f"{incumbent.loss:.0f} core s"
         if brackets >= ENDLESS:
-            return Progress(f"{results} results", best)
+            return f"{results} results", best
         total = max(sum(rung.configurations for rung in rungs), results)
-        return Progress(f"{results}/{total} results", best)
+        return f"{results}/{total} results", best
 
     def _study(self, journal: Journal) -> RunView:
         study, ends = self.study, finals(self.folder)

@@ -128,15 +128,7 @@ def bohb(
 
     schedule = Schedule.of(method, size.smallest_budget, size.largest_budget, size.cycle)
     defined = Study(folder, task, common.seed, searched, schedule, hp, method, size.prior)
-    command = StudyCommand(
-        defined,
-        context,
-        size.brackets,
-        size.time_budget,
-        size.final_agents,
-        workers_per_trial or 0,
-        concurrent_trials,
-    )
+    command = StudyCommand(defined, context, size, workers_per_trial or 0, concurrent_trials)
     if dry_run:
         estimate(command)
     else:

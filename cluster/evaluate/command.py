@@ -11,9 +11,9 @@ equal agents (paper, section "Evaluation Performance of SE-trained Agents").
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from bilevel.agents.variation import draw_agent
 from bilevel.durable import write_aside
@@ -31,6 +31,8 @@ from cluster.session.session import Session
 from cluster.session.terminal import count
 from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import Final, add_final, settings_of
+
+_Key = TypeVar("_Key")
 
 
 @dataclass(frozen=True)
@@ -94,46 +96,52 @@ def _evaluate(command: EvaluateCommand, session: Session, pool: EvaluationPool) 
     log = JsonlLog(session.folder / RESULTS_FILE)
     stored = log.decoded(tuple[str, str, int, EvaluationResult])
     results = {(label, agent, i): result for label, agent, i, result in stored}
-    needed = [
-        (label, hp, i)
+    agents = {
+        (label, hp.agent, i): (label, *command.agent(hp, i))
         for label in command.sources
         for hp in command.kinds
         for i in range(command.agents)
-    ]
-    missing = [(label, hp, i) for label, hp, i in needed if (label, hp.agent, i) not in results]
-    session.terminal.bar("evaluating", len(needed) - len(missing), len(needed), "agents")
+    }
 
-    def keep(result: EvaluationResult) -> None:
-        label, hp, i = missing[result.index]
+    def add(key: tuple[str, str, int], result: EvaluationResult) -> None:
         # The index among the requests of this call would differ after a resume.
-        results[label, hp.agent, i] = replace(result, index=i)
-        log.append([label, hp.agent, i, asdict(results[label, hp.agent, i])])
-        session.terminal.step()
+        results[key] = replace(result, index=key[-1])
+        log.append([*key, asdict(results[key])])
 
-    agents = [(label, *command.agent(hp, i)) for label, hp, i in missing]
-    train_agents(pool, command.task, command.sources, agents, keep)
+    train_agents(session, pool, command.task, command.sources, agents, results, add)
     grouped: dict[tuple[str, str], list[EvaluationResult]] = {}
-    for label, hp, i in needed:
-        grouped.setdefault((label, hp.agent), []).append(results[label, hp.agent, i])
+    for label, agent, i in agents:
+        grouped.setdefault((label, agent), []).append(results[label, agent, i])
     return groups_of(grouped, command.task.solved_reward)
 
 
 def train_agents(
+    session: Session,
     pool: EvaluationPool,
     task: Task,
     sources: Mapping[str, StoredSE | None],
-    agents: Sequence[tuple[str, AgentHyperparameters, int]],
-    keep: Callable[[EvaluationResult], None],
+    agents: Mapping[_Key, tuple[str, AgentHyperparameters, int]],
+    found: Container[_Key],
+    add: Callable[[_Key, EvaluationResult], None],
 ) -> None:
-    """Train agents, given by source, hyperparameters and seed, and test them on the task.
+    """Train the agents that are not in `found`, given by source, hyperparameters and seed, and test
+    them on the task. `add` stores a result.
 
     All sources are in one call, so that a slow agent leaves no core idle.
     """
+    missing = [key for key in agents if key not in found]
+    session.terminal.bar("training", len(agents) - len(missing), len(agents), "agents")
+
+    def keep(result: EvaluationResult) -> None:
+        session.guard.check()
+        add(missing[result.index], result)
+        session.terminal.step()
+
     ses = {label: se.se for label, se in sources.items() if se is not None}
     on: dict[str, TrainedOn] = {label: Given(number) for number, label in enumerate(ses)}
     requests = [
         EvaluationRequest(index, seed, hp, on.get(label, RealTask()))
-        for index, (label, hp, seed) in enumerate(agents)
+        for index, (label, hp, seed) in enumerate(agents[key] for key in missing)
     ]
     pool.run(task, tuple(ses.values()), requests, keep)
 
@@ -141,8 +149,7 @@ def train_agents(
 def _report(command: EvaluateCommand, session: Session, groups: list[Group]) -> None:
     """Print the table, write report and picture, and log the metrics to MLflow."""
     folder, log = session.folder, session.terminal.log
-    for line in as_table(groups).splitlines():
-        log(line)
+    log(as_table(groups))
     report = json.dumps(as_json(groups), indent=2)
     write_aside(folder / REPORT_FILE, report.encode())
     title = f"fresh agents of the evaluation\n{folder.name}"

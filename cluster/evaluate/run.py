@@ -5,7 +5,7 @@ from typing import Any
 
 from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import Settings
-from cluster.tracking import Document, Progress, RunView, Views
+from cluster.tracking import Document, RunView, Views
 
 #: The kind of run in the settings.
 KIND = "evaluate"
@@ -40,9 +40,9 @@ class EvaluationViews(Views):
             description=f"Fresh agents on {', '.join(settings.sources)}, tested on {task}.",
         )
 
-    def progress(self) -> Progress:
+    def progress(self) -> tuple[str, str]:
         """Return the number of trained agents, of `target` for each source and kind."""
         settings = EvaluationSettings.read(self.folder)
         total = self.lifetime.target * len(settings.sources) * len(settings.kinds)
         trained = len(JsonlLog(self.folder / RESULTS_FILE).values)
-        return Progress(f"{trained}/{max(total, trained)} agents")
+        return f"{trained}/{max(total, trained)} agents", ""

@@ -19,13 +19,13 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from bilevel.durable import write_aside
-from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import default_agents
+from bilevel.synthetic_env import load_se
 from bilevel.tasks import Task
 from cluster.evaluate.command import train_agents
 from cluster.evaluate.table import table
 from cluster.experiments.conditions import title_of
-from cluster.experiments.experiment import Evaluation, Experiment, Findings, Material, Plan, Source
+from cluster.experiments.experiment import Experiment, Findings, Material, Plan, Source
 from cluster.experiments.run import (
     DATA_FILE,
     FINDINGS_FILE,
@@ -46,7 +46,7 @@ from cluster.session.session import Session
 from cluster.session.terminal import count
 from cluster.storage.author import Author
 from cluster.storage.jsonl_log import JsonlLog
-from cluster.storage.run_folder import Final, add_final, check_settings, settings_of
+from cluster.storage.run_folder import BEST_FILE, Final, add_final, check_settings, settings_of
 
 
 @dataclass(frozen=True)
@@ -121,15 +121,16 @@ class _Runner:
         with session.live(views, len(runs), resume_hint):
             self._finish(runs)
             results = AgentResults(session.folder)
-            sources = [Source.of_run(*place, run) for place, run in runs.items()]
+            sources = [
+                Source(*place, load_se(run.folder / BEST_FILE), run) for place, run in runs.items()
+            ]
             material = Material(sources, results.found, self._recorded)
             self._train(material, results)
             findings = experiment.conclude(plan, material)
             self._write(findings)
             metrics, done = dict(findings.metrics), len(runs) + len(results.found)
             add_final(session.folder, Final(done, time.time(), metrics))
-            for line in table(findings.summary).to_string(index=False).splitlines():
-                session.terminal.log(line)
+            session.terminal.log(table(findings.summary).to_string(index=False))
             session.terminal.log(f"data and pictures: {session.folder}")
             session.terminal.log(f"MLflow {session.address}")
 
@@ -155,21 +156,12 @@ class _Runner:
             # Equal agents on equal SEs have the same key and are trained once.
             needed = {one.key: one for one in self.experiment.evaluations(self.plan, material)}
             results.adopt(needed)
-            missing = [one for key, one in needed.items() if key not in results.found]
-            if not missing:
+            if needed.keys() <= results.found.keys():
                 return
-            self.session.terminal.bar("training", len(needed) - len(missing), len(needed), "agents")
-            self._evaluate(missing, results)
-
-    def _evaluate(self, missing: Sequence[Evaluation], results: AgentResults) -> None:
-        def keep(result: EvaluationResult) -> None:
-            self.session.guard.check()
-            results.add(missing[result.index].key, result)
-            self.session.terminal.step()
-
-        sources = {one.source.digest: one.source.se for one in missing}
-        agents = [(one.source.digest, one.hp, one.seed) for one in missing]
-        train_agents(self.pool, self.plan.task, sources, agents, keep)
+            sources = {one.source.digest: one.source.se for one in needed.values()}
+            agents = {key: (one.source.digest, one.hp, one.seed) for key, one in needed.items()}
+            session, task, add = self.session, self.plan.task, results.add
+            train_agents(session, self.pool, task, sources, agents, results.found, add)
 
     def _recorded(self, done: int, total: int) -> None:
         self.session.guard.check()

@@ -21,7 +21,7 @@ from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.nes import NESState
 from bilevel.nes.requests import fresh_agent
 from bilevel.seeds import Purpose
-from bilevel.synthetic_env import StoredSE, load_se
+from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
 from cluster.evaluate.table import Row
 from cluster.experiments.conditions import CONDITIONS, REAL
@@ -29,7 +29,6 @@ from cluster.experiments.sizes import AGENTS, Size
 from cluster.experiments.style import styled
 from cluster.nes.run import NESRun
 from cluster.storage.home import Home
-from cluster.storage.run_folder import BEST_FILE
 
 
 @dataclass(frozen=True)
@@ -83,11 +82,6 @@ class Source:
     number: int = 0  # of the condition's run
     se: StoredSE | None = None  # None: the real task
     run: NESRun | None = None  # which has finished
-
-    @classmethod
-    def of_run(cls, condition: str, number: int, run: NESRun) -> "Source":
-        """Load the SE of a finished run. Raises InvalidInput if its file is damaged."""
-        return cls(condition, number, load_se(run.folder / BEST_FILE), run)
 
     @property
     def state(self) -> NESState:

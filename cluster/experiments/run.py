@@ -26,7 +26,7 @@ from cluster.experiments.figures import EXPERIMENTS
 from cluster.experiments.sizes import Size
 from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import SETTINGS_FILE, Settings
-from cluster.tracking import Document, Progress, RunView, Views
+from cluster.tracking import Document, RunView, Views
 
 #: The kind of run in the settings.
 KIND = "experiment"
@@ -127,13 +127,13 @@ class ExperimentViews(Views):
             description=experiment.explanation if experiment else "",
         )
 
-    def progress(self) -> Progress:
+    def progress(self) -> tuple[str, str]:
         """Return the number of finished NES runs, of `target`, and of trained agents."""
         if ExperimentSettings.read(self.folder).experiment == REPORT:
-            return Progress("1 page")
+            return "1 page", ""
         finished, runs = len(JsonlLog(self.folder / RUNS_FILE).values), self.lifetime.target
         agents = len(JsonlLog(self.folder / RESULTS_FILE).values)
-        return Progress(f"{min(finished, runs)}/{runs} SEs, {agents} agents")
+        return f"{min(finished, runs)}/{runs} SEs, {agents} agents", ""
 
 
 def versions() -> dict[str, str]:

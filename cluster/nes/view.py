@@ -12,7 +12,7 @@ from cluster.nes import pictures
 from cluster.nes.run import KIND, STATE_FILE, NESRun, start_of
 from cluster.pictures import image
 from cluster.storage.run_folder import BEST_FILE, LAST_FILE, Final, finals
-from cluster.tracking import Document, Point, Progress, RegisteredSE, RunView, Views
+from cluster.tracking import Document, Point, RegisteredSE, RunView, Views
 
 #: File of a run's learning curve, which is also an artifact.
 CURVE_FILE = "learning_curve.png"
@@ -76,12 +76,12 @@ class NESViews(Views):
             ),
         )
 
-    def progress(self) -> Progress:
+    def progress(self) -> tuple[str, str]:
         """Number of generations, and the best score."""
         path, target = self.folder / STATE_FILE, self.lifetime.target
         if not path.exists():
-            return Progress(f"0/{target} generations")
+            return f"0/{target} generations", ""
         state = load_state(path)
         best = f"{state.best_score:.1f}" if state.records else ""
         total = max(target, state.generation)  # a later call may ask for fewer
-        return Progress(f"{state.generation}/{total} generations", best)
+        return f"{state.generation}/{total} generations", best

@@ -65,13 +65,10 @@ class Session:
             mirror.mark(views.keys())
             missing = mirror.close()
             if missing:
+                command = f"sync {self.folder.parent.name}/{self.folder.name}"
+                if self.tracker.uri != self.home.database_uri:
+                    command += f" --tracking-uri {without_password(self.tracker.uri)}"
                 self.terminal.log(
                     f"MLflow lacks the current state of {count(missing, 'run')}: once it is "
-                    f"reachable, {self._sync_hint()} writes them"
+                    f"reachable, {self.home.hint(command)} writes them"
                 )
-
-    def _sync_hint(self) -> str:
-        command, uri = f"sync {self.folder.parent.name}/{self.folder.name}", self.tracker.uri
-        if uri != self.home.database_uri:
-            command += f" --tracking-uri {without_password(uri)}"
-        return self.home.hint(command)

@@ -100,8 +100,8 @@ class Tracker:
             self._runs[view.key] = run
             self._write_documents(run, view)
         except MlflowException as error:
-            if not _rejected(error):
-                raise
+            if error.error_code not in ("INVALID_PARAMETER_VALUE", "RESOURCE_DOES_NOT_EXIST"):
+                raise  # MLflow is unreachable
             reason = without_password(first_line(error))
             raise InvalidInput(f"{view.name}: MLflow rejects the run ({reason})") from None
 
@@ -229,11 +229,6 @@ def _experiment(client: Any, task_id: str, location: str | None) -> str:
             "`mlflow experiments restore` (MLFLOW_TRACKING_URI must be set)"
         )
     return str(found.experiment_id)
-
-
-def _rejected(error: Any) -> bool:
-    """Return whether MLflow rejects a value or a run. Other errors are temporary."""
-    return error.error_code in ("INVALID_PARAMETER_VALUE", "RESOURCE_DOES_NOT_EXIST")
 
 
 def _flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:

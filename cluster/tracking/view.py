@@ -44,14 +44,6 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Progress:
-    """Progress of a run, formatted for `bilevel runs`."""
-
-    done: str
-    best: str = ""  # best objective of a study, or best score of an NES run, so far
-
-
-@dataclass(frozen=True)
 class Document:
     """Artifact of a run. `content` is called only if MLflow lacks this version."""
 
@@ -141,9 +133,9 @@ class Views(ABC):
         """View of the run with that key, from the current files. Raises InvalidInput."""
 
     @abstractmethod
-    def progress(self) -> Progress:
-        """Progress of the run towards its target. Custom agents need not be installed. Raises
-        InvalidInput."""
+    def progress(self) -> tuple[str, str]:
+        """Progress towards the target, and the best objective or score so far, as text. Custom
+        agents need not be installed. Raises InvalidInput."""
 
     def own_run(
         self,

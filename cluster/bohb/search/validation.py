@@ -62,13 +62,9 @@ class Validation:
     def of(cls, journal: Journal, finalists: Iterable[ConfigurationRuns], started: float) -> Self:
         """Rank finalists, whose runs were started at `started` (unix time, seconds)."""
         times = {"submitted": started, "started": started, "finished": time.time()}
-        ranked = sorted(finalists, key=lambda runs: runs.tally.objective)
-        lines = (
-            ResultLine(runs.id, round(tally.cost), tally.objective, tally.info, times)
-            for runs in ranked
-            for tally in (runs.tally,)
-        )
-        return cls(len(journal.results), tuple(lines))
+        tallies = ((runs.id, runs.tally) for runs in finalists)
+        lines = [ResultLine(id, round(t.cost), t.objective, t.info, times) for id, t in tallies]
+        return cls(len(journal.results), tuple(sorted(lines, key=lambda line: line.objective)))
 
 
 def finalists_of(journal: Journal, largest: int) -> list[ConfigId]:

@@ -108,7 +108,7 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
     def _register(self, job: Job, report: TrialReport) -> None:
         if isinstance(report.error, StorageFailure):
             raise report.error
-        if isinstance(report.error, UserCodeError) and not self._search.succeeded:
+        if isinstance(report.error, UserCodeError) and not self._search.journal.successes:
             raise report.error  # after a success, the hyperparameters are the cause
         if report.error is not None:
             self._search.register(job, None, exception=str(report.error))

@@ -26,10 +26,6 @@ from cluster.storage.run_folder import SETTINGS_FILE
 JOB, REPORT = "job", "report"
 
 
-class StepFailed(Exception):
-    """The step of a trial failed; the message is the traceback."""
-
-
 @dataclass(frozen=True)
 class TrialReport:
     """State of a trial after a step."""
@@ -39,7 +35,7 @@ class TrialReport:
     record: GenerationRecord | None = None  # of the generation that the step completed
     run: int = 0  # number of the record's NES run
     before: int = 0  # generations of earlier NES runs
-    error: StorageFailure | UserCodeError | StepFailed | None = None  # ends the job
+    error: Exception | None = None  # ends the job; of an unknown kind: RuntimeError(traceback)
 
 
 class NESTrial(tune.Trainable):  # type: ignore[misc]
@@ -66,7 +62,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         except NoActorStarts:  # ends this process like a crash, so that the job runs elsewhere
             raise
         except Exception:
-            report = TrialReport(error=StepFailed(traceback.format_exc()))
+            report = TrialReport(error=RuntimeError(traceback.format_exc()))
         return {REPORT: report, "done": report.budget_reached or report.error is not None}
 
     def _generation(self) -> TrialReport:

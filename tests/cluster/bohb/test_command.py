@@ -8,6 +8,7 @@ import pytest
 
 from cluster.bohb.command import StudyCommand, brackets_to_reach, deadlines
 from cluster.bohb.study.journal import Journal
+from cluster.bohb.study.profiles import PROFILES
 from cluster.session.context import RunContext
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus, Status
@@ -18,7 +19,7 @@ from tests.studies import make_study, new_study
 def command(tmp_path: Path) -> StudyCommand:
     """Two brackets, which start 3 and 2 configurations, without a number of workers."""
     context = RunContext(Home(tmp_path), "sqlite:///none.db")
-    return StudyCommand(new_study(tmp_path), context, 2, None, 4, workers_per_trial=0)
+    return StudyCommand(new_study(tmp_path), context, PROFILES["smoke"], workers_per_trial=0)
 
 
 @pytest.mark.parametrize(

@@ -58,7 +58,7 @@ def test_progress_never_exceeds_the_total(run: NESRun) -> None:
 
     def progress(target: int) -> str:
         RunStatus("KILLED", 0.0, target).save(run.folder)
-        return NESViews(run.folder).progress().done
+        return NESViews(run.folder).progress()[0]
 
     assert progress(3) == "0/3 generations"
     advanced(run, [])

@@ -15,7 +15,7 @@ from cluster.bohb.search.bracket_search import BracketSearch
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.study.journal import Journal
 from cluster.bohb.tune.searcher import MAX_CRASHES, BohbSearcher
-from cluster.bohb.tune.trial import JOB, REPORT, StepFailed, TrialReport
+from cluster.bohb.tune.trial import JOB, REPORT, TrialReport
 from tests.studies import new_study
 
 
@@ -71,7 +71,7 @@ def test_the_job_of_a_crashed_process_is_suggested_again_until_it_fails(
 @pytest.mark.parametrize(
     ("last", "message"),
     [
-        ({REPORT: TrialReport(error=StepFailed("Traceback\nValueError: no"))}, "ValueError: no"),
+        ({REPORT: TrialReport(error=RuntimeError("Traceback\nValueError: no"))}, "ValueError: no"),
         (result(math.nan, budget_reached=True), "the objective is nan"),
         (result(math.inf, budget_reached=True), "the objective is inf"),
     ],
