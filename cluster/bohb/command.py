@@ -15,13 +15,11 @@ from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import Journal
 from cluster.bohb.study.profiles import Profile
 from cluster.bohb.tune.report import StudyReport
-from cluster.bohb.tune.searcher import BohbSearcher
-from cluster.bohb.tune.tuner import run_trials
+from cluster.bohb.tune.searcher import BohbSearcher, run_trials
 from cluster.bohb.view import StudyViews
 from cluster.ray.connection import cluster_cores, require_cores, require_server_for_nodes
 from cluster.ray.pool import EvaluationPool
-from cluster.session.context import RunContext
-from cluster.session.session import Session
+from cluster.session.context import RunContext, Session
 from cluster.session.terminal import Terminal, count, duration
 from cluster.storage.home import require_writable
 from cluster.storage.run_folder import RunStatus, check_settings

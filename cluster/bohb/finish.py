@@ -22,7 +22,7 @@ from cluster.nes.selection import (
     race,
 )
 from cluster.ray.pool import EvaluationPool
-from cluster.session.session import Session
+from cluster.session.context import Session
 from cluster.session.terminal import count
 from cluster.tracking.registry import model_address
 
@@ -67,7 +67,7 @@ class StudyEnd:
             f"{real_steps} steps on the real task in all runs, the scale of observations included"
         )
         if exported is not None:
-            call = self.session.home.hint(f"nes {study.task.id} --recipe {study.name}")
+            call = self.session.tracker.home.hint(f"nes {study.task.id} --recipe {study.name}")
             terminal.log(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE with it by {call}")
         model = model_address(study.task.id, "newest")
         terminal.log(f"best SE: {path}  ({model} in MLflow's model registry)")

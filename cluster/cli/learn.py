@@ -115,9 +115,7 @@ def bohb(
         PROFILES[profile], **{name: value for name, value in changes.items() if value is not None}
     )
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
-    searched = searched_space(
-        Space.of(size.space), task, hp, [*common.replaced.items()], size.prior
-    )
+    searched = searched_space(Space.of(size.space), task, hp, common.replaced, size.prior)
     context = the_context(**options)
     default = f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"
     folder = context.home.run_folder(task.id, study or plain_name(default))

@@ -9,8 +9,7 @@ from bilevel.errors import InvalidInput
 from cluster.cli.evaluate import evaluate, experiment
 from cluster.cli.home import runs, sync, ui
 from cluster.cli.learn import bohb, nes
-from cluster.cli.ses import export_se, show
-from cluster.cli.zoo import recipe, zoo
+from cluster.cli.ses import export_se, recipe, show, zoo
 
 
 class _Program(click.Group):

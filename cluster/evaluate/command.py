@@ -26,8 +26,7 @@ from cluster.evaluate.report import Group, as_json, as_table, groups_of, picture
 from cluster.evaluate.run import KIND, PICTURE_FILE, REPORT_FILE, RESULTS_FILE, EvaluationViews
 from cluster.pictures import image
 from cluster.ray.pool import EvaluationPool
-from cluster.session.context import RunContext
-from cluster.session.session import Session
+from cluster.session.context import RunContext, Session
 from cluster.session.terminal import count
 from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import Final, add_final, settings_of

@@ -41,8 +41,7 @@ from cluster.experiments.style import svg
 from cluster.nes.command import run_on
 from cluster.nes.run import NESRun
 from cluster.ray.pool import EvaluationPool
-from cluster.session.context import Driver, RunContext
-from cluster.session.session import Session
+from cluster.session.context import Driver, RunContext, Session
 from cluster.session.terminal import count
 from cluster.storage.author import Author
 from cluster.storage.jsonl_log import JsonlLog

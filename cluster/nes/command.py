@@ -20,8 +20,7 @@ from cluster.nes.selection import (
 from cluster.nes.view import CURVE_FILE, NESViews
 from cluster.pictures import image
 from cluster.ray.pool import EvaluationPool
-from cluster.session.context import Driver, RunContext
-from cluster.session.session import Session
+from cluster.session.context import Driver, RunContext, Session
 from cluster.session.terminal import count, duration
 from cluster.storage.run_folder import LAST_FILE
 from cluster.tracking import Point

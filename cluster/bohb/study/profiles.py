@@ -1,7 +1,8 @@
 """Sizes of searches, and the adaptation of recipes and search spaces to them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 from bilevel.agents.variation import VARIED
@@ -109,18 +110,18 @@ def searched_space(
     space: Space,
     task: Task,
     base: Hyperparameters,
-    replaced: Sequence[tuple[str, Any]] = (),
+    given: Mapping[str, Any] = MappingProxyType({}),
     prior: str = "none",
 ) -> Space:
     """Return the space of a study on `task`; `core` is adapted to the task and to `base`.
 
-    `replaced` has the hyperparameters of `base` that the user has set. Raises InvalidInput if one
+    `given` has the hyperparameters of `base` that the user has set. Raises InvalidInput if one
     of them has no effect, or if NES rejects a configuration.
     """
     if space == Space("core"):
         space = _adapted_core(task, base)
     agents = [agent.agent for agent in base.agents]
-    searched, given = space.searched(agents), dict(replaced)
+    searched = space.searched(agents)
     for name in _SET_BY_SEARCH:
         if name in searched or name in given:
             raise InvalidInput(f"{name} cannot be set in a search: all runs end in the same way")

@@ -12,7 +12,7 @@ from cluster.bohb.search.objective import Tally
 from cluster.bohb.study.definition import configuration_name
 from cluster.bohb.tune.trial import TrialReport
 from cluster.bohb.view import StudyViews, study_points
-from cluster.session.terminal import Terminal, count, last_line
+from cluster.session.terminal import Terminal, count, duration, last_line
 from cluster.tracking import Mirror, Point
 
 
@@ -107,5 +107,5 @@ class StudyReport:
             total = sum(rung.configurations for rung in self._summary.rungs)
             left = self._summary.core_seconds_left()
             done = self._left_before - left
-            seconds = left * elapsed / done if done else math.inf
-            self._terminal.bar("searching", results, total, "results", now, seconds)
+            eta = f"ETA {duration(left * elapsed / done)}, " if done and left else ""
+            self._terminal.bar("searching", results, total, "results", eta + now)
