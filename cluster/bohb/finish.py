@@ -110,11 +110,14 @@ class StudyEnd:
 
     def _validate(self, pool: EvaluationPool, is_over: Callable[[], bool]) -> None:
         terminal, journal = self.session.terminal, self.journal
-
-        def progress(spent: float, planned: float) -> None:
-            terminal.bar("validating", spent, planned, "core s")
-
-        found = validate(self.study, journal, pool, terminal.log, progress, is_over)
+        found = validate(
+            self.study,
+            journal,
+            pool,
+            terminal.log,
+            lambda spent, planned: terminal.bar("validating", spent, planned, "core s"),
+            is_over,
+        )
         if found is None:
             terminal.log(
                 "search or time was too short for a validation of all results with new seeds: "

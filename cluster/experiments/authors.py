@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 from bilevel.decode import decode_json
-from cluster.evaluate.table import Row, Value, heading, with_spread
+from cluster.evaluate.report import Row, Value, heading, with_spread
 from cluster.experiments.conditions import REAL, title_of
 
 #: Columns of a summary that name the condition of its SEs.

@@ -13,17 +13,20 @@ another machine that has a copy of the home.
 """
 
 import json
+import platform
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from typing import Any
 
 from bilevel.durable import write_aside
 from bilevel.hyperparameters import default_agents
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import Task
+from bilevel.version import __version__
 from cluster.evaluate.command import train_agents
-from cluster.evaluate.table import table
+from cluster.evaluate.report import table
 from cluster.experiments.conditions import title_of
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan, Source
 from cluster.experiments.run import (
@@ -34,7 +37,6 @@ from cluster.experiments.run import (
     AgentResults,
     ExperimentViews,
     StoredFindings,
-    versions,
 )
 from cluster.experiments.sizes import Size
 from cluster.experiments.style import svg
@@ -46,6 +48,9 @@ from cluster.session.terminal import count
 from cluster.storage.author import Author
 from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import BEST_FILE, Final, add_final, check_settings, settings_of
+
+#: Packages that results may depend on.
+_PACKAGES = ("numpy", "numba", "scipy", "torch", "gymnasium", "ray", "mlflow", "matplotlib")
 
 
 @dataclass(frozen=True)
@@ -71,8 +76,8 @@ class ExperimentCommand:
 
     def settings(self, experiment: str, kinds: Mapping[str, Any]) -> dict[str, Any]:
         """Return what must stay the same on a resume; the size may change."""
-        settings = settings_of(KIND, self.task, self.seed)
-        return {**settings, "experiment": experiment, "kinds": kinds}
+        own = {"experiment": experiment, "kinds": kinds}
+        return settings_of(KIND, self.task, self.seed) | own
 
 
 def run_experiments(command: ExperimentCommand, experiments: Sequence[Experiment]) -> None:
@@ -174,6 +179,7 @@ class _Runner:
         data: str = findings.data.to_csv(index=False, lineterminator="\n")
         write_aside(folder / DATA_FILE, data.encode())
         author = Author.of_this_process()
+        packages = {package: version(package) for package in _PACKAGES}
         stored = StoredFindings(
             self.experiment.name,
             self.plan.size,
@@ -181,7 +187,7 @@ class _Runner:
             tuple(f"{name}.svg" for name in findings.figures),
             tuple(dict(row) for row in findings.summary),
             tuple(findings.notes),
-            versions(),
+            {"bilevel": __version__, "python": platform.python_version(), **packages},
             author.command,
             author.commit,
         )

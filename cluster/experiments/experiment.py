@@ -23,7 +23,7 @@ from bilevel.nes.requests import fresh_agent
 from bilevel.seeds import Purpose
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
-from cluster.evaluate.table import Row
+from cluster.evaluate.report import Row
 from cluster.experiments.conditions import CONDITIONS, REAL
 from cluster.experiments.sizes import AGENTS, Size
 from cluster.experiments.style import styled

@@ -13,7 +13,7 @@ import pandas as pd
 
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
-from cluster.evaluate.table import Row, table
+from cluster.evaluate.report import Row, table
 from cluster.experiments.authors import comparison, titled
 from cluster.experiments.command import ExperimentCommand
 from cluster.experiments.conditions import title_of

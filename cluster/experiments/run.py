@@ -8,19 +8,16 @@ data.csv          all values; NAME.svg: the pictures
 report.html       the report, in a folder of its own
 """
 
-import platform
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 from bilevel.decode import decode_file
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import EvaluationResult
-from bilevel.version import __version__
-from cluster.evaluate.table import Value
+from cluster.evaluate.report import Value
 from cluster.experiments.experiment import Found
 from cluster.experiments.figures import EXPERIMENTS
 from cluster.experiments.sizes import Size
@@ -39,9 +36,6 @@ RESULTS_FILE, REPORT_FILE = "results.jsonl", "report.html"
 
 #: Files that MLflow stores, in addition to the pictures.
 _STORED = {SETTINGS_FILE, FINDINGS_FILE, DATA_FILE, REPORT_FILE, RUNS_FILE, RESULTS_FILE}
-
-#: Packages that results may depend on.
-_PACKAGES = ("numpy", "numba", "scipy", "torch", "gymnasium", "ray", "mlflow", "matplotlib")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,9 +128,3 @@ class ExperimentViews(Views):
         finished, runs = len(JsonlLog(self.folder / RUNS_FILE).values), self.lifetime.target
         agents = len(JsonlLog(self.folder / RESULTS_FILE).values)
         return f"{min(finished, runs)}/{runs} SEs, {agents} agents", ""
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that results may depend on."""
-    packages = {package: version(package) for package in _PACKAGES}
-    return {"bilevel": __version__, "python": platform.python_version(), **packages}

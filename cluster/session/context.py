@@ -92,11 +92,10 @@ class Driver:
         by another process or was started with other settings."""
         home, uri = self.context.home, self.context.tracking_uri
         home.prepare()
-        known = self.trackers.get(task_id)
-        tracker = known.another() if known else Tracker(uri, task_id, home)
-        self.trackers.setdefault(task_id, tracker)
+        if task_id not in self.trackers:
+            self.trackers[task_id] = Tracker(uri, task_id, home)
         with locked_settings(folder, settings) as identity:
-            yield Session(folder, identity, tracker, self.terminal, self.guard)
+            yield Session(folder, identity, self.trackers[task_id], self.terminal, self.guard)
 
 
 @dataclass

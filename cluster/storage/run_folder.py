@@ -133,9 +133,8 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdent
     """
     path = folder / SETTINGS_FILE
     with held(folder):
-        if path.exists():
-            check_settings(folder, settings)
-        else:
+        check_settings(folder, settings)
+        if not path.exists():
             identity = RunIdentity(uuid.uuid4().hex, time.time(), Author.of_this_process())
             new = {**asdict(identity), "format": RUN_FORMAT, **settings}
             write_aside(path, json.dumps(new, indent=2).encode())

@@ -44,9 +44,9 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
     if not versions:
         versions = [client.create_model_version(name, source, run_id, tags=tags)]
     holders = client.get_registered_model(name).aliases
-    for alias, rank in (("best", _quality), ("newest", _age)):
+    for alias, rank in _ranks(tags).items():
         holder = holders.get(alias)
-        if holder is None or rank(client.get_model_version(name, holder).tags) < rank(tags):
+        if holder is None or _ranks(client.get_model_version(name, holder).tags)[alias] < rank:
             client.set_registered_model_alias(name, alias, versions[0].version)
 
 
@@ -89,14 +89,11 @@ def _variant(se: StoredSE) -> dict[str, str]:
     return {_VARIANT: f"{limit} steps, solved at {solved:g}"}
 
 
-def _age(tags: Mapping[str, str]) -> tuple[float, ...]:
-    return (float(tags.get(_TIME, "-inf")),)
-
-
-def _quality(tags: Mapping[str, str]) -> tuple[float, ...]:
-    score = float(tags.get("final_score_mean", "-inf"))
+def _ranks(tags: Mapping[str, str]) -> dict[str, tuple[float, ...]]:
+    """Return the rank of a version by alias; the highest one has the alias."""
+    saved, score = float(tags.get(_TIME, "-inf")), float(tags.get("final_score_mean", "-inf"))
     steps = float(tags.get("final_train_steps_mean", "inf"))
-    return _VARIANT not in tags, score, -steps, *_age(tags)
+    return {"best": (_VARIANT not in tags, score, -steps, saved), "newest": (saved,)}
 
 
 def _model_name(task_id: str) -> str:

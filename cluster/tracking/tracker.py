@@ -10,14 +10,13 @@ Repeating a write changes nothing. A point carries the time of its event, and ML
 keeps one row per metric, step, time and value.
 """
 
-import copy
 import json
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from bilevel.errors import InvalidInput, first_line
 from cluster.storage.author import without_password
@@ -51,7 +50,7 @@ class _Run:
 
 
 class Tracker:
-    """Writes the runs of one task to an MLflow server or database.
+    """Writes the runs of one task to an MLflow server or database. Several threads may share it.
 
     Artifacts are files in `home` if `uri` is a database, which stores no files. Raises InvalidInput
     if MLflow cannot be reached.
@@ -64,13 +63,6 @@ class Tracker:
         location = None if self._served else (home.artifacts / task_id).as_uri()
         with connected(uri) as self._client:
             self.experiment_id = _experiment(self._client, task_id, location)
-
-    def another(self) -> Self:
-        """Return a tracker of the same task and MLflow for another thread. It does not connect, so
-        MLflow may be unreachable."""
-        other = copy.copy(self)
-        other._runs = {}
-        return other
 
     def address(self, key: str | None = None) -> str:
         """Address of the run with that key, or of all runs of the task; for the home's database

@@ -141,7 +141,7 @@ class Views(ABC):
         self,
         params: Mapping[str, Any],
         points: Iterable[Point] = (),
-        tags: Mapping[str, str] | None = None,
+        tags: Mapping[str, str] = {},
         **content: Any,
     ) -> RunView:
         """Return the view of the folder's own run: its ends follow `points`. `content` are other
@@ -152,7 +152,7 @@ class Views(ABC):
             self.folder.name,
             self.lifetime,
             params,
-            {"bilevel.kind": self.kind, **(tags or {})},
+            {"bilevel.kind": self.kind, **tags},
             (*points, *ends),
             identity=self.identity,
             **content,

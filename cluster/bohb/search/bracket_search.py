@@ -50,14 +50,21 @@ class BracketSearch:
 
     def __init__(self, study: Study, journal: Journal, brackets: int) -> None:
         self._space = study.space.build(study.agents)
-        self._schedule = study.schedule
         self.journal = journal
         self._generator = ConfigGenerator(
             self._space, study.seed, study.method == "bohb", study.prior_configuration()
         )
         self._recorded = journal.proposals
         started = max((bracket for bracket, _, _ in self._recorded), default=-1) + 1
-        self._brackets = [self._bracket(number) for number in range(max(brackets, started))]
+        self._brackets = [
+            SuccessiveHalving(
+                HPB_iter=number,
+                num_configs=[rung.configurations for rung in study.schedule.bracket(number)],
+                budgets=[rung.budget for rung in study.schedule.bracket(number)],
+                config_sampler=partial(self._sample, number),
+            )
+            for number in range(max(brackets, started))
+        ]
         self._interrupted = self._replay()
 
     @property
@@ -89,15 +96,6 @@ class BracketSearch:
     def put_back(self, job: Job) -> None:
         """Return an interrupted job, which becomes the next one."""
         self._interrupted.appendleft(job)
-
-    def _bracket(self, number: int) -> SuccessiveHalving:
-        rungs = self._schedule.bracket(number)
-        return SuccessiveHalving(
-            HPB_iter=number,
-            num_configs=[rung.configurations for rung in rungs],
-            budgets=[rung.budget for rung in rungs],
-            config_sampler=partial(self._sample, number),
-        )
 
     def _sample(self, number: int, budget: float) -> tuple[Configuration, dict[str, Any]]:
         """Return the next configuration of a bracket. hpbandster calls this on the lowest rung, and

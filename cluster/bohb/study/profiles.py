@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import Any
 
 from bilevel.agents.variation import VARIED
@@ -110,7 +109,7 @@ def searched_space(
     space: Space,
     task: Task,
     base: Hyperparameters,
-    given: Mapping[str, Any] = MappingProxyType({}),
+    given: Mapping[str, Any] = {},
     prior: str = "none",
 ) -> Space:
     """Return the space of a study on `task`; `core` is adapted to the task and to `base`.

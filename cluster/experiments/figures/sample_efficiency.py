@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.hyperparameters import AgentHyperparameters
-from cluster.evaluate.table import Row
+from cluster.evaluate.report import Row
 from cluster.experiments.conditions import REAL
 from cluster.experiments.experiment import Evaluation, Experiment, Findings, Found, Material, Plan
 from cluster.experiments.style import line_chart, solved_line

@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bilevel.tasks import Task
-from cluster.evaluate.table import Row
+from cluster.evaluate.report import Row
 from cluster.experiments.conditions import title_of
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan
 from cluster.experiments.style import COLOURS, column, line_chart, solved_line

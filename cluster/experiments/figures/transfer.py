@@ -9,8 +9,7 @@ from matplotlib.figure import Figure
 from scipy.stats import sem
 
 from bilevel.tasks import Task
-from cluster.evaluate.report import Group
-from cluster.evaluate.table import Row
+from cluster.evaluate.report import Group, Row
 from cluster.experiments.conditions import REAL, title_of
 from cluster.experiments.experiment import Evaluation, Experiment, Findings, Material, Plan
 from cluster.experiments.style import COLOURS, column, solved_line

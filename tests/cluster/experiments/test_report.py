@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from bilevel.tasks import BUILT_IN_TASKS
-from cluster.evaluate.table import Row, shown, table
+from cluster.evaluate.report import Row, shown, table
 from cluster.experiments.authors import authors_figures, comparison
 from cluster.experiments.figures import EXPERIMENTS
 from tests.cluster.experiments.artificial import findings_of
