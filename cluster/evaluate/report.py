@@ -69,9 +69,9 @@ def groups_of(
     results: Mapping[tuple[str, str], Sequence[EvaluationResult]], solved_reward: float
 ) -> list[Group]:
     """Return a group per source and kind of agent, with comparable scores of diverged agents."""
-    levelled = iter(comparable([one for group in results.values() for one in group]))
+    compared = iter(comparable([one for group in results.values() for one in group]))
     return [
-        Group(source, agent, solved_reward, tuple(islice(levelled, len(group))))
+        Group(source, agent, solved_reward, tuple(islice(compared, len(group))))
         for (source, agent), group in results.items()
     ]
 

@@ -1,6 +1,7 @@
 """`bilevel nes`: one NES run on the cluster, tracked in MLflow."""
 
 import time
+from dataclasses import dataclass
 
 from bilevel.durable import write_aside
 from bilevel.nes import GenerationRecord, NESState
@@ -21,7 +22,7 @@ from cluster.nes.view import CURVE_FILE, NESViews
 from cluster.pictures import image
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import Driver, RunContext, Session
-from cluster.session.terminal import count, duration
+from cluster.session.terminal import Terminal, count, duration
 from cluster.storage.run_folder import LAST_FILE
 from cluster.tracking import Point
 from cluster.tracking.registry import model_address
@@ -41,15 +42,15 @@ def run_nes(run: NESRun, context: RunContext, workers: int | None = None) -> Non
 def run_on(run: NESRun, driver: Driver, pool: EvaluationPool) -> None:
     """Do the same over an existing connection and pool, so that runs can follow one another."""
     with driver.session(run.folder, run.task.id, run.settings()) as session:
-        _Runner(run, session, pool).run_to_the_end()
+        _Runner(run, session, driver.terminal, pool).run_to_the_end()
 
 
+@dataclass(frozen=True)
 class _Runner:
-    def __init__(self, run: NESRun, session: Session, pool: EvaluationPool) -> None:
-        self.run = run
-        self.session = session
-        self.terminal = session.terminal
-        self.pool = pool
+    run: NESRun
+    session: Session
+    terminal: Terminal
+    pool: EvaluationPool
 
     def run_to_the_end(self) -> None:
         """Run from the last checkpoint to the end."""

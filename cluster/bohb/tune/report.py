@@ -5,6 +5,7 @@ Everything that the report shows is already on disk.
 
 import math
 import time
+from dataclasses import dataclass
 
 from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.search.bracket_search import Job
@@ -16,36 +17,34 @@ from cluster.session.terminal import Terminal, count, duration, last_line
 from cluster.tracking import Mirror, Point
 
 
+@dataclass
 class StudyReport:
     """Follows the jobs of one study."""
+
+    brackets: int
+    deadline: float  # of the search, seconds of time.monotonic
+    views: StudyViews
+    mirror: Mirror
+    terminal: Terminal
 
     #: Seconds, and relative growth of the number of results, between updates of the study's
     #: pictures and tables. Updates take longer the more results there are.
     PICTURES_EVERY, PICTURES_GROWTH = 20.0, 1.1
 
-    def __init__(
-        self,
-        brackets: int,
-        deadline: float,
-        views: StudyViews,
-        mirror: Mirror,
-        terminal: Terminal,
-    ) -> None:
-        self._deadline = deadline  # of the search, seconds of time.monotonic
-        self._journal = journal = views.journal
-        self._views = views
-        self._mirror = mirror
-        self._terminal = terminal
-        self._summary = StudySummary(journal, views.study.schedule.brackets(brackets))
-        self._pictures = (0.0, len(journal.results))  # time and number of results of the last ones
+    def __post_init__(self) -> None:
+        rungs = self.views.study.schedule.brackets(self.brackets)
+        self._journal = self.views.journal
+        self._summary = StudySummary(self._journal, rungs)
+        #: Time and number of results of the last pictures.
+        self._pictures = (0.0, len(self._journal.results))
         self._started = time.monotonic()
         self._left_before = self._summary.core_seconds_left()
 
     def started(self, job: Job) -> None:
         """Show that a job starts, or restarts after a crash."""
         name = configuration_name(job.id)
-        self._views.running.add(name)
-        self._mirror.mark([self._views.key(name)])
+        self.views.running.add(name)
+        self.mirror.mark([self.views.key(name)])
         self._bar(f"{name} begins")
 
     def stepped(self, job: Job, report: TrialReport) -> None:
@@ -53,19 +52,19 @@ class StudyReport:
         if report.record is not None and report.tally is not None:
             name, score = configuration_name(job.id), report.record.score_mean
             point = Point.of(report.record, report.before, run=report.run)
-            self._mirror.append(self._views.key(name), [point])
+            self.mirror.append(self.views.key(name), [point])
             self._bar(f"{name} {report.tally.cost:.0f}/{job.budget}s: {score:.1f}")
 
     def ended(self, job: Job, report: TrialReport, died: bool = False) -> None:
         """Show a job that is complete, stopped or failed, after the journal has its result. If its
         process has died, it runs again, or failed after many crashes."""
         name = configuration_name(job.id)
-        self._views.running.discard(name)
-        self._mirror.mark([self._views.key(name)])
+        self.views.running.discard(name)
+        self.mirror.mark([self.views.key(name)])
         if died:
-            self._terminal.log(f"{name}: the trial's process died")
+            self.terminal.log(f"{name}: the trial's process died")
         elif report.error is not None:
-            self._terminal.log(f"{name} failed: {last_line(str(report.error))}")
+            self.terminal.log(f"{name} failed: {last_line(str(report.error))}")
         elif report.tally is not None and report.budget_reached:
             self._log_result(job, report.tally)
         self._show_result()
@@ -76,17 +75,17 @@ class StudyReport:
         drawn_at, drawn = self._pictures
         if now - drawn_at >= self.PICTURES_EVERY and number >= self.PICTURES_GROWTH * drawn:
             self._pictures = now, number
-            self._mirror.mark([self._views.parent])
+            self.mirror.mark([self.views.parent])
         else:
             points = [point for point in study_points(self._summary) if point.step == number]
-            self._mirror.append(self._views.parent, points)
+            self.mirror.append(self.views.parent, points)
 
     def _log_result(self, job: Job, tally: Tally) -> None:
         """Log the result in a line of 80 columns, and the configuration in another one."""
         leader = self._summary.leader
         # Results compete at the largest budget that has any.
         best = "" if leader is None else f" (best at {leader.budget}: {leader.loss:.0f})"
-        self._terminal.log(
+        self.terminal.log(
             f"{configuration_name(job.id)} {Tally.describe(tally.info)}; "
             f"objective {tally.objective:.0f}{best}"
         )
@@ -94,18 +93,18 @@ class StudyReport:
             f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
             for name, value in job.configuration.items()
         )
-        self._terminal.log(f"    {job.origin}: {', '.join(values)}")
+        self.terminal.log(f"    {job.origin}: {', '.join(values)}")
 
     def _bar(self, now: str) -> None:
         """Show progress in minutes of the time budget, or else in results."""
         results, elapsed = len(self._journal.results), time.monotonic() - self._started
-        if math.isfinite(self._deadline):
-            end = (self._deadline - self._started) / 60
+        if math.isfinite(self.deadline):
+            end = (self.deadline - self._started) / 60
             note = f"{count(results, 'result')}, {now}"
-            self._terminal.bar("searching", elapsed / 60, end, "min", note)
+            self.terminal.bar("searching", elapsed / 60, end, "min", note)
         else:
             total = sum(rung.configurations for rung in self._summary.rungs)
             left = self._summary.core_seconds_left()
             done = self._left_before - left
             eta = f"ETA {duration(left * elapsed / done)}, " if done and left else ""
-            self._terminal.bar("searching", results, total, "results", eta + now)
+            self.terminal.bar("searching", results, total, "results", eta + now)

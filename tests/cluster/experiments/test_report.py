@@ -14,7 +14,7 @@ def test_every_figure_of_the_authors_has_a_source() -> None:
         assert figure.source in ("paper", "repository", "curves in the repository")
         assert figure.task in BUILT_IN_TASKS
         assert figure.experiment in EXPERIMENTS
-        assert figure.behind
+        assert figure.evaluations
 
 
 def test_every_figure_of_the_authors_has_one_of_ours(tmp_path: Path) -> None:
