@@ -70,15 +70,6 @@ class SEPlot:
         states[:, i], states[:, j] = (axis.ravel() for axis in np.meshgrid(across, up))
         return cls(task.labels, (across, up), answers(se, states), real_episodes(se))
 
-    @property
-    def sentence(self) -> str:
-        """Returns of the episodes in words."""
-        returns = [episode.total for episode in self.episodes]
-        return (
-            f"taking the action that the SE rewards most earns {np.mean(returns):.1f} on the real "
-            f"task ({min(returns):.1f} to {max(returns):.1f} in {EPISODES} episodes)"
-        )
-
 
 def answers(se: StoredSE, states: Floats) -> Transitions:
     """Return the SE's transitions from states (n, S), action by action."""

@@ -142,8 +142,18 @@ class _Runner:
 
     def run(self) -> int:
         """Run the study to its end; return the exit code."""
-        self._introduce()
-        command = self.command
+        command, study, log = self.command, self.command.study, self.terminal.log
+        self.session.introduce(
+            f"{study.title}, space {study.space.name}, recipe {study.base.recipe}, prior "
+            f"{study.prior}, budgets {'/'.join(map(str, study.schedule.budgets))} core seconds, "
+            f"{count(self._trials(), 'trial')} at a time with "
+            f"{count(command.workers_per_trial, 'worker')} each"
+        )
+        if command.profile.time_budget is not None:
+            log(f"time budget {duration(command.profile.time_budget)}")
+        if self.journal.configs:
+            results = count(len(self.journal.results), "result")
+            log(f"resuming {count(len(self.journal.configs), 'configuration')} with {results}")
         views = StudyViews(command.study.folder, live=True, journal=self.journal)
         resume_hint = "run the same command again to resume"
         with self.session.live(views, self.brackets, resume_hint) as mirror:
@@ -162,22 +172,6 @@ class _Runner:
                 views.running.clear()
             self.session.status = "FINISHED" if found else "FAILED"
             return 0 if found else 1
-
-    def _introduce(self) -> None:
-        command, study = self.command, self.command.study
-        self.session.introduce(
-            f"{study.title}, "
-            f"space {study.space.name}, recipe {study.base.recipe}, prior {study.prior}, "
-            f"budgets {'/'.join(map(str, study.schedule.budgets))} core seconds, "
-            f"{count(self._trials(), 'trial')} at a time with "
-            f"{count(command.workers_per_trial, 'worker')} each"
-        )
-        if command.profile.time_budget is not None:
-            self.terminal.log(f"time budget {duration(command.profile.time_budget)}")
-        if self.journal.configs:
-            results = count(len(self.journal.results), "result")
-            configurations = count(len(self.journal.configs), "configuration")
-            self.terminal.log(f"resuming {configurations} with {results}")
 
     def _trials(self) -> int:
         """Return the number of concurrent trials on the cluster's current nodes."""

@@ -6,7 +6,6 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from bilevel.errors import InvalidInput
 from bilevel.synthetic_env import se_bytes
@@ -26,7 +25,6 @@ from cluster.bohb.study.definition import (
 from cluster.bohb.study.journal import (
     JOURNAL_FILES,
     ConfigLine,
-    Configuration,
     Journal,
     ResultLine,
 )
@@ -48,6 +46,7 @@ class StudyViews(Views):
 
     def __init__(self, folder: Path, live: bool = False, journal: Journal | None = None) -> None:
         super().__init__(folder, live)
+        self.parent = self.identity.uuid  # key of the study's own run
         self._journal = journal
         self.running: set[str] = set()  # names of the configurations that run
 
@@ -60,11 +59,6 @@ class StudyViews(Views):
     def journal(self) -> Journal:
         """The journal. Raises InvalidInput."""
         return self._journal or Journal(self.folder)
-
-    @property
-    def parent(self) -> str:
-        """Key of the study's own run."""
-        return self.identity.uuid
 
     def key(self, name: str) -> str:
         """Key of a configuration's run."""
@@ -191,19 +185,6 @@ def study_points(summary: StudySummary) -> list[Point]:
     return points
 
 
-def hyperparameter_picture(study: Study, summary: StudySummary, incumbent: Configuration) -> Figure:
-    """Plot the values of all configurations, and the importance of each hyperparameter."""
-    space, proposals = study.space.build(study.agents), summary.journal.proposals
-    return pictures.hyperparameters(
-        np.array([unit_values(space, proposals[id].configuration) for id in summary.ranked]),
-        unit_values(space, incumbent),
-        unit_values(space, study.recipe_values),
-        tuple(space),
-        importance(space, summary.journal),
-        f"{study.name}, {study.task.id}",
-    )
-
-
 def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Document]:
     documents = [Document.of_file(study.folder / BEST_FILE)] if ended else []
     journal, incumbent = summary.journal, summary.incumbent
@@ -226,10 +207,20 @@ def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Documen
         *(Document.of_file(study.folder / name, "journal/") for name in JOURNAL_FILES),
     ]
     if incumbent is not None:
-        values = journal.proposals[incumbent.id].configuration
+        configs = {id: line.configuration for id, line in journal.proposals.items()}
+        values = configs[incumbent.id]
 
         def hyperparameters() -> bytes:
-            return image(hyperparameter_picture(study, summary, values))
+            space = study.space.build(study.agents)
+            figure = pictures.hyperparameters(
+                np.array([unit_values(space, configs[id]) for id in summary.ranked]),
+                unit_values(space, values),
+                unit_values(space, study.recipe_values),
+                tuple(space),
+                importance(space, journal),
+                f"{study.name}, {study.task.id}",
+            )
+            return image(figure)
 
         documents += [
             Document("hyperparameters.png", version, hyperparameters),

@@ -100,7 +100,11 @@ def show(
     plot = SEPlot.of(stored)
     drawn = picture(plot, f"{label}: a synthetic environment for {stored.task_id}")
     write_file(out, image(drawn, out.suffix[1:]))
-    click.echo(plot.sentence)
+    returns = [episode.total for episode in plot.episodes]
+    click.echo(
+        f"taking the action that the SE rewards most earns {sum(returns) / len(returns):.1f} on "
+        f"the real task ({min(returns):.1f} to {max(returns):.1f} in {len(returns)} episodes)"
+    )
     click.echo(f"picture: {out}")
 
 

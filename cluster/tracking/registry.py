@@ -53,33 +53,30 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
 def _upload(client: Any, run_id: str, se: RegisteredSE, folder: str) -> StoredSE:
     """Upload an SE as an MLflow model, and return it."""
     import mlflow.pyfunc
+    from mlflow.models import ModelSignature
+    from mlflow.types import ColSpec, DataType, Schema
 
     with tempfile.TemporaryDirectory() as temporary, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model, file = Path(temporary) / "model", Path(temporary) / se.file.path
         file.write_bytes(se.file.content())
         stored = load_se(file)
+        # MLflow shows and checks the columns of the model's input and output.
+        states = [f"state_{i}" for i in range(stored.se.architecture.state_size)]
+        inputs = [ColSpec(DataType.double, name) for name in states]
+        outputs = [f"next_{name}" for name in states] + ["reward", "done"]
         mlflow.pyfunc.save_model(
             model,
             loader_module="cluster.tracking.se_model",
             data_path=str(file),
-            signature=_signature(stored),
+            signature=ModelSignature(
+                Schema([*inputs, ColSpec(DataType.long, "action")]),
+                Schema([ColSpec(DataType.float, name) for name in outputs]),
+            ),
             pip_requirements=[],  # loading needs this package anyway
         )
         client.log_artifacts(run_id, str(model), folder)
     return stored
-
-
-def _signature(se: StoredSE) -> Any:
-    """Columns of the model's input and output, which MLflow shows and checks."""
-    from mlflow.models import ModelSignature
-    from mlflow.types import ColSpec, DataType, Schema
-
-    states = [f"state_{i}" for i in range(se.se.architecture.state_size)]
-    inputs = [ColSpec(DataType.double, name) for name in states]
-    outputs = [ColSpec(DataType.float, f"next_{name}") for name in states]
-    outputs += [ColSpec(DataType.float, name) for name in ("reward", "done")]
-    return ModelSignature(Schema([*inputs, ColSpec(DataType.long, "action")]), Schema(outputs))
 
 
 def _variant(se: StoredSE) -> dict[str, str]:

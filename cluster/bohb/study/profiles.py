@@ -135,7 +135,13 @@ def searched_space(
             f"the space {space.name!r} searches {', '.join(sorted(varied))}, but runs draw these "
             f"for each agent (--vary-hp {base.vary_agent}): give --recipe authors or --vary-hp no"
         )
-    _check_samples(space, task, base)
+    built = space.build(agents, seed=0)
+    default = built.get_default_configuration()
+    for configuration in (default, *built.sample_configuration(_SAMPLES)):
+        try:
+            NES(task, to_hyperparameters(base, dict(configuration)))
+        except InvalidInput as error:
+            raise InvalidInput(f"search space {space.name!r}: {error}") from None
     return space
 
 
@@ -157,14 +163,3 @@ def _adapted_core(task: Task, base: Hyperparameters) -> Space:
         dimensions[size.name] = CS.Integer(size.name, ends, log=size.log)
     space = CS.ConfigurationSpace(name="core", space=list(dimensions.values()))
     return Space("core", dict(space.to_serialized_dict()))
-
-
-def _check_samples(space: Space, task: Task, base: Hyperparameters) -> None:
-    """Raise InvalidInput if NES rejects the default configuration or a random one."""
-    built = space.build([agent.agent for agent in base.agents], seed=0)
-    default = built.get_default_configuration()
-    for configuration in (default, *built.sample_configuration(_SAMPLES)):
-        try:
-            NES(task, to_hyperparameters(base, dict(configuration)))
-        except InvalidInput as error:
-            raise InvalidInput(f"search space {space.name!r}: {error}") from None

@@ -67,10 +67,7 @@ class StudyReport:
             self.terminal.log(f"{name} failed: {last_line(str(report.error))}")
         elif report.tally is not None and report.budget_reached:
             self._log_result(job, report.tally)
-        self._show_result()
-
-    def _show_result(self) -> None:
-        """Add the last result to the study's own run, and sometimes update its pictures."""
+        # Add the last result to the study's own run, and sometimes update its pictures.
         number, now = len(self._journal.results), time.monotonic()
         drawn_at, drawn = self._pictures
         if now - drawn_at >= self.PICTURES_EVERY and number >= self.PICTURES_GROWTH * drawn:

@@ -104,22 +104,18 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
             return
         report = (result or {}).get(REPORT, TrialReport())
         try:
-            if error:
-                self._crashed(job)
-            else:
+            if not error:
                 self._register(job, report)
+            elif self._crashes[job.id, job.budget] + 1 < MAX_CRASHES:
+                self._crashes[job.id, job.budget] += 1
+                self._search.put_back(job)
+            else:
+                crashed = f"the trial's process died {MAX_CRASHES} times"
+                self._search.register(job, None, exception=crashed)
         except InvalidInput as reason:
             self.stopped_by = reason
             self._search.put_back(job)
         self._report.ended(job, report, error)
-
-    def _crashed(self, job: Job) -> None:
-        self._crashes[job.id, job.budget] += 1
-        if self._crashes[job.id, job.budget] < MAX_CRASHES:
-            self._search.put_back(job)
-        else:
-            crashed = f"the trial's process died {MAX_CRASHES} times"
-            self._search.register(job, None, exception=crashed)
 
     def _register(self, job: Job, report: TrialReport) -> None:
         if isinstance(report.error, StorageFailure):

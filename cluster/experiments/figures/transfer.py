@@ -18,10 +18,6 @@ from cluster.experiments.style import COLOURS, column, solved_line
 PICKED = 5
 
 
-def _agents(task_id: str) -> tuple[str, ...]:
-    return ("ddqn", "dueling-ddqn", *(["td3"] if task_id == "CartPole-v0" else []))
-
-
 def _evaluations(plan: Plan, material: Material) -> list[Evaluation]:
     sources, size = material.on(REAL, "varied", "fixed", "default"), plan.size
     return plan.evaluations(sources, plan.kinds, size.agents, size.real_agents)
@@ -104,5 +100,5 @@ TRANSFER = Experiment(
     lambda size: dict.fromkeys(("varied", "fixed", "default"), size.ses),
     _findings,
     _evaluations,
-    agents=_agents,
+    lambda task_id: ("ddqn", "dueling-ddqn", *(["td3"] if task_id == "CartPole-v0" else [])),
 )
