@@ -85,8 +85,18 @@ def run_evaluate(command: EvaluateCommand) -> list[Group]:
         views = EvaluationViews(folder, live=True)
         resume_hint = "run the same command again to add the missing agents"
         with session.live(views, command.agents, resume_hint):
-            groups = _evaluate(command, session, pool)
-            _report(command, session, groups)
+            groups, log = _evaluate(command, session, pool), session.terminal.log
+            log(as_table(groups))
+            write_aside(folder / REPORT_FILE, json.dumps(as_json(groups), indent=2).encode())
+            title = f"fresh agents of the evaluation\n{folder.name}"
+            write_aside(folder / PICTURE_FILE, image(picture(groups, command.task, title)))
+            # One metric per group: MLflow shows every metric of any run as a column of all runs.
+            means = {
+                f"test_return/{g.agent}/{g.source}": float(g.test_returns.mean()) for g in groups
+            }
+            add_final(folder, Final(command.agents, time.time(), means))
+            log(f"report: {folder / REPORT_FILE}; picture: {folder / PICTURE_FILE}")
+            log(f"MLflow {session.address}")
             return groups
 
 
@@ -143,18 +153,3 @@ def train_agents(
         for index, (label, hp, seed) in enumerate(agents[key] for key in missing)
     ]
     pool.run(task, tuple(ses.values()), requests, keep)
-
-
-def _report(command: EvaluateCommand, session: Session, groups: list[Group]) -> None:
-    """Print the table, write report and picture, and log the metrics to MLflow."""
-    folder, log = session.folder, session.terminal.log
-    log(as_table(groups))
-    report = json.dumps(as_json(groups), indent=2)
-    write_aside(folder / REPORT_FILE, report.encode())
-    title = f"fresh agents of the evaluation\n{folder.name}"
-    write_aside(folder / PICTURE_FILE, image(picture(groups, command.task, title)))
-    # One metric per group, because MLflow shows every metric of any run as a column of all runs.
-    metrics = {f"test_return/{g.agent}/{g.source}": float(g.test_returns.mean()) for g in groups}
-    add_final(folder, Final(command.agents, time.time(), metrics))
-    log(f"report: {folder / REPORT_FILE}; picture: {folder / PICTURE_FILE}")
-    log(f"MLflow {session.address}")

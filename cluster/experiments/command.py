@@ -64,11 +64,6 @@ class ExperimentCommand:
     agents: tuple[str, ...] | None = None  # kinds of agents; None: each experiment's own
     workers: int | None = None  # actors; None: one per core of the cluster
 
-    def plan(self, experiment: Experiment) -> Plan:
-        """Return the experiment's subject. Raises InvalidInput."""
-        kinds = default_agents(self.agents or experiment.agents(self.task.id))
-        return Plan(self.task, self.size, self.size.trained(kinds), self.seed)
-
     def name(self, experiment: str) -> str:
         """Return the name of an experiment's folder."""
         named = "".join(f"-{agent}" for agent in self.agents or ())
@@ -86,13 +81,14 @@ def run_experiments(command: ExperimentCommand, experiments: Sequence[Experiment
     Raises InvalidInput before anything is written, StorageFailure if the disk is full. Ctrl-C
     loses at most a generation, or the agents that are being trained.
     """
-    plans = [(experiment, command.plan(experiment)) for experiment in experiments]
-    home, task = command.context.home, command.task
+    home, task, size = command.context.home, command.task, command.size
+    kinds = [default_agents(command.agents or one.agents(task.id)) for one in experiments]
+    plans = [Plan(task, size, size.trained(agents), command.seed) for agents in kinds]
     with (
         command.context.connected(command.workers or 1) as driver,
         EvaluationPool(command.workers) as pool,
     ):
-        for experiment, plan in plans:
+        for experiment, plan in zip(experiments, plans, strict=True):
             settings = command.settings(
                 experiment.name, {hp.agent: asdict(hp) for hp in plan.kinds}
             )

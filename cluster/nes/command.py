@@ -103,19 +103,9 @@ class _Runner:
             )
         return after
 
-    def _best(self, state: NESState) -> Contender:
-        """Return the confirmed SE, or test the best SEs again."""
-        run, nes = self.run, self.run.nes
-        if state.confirmed:
-            return Contender(nes.best(state), run.hp)
-        contenders = [Contender(se, run.hp) for se in (nes.current(state), *nes.candidates(state))]
-        self.terminal.log(f"retesting the {len(contenders)} best SEs with fresh agents")
-        self.terminal.bar("retesting", 0, agents_needed(len(contenders), RETEST), "tests")
-        seed = (run.seed, state.generation)
-        return choose_best(run.task, contenders, seed, self.pool, self.terminal.step)
-
     def _finish(self, state: NESState) -> None:
-        run, log = self.run, self.terminal.log
+        """Score the confirmed SE, or the best one of a retest, with fresh agents."""
+        run, nes, log = self.run, self.run.nes, self.terminal.log
         reason = "all generations done"
         if state.confirmed:
             reason = "solved and confirmed"
@@ -124,10 +114,17 @@ class _Runner:
         elapsed = duration(time.monotonic() - self.terminal.started)
         log(f"{reason}: {count(state.generation, 'generation')} in {elapsed}")
         steps_before = self.pool.real_env_steps
-        best = self._best(state)
+        if state.confirmed:
+            best = Contender(nes.best(state), run.hp)
+        else:
+            ses = nes.current(state), *nes.candidates(state)
+            log(f"retesting the {len(ses)} best SEs with fresh agents")
+            self.terminal.bar("retesting", 0, agents_needed(len(ses), RETEST), "tests")
+            contenders, seed = [Contender(se, run.hp) for se in ses], (run.seed, state.generation)
+            best = choose_best(run.task, contenders, seed, self.pool, self.terminal.step)
         score = evaluate_holdout(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
         tests = self.pool.real_env_steps - steps_before
-        last, last_file = run.nes.current(state), run.folder / LAST_FILE
+        last, last_file = nes.current(state), run.folder / LAST_FILE
         last_file.unlink(missing_ok=True)
         if last.se.finite:
             save_se(last, last_file)

@@ -22,9 +22,7 @@ KIND = "nes"
 class Pool(Protocol):
     """Evaluates requests, such as the actors of `cluster.ray.pool.EvaluationPool`."""
 
-    @property
-    def size(self) -> int:
-        """Number of cores."""
+    size: int  # number of cores
 
     def run(
         self,
