@@ -31,7 +31,7 @@ from cluster.bohb.view import StudyViews
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus, locked_settings
-from cluster.tracking import Mirror, Tracker
+from cluster.tracking import Mirror, Point, Tracker
 from tests.studies import MadeUpPool, new_study
 
 GENERATIONS, BLOCK, BRACKETS = 2000, 100, 60
@@ -67,12 +67,13 @@ class MeasuredStudy:
             before = runs.generations
             state = runs.advance(MadeUpPool())
             reached = runs.spent(job.budget)
-            record = state.records[-1] if runs.generations > before else None
-            earlier = sum(run.generation for run in runs.states if run is not state)
-            run = len(runs.states) - 1
-            report = TrialReport(runs.tally, reached, record, run, earlier)
+            point = None
+            if runs.generations > before:
+                earlier = sum(run.generation for run in runs.states if run is not state)
+                point = Point.of(state.records[-1], earlier, run=len(runs.states) - 1)
+            report = TrialReport(runs.tally, reached, point)
             cost = self._cost("stepped", job, report)
-            if record is not None:
+            if point is not None:
                 self.generations.append(cost)
         self.search.register(job, runs.tally.objective, runs.tally.info)
         self.jobs.append(started + self._cost("ended", job, report))

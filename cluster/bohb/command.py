@@ -149,8 +149,8 @@ class _Runner:
             f"{count(self._trials(), 'trial')} at a time with "
             f"{count(command.workers_per_trial, 'worker')} each"
         )
-        if command.profile.time_budget is not None:
-            log(f"time budget {duration(command.profile.time_budget)}")
+        if (time_budget := command.profile.time_budget) is not None:
+            log(f"time budget {duration(time_budget)}")
         if self.journal.configs:
             results = count(len(self.journal.results), "result")
             log(f"resuming {count(len(self.journal.configs), 'configuration')} with {results}")

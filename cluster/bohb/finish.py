@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, StorageFailure
@@ -110,14 +111,8 @@ class StudyEnd:
 
     def _validate(self, pool: EvaluationPool, is_over: Callable[[], bool]) -> None:
         terminal, journal = self.session.terminal, self.journal
-        found = validate(
-            self.study,
-            journal,
-            pool,
-            terminal.log,
-            lambda spent, planned: terminal.bar("validating", spent, planned, "core s"),
-            is_over,
-        )
+        progress = partial(terminal.bar, "validating", unit="core s")
+        found = validate(self.study, journal, pool, terminal.log, progress, is_over)
         if found is None:
             terminal.log(
                 "search or time was too short for a validation of all results with new seeds: "

@@ -2,7 +2,7 @@
 
 import json
 import time
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
@@ -34,9 +34,6 @@ from cluster.pictures import image
 from cluster.session.terminal import last_line
 from cluster.storage.run_folder import BEST_FILE, Lifetime, Status, finals
 from cluster.tracking import Document, Point, RunView, Views
-
-#: Settings that are parameters of the MLflow run.
-_PARAMS = ("seed", "method", "prior", "budgets", "cycle", "base")
 
 
 class StudyViews(Views):
@@ -95,10 +92,11 @@ class StudyViews(Views):
         study, ends = self.study, finals(self.folder)
         summary = StudySummary.of(journal, study.schedule.brackets(self.lifetime.target))
         incumbent, settings = summary.incumbent, study.settings()
+        params = ("seed", "method", "prior", "budgets", "cycle", "base")
         name = "" if incumbent is None else configuration_name(incumbent.id)
         return self.own_run(
             {
-                **{name: settings[name] for name in _PARAMS},
+                **{name: settings[name] for name in params},
                 "task": study.task.id,
                 "space": study.space.name,
             },
@@ -137,8 +135,8 @@ class StudyViews(Views):
         best = runs.best if runs.states else None
         if best is not None and not running:
             document = Document(BEST_FILE, f"generation {runs.generations}", lambda: se_bytes(best))
-            title = f"{study.name}, {name}"
-            documents += run_documents(runs.states, runs.run(0), title, document)
+            run = runs.run(0)
+            documents += run_documents(runs.states, run, f"{study.name}, {name}", document)
         points: list[Point] = []
         for number, state in enumerate(runs.states):
             before = len(points)
@@ -197,11 +195,9 @@ def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Documen
         version += f", {summary.validation.results} validated"
         documents.append(Document.of("validation.csv", validation_csv(summary)))
 
-    def objectives() -> bytes:
-        return image(pictures.objective_against_cost(summary, study.task, study.name))
-
+    objectives = partial(pictures.objective_against_cost, summary, study.task, study.name)
     documents += [
-        Document("objective_against_cost.png", version, objectives),
+        Document("objective_against_cost.png", version, lambda: image(objectives())),
         Document.of("brackets.csv", brackets_csv(summary)),
         Document.of("results.csv", results_csv(summary)),
         *(Document.of_file(study.folder / name, "journal/") for name in JOURNAL_FILES),

@@ -23,7 +23,7 @@ from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
 from cluster.evaluate.report import Group, as_json, as_table, groups_of, picture
-from cluster.evaluate.run import KIND, PICTURE_FILE, REPORT_FILE, RESULTS_FILE, EvaluationViews
+from cluster.evaluate.run import PICTURE_FILE, REPORT_FILE, RESULTS_FILE, EvaluationViews
 from cluster.pictures import image
 from cluster.ray.pool import EvaluationPool
 from cluster.session.context import RunContext, Session
@@ -51,7 +51,7 @@ class EvaluateCommand:
     def settings(self) -> dict[str, Any]:
         """Return the settings that must stay the same on a resume, which may add agents."""
         return {
-            **settings_of(KIND, self.task, self.seed),
+            **settings_of(EvaluationViews.kind, self.task, self.seed),
             "vary": self.vary,
             "sources": {
                 label: "real" if se is None else se.se.digest for label, se in self.sources.items()

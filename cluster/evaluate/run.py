@@ -7,9 +7,6 @@ from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import Settings
 from cluster.tracking import Document, RunView, Views
 
-#: The kind of run in the settings.
-KIND = "evaluate"
-
 RESULTS_FILE, REPORT_FILE, PICTURE_FILE = "results.jsonl", "report.json", "returns.png"
 
 
@@ -27,7 +24,7 @@ class EvaluationSettings(Settings):
 class EvaluationViews(Views):
     """The MLflow run of an evaluation."""
 
-    kind = KIND
+    kind = "evaluate"
 
     def view(self, key: str) -> RunView:
         """Read the run from disk. Raises InvalidInput."""

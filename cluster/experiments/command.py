@@ -32,7 +32,6 @@ from cluster.experiments.experiment import Experiment, Findings, Material, Plan,
 from cluster.experiments.run import (
     DATA_FILE,
     FINDINGS_FILE,
-    KIND,
     RUNS_FILE,
     AgentResults,
     ExperimentViews,
@@ -72,7 +71,7 @@ class ExperimentCommand:
     def settings(self, experiment: str, kinds: Mapping[str, Any]) -> dict[str, Any]:
         """Return what must stay the same on a resume; the size may change."""
         own = {"experiment": experiment, "kinds": kinds}
-        return settings_of(KIND, self.task, self.seed) | own
+        return settings_of(ExperimentViews.kind, self.task, self.seed) | own
 
 
 def run_experiments(command: ExperimentCommand, experiments: Sequence[Experiment]) -> None:

@@ -113,10 +113,6 @@ class Evaluation:
         facts += [code] if any(code) else []
         return checksum(json.dumps(facts, sort_keys=True).encode())[:32]
 
-    def shorter(self, episodes: int) -> "Evaluation":
-        """Return the same agent with at most that many training episodes."""
-        return replace(self, hp=replace(self.hp, max_episodes=min(episodes, self.hp.max_episodes)))
-
 
 #: Results by the keys of the evaluations.
 Found = dict[str, EvaluationResult]

@@ -25,9 +25,6 @@ from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import SETTINGS_FILE, Settings
 from cluster.tracking import Document, RunView, Views
 
-#: The kind of run in the settings.
-KIND = "experiment"
-
 #: Name of the report among the experiments.
 REPORT = "report"
 
@@ -100,7 +97,7 @@ class AgentResults:
 class ExperimentViews(Views):
     """The MLflow run of an experiment."""
 
-    kind = KIND
+    kind = "experiment"
 
     def view(self, key: str) -> RunView:
         """Read the run from disk. Raises InvalidInput."""

@@ -11,9 +11,6 @@ from matplotlib.figure import Figure
 from cluster.experiments.conditions import title_of
 from cluster.pictures import image
 
-#: Width in inches of a column of the paper.
-COLUMN = 3.4
-
 #: Colours of sources and conditions, which also differ in grey.
 COLOURS = {
     "real": "#2b2b2b",
@@ -45,8 +42,8 @@ def styled() -> Iterator[None]:
 
 
 def column(height: float) -> Figure:
-    """Return a figure of one column's width and that height in inches."""
-    return Figure(figsize=(COLUMN, height), layout="constrained")
+    """Return a figure of the width of a column of the paper and that height, in inches."""
+    return Figure(figsize=(3.4, height), layout="constrained")
 
 
 def panels(number: int, height: float, **options: Any) -> tuple[Figure, list[Axes]]:

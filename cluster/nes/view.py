@@ -60,8 +60,7 @@ class NESViews(Views):
             best = Document(BEST_FILE, version, lambda: se_bytes(best_se))
             if ends:
                 best = Document.of_file(run.folder / BEST_FILE)
-            title = f"{run.folder.name} on {run.task.id}"
-            documents = run_documents([state], run, title, best)
+            documents = run_documents([state], run, f"{run.folder.name} on {run.task.id}", best)
         return self.own_run(
             {**params, "seed": run.seed, "task": run.task.id},
             [] if state is None else [Point.of(record) for record in state.records],

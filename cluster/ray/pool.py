@@ -45,9 +45,6 @@ class NoActorStarts(ActorsDied):
 class _Worker:
     """Actor that evaluates requests one after the other."""
 
-    def ready(self) -> None:
-        """Return once the actor has started."""
-
     def evaluate(self, task: Task, se: SESource, batch: Batch) -> list[EvaluationResult]:
         return [evaluate(task, se, request) for request in batch]
 
@@ -60,7 +57,7 @@ class EvaluationPool:
         #: Number of actors.
         self.size = cluster_cores() if workers is None else workers
         self._started: list[Any] = []
-        self._starting: dict[Any, Any] = {}  # actors by the reference of their call of `ready`
+        self._starting: dict[Any, Any] = {}  # actors by a reference that is ready once they start
         self._deaths_at_start = 0
         for _ in range(self.size):
             self._start_actor()
@@ -124,7 +121,7 @@ class EvaluationPool:
 
     def _start_actor(self) -> None:
         actor = ray.remote(_Worker).options(num_cpus=1).remote()
-        self._starting[actor.ready.remote()] = actor
+        self._starting[actor.__ray_ready__.remote()] = actor
 
     def _register_start(self, reference: Any) -> None:
         """Register an actor that has started, or replace an actor that died at start."""

@@ -12,7 +12,7 @@ keeps one row per metric, step, time and value.
 
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -154,7 +154,7 @@ class Tracker:
 
         self._client.log_batch(
             run.id,
-            params=[Param(name, str(value)) for name, value in _flatten(view.params).items()],
+            params=[Param(name, str(value)) for name, value in _flatten(view.params)],
             tags=[RunTag(*tag) for tag in {**view.tags, _NOTE: view.note}.items()],
         )
         self._add(run, view.points)
@@ -170,7 +170,7 @@ class Tracker:
 
         missing = [point for point in points if point.key not in run.points]
         metrics = [
-            Metric(name, float(value), point.milliseconds, point.step)
+            Metric(name, float(value), int(point.time * 1000), point.step)
             for point in missing
             for name, value in point.values.items()
         ]
@@ -223,12 +223,10 @@ def _experiment(client: Any, task_id: str, location: str | None) -> str:
     return str(found.experiment_id)
 
 
-def _flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def _flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Flatten nested dictionaries and join their keys by dots."""
-    flat: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
-            flat |= _flatten(value, f"{prefix}{name}.")
+            yield from _flatten(value, f"{prefix}{name}.")
         else:
-            flat[prefix + name] = value
-    return flat
+            yield prefix + name, value

@@ -25,14 +25,10 @@ class Point:
     time: float  # of the event, unix seconds; not of the write, which may be repeated
 
     @property
-    def milliseconds(self) -> int:
-        """Time of the event as MLflow stores it."""
-        return int(self.time * 1000)
-
-    @property
     def key(self) -> tuple[str, int, int]:
-        """Name of the first metric, step, and time in milliseconds."""
-        return next(iter(self.values)), self.step, self.milliseconds
+        """Name of the last metric, which is written after the others, step, and time in
+        milliseconds."""
+        return [*self.values][-1], self.step, int(self.time * 1000)
 
     @classmethod
     def of(cls, record: GenerationRecord, before: int = 0, **more: float) -> "Point":

@@ -14,7 +14,7 @@ from cluster.bohb.study.definition import configuration_name
 from cluster.bohb.tune.trial import TrialReport
 from cluster.bohb.view import StudyViews, study_points
 from cluster.session.terminal import Terminal, count, duration, last_line
-from cluster.tracking import Mirror, Point
+from cluster.tracking import Mirror
 
 
 @dataclass
@@ -49,10 +49,9 @@ class StudyReport:
 
     def stepped(self, job: Job, report: TrialReport) -> None:
         """Show a finished generation."""
-        if report.record is not None and report.tally is not None:
-            name, score = configuration_name(job.id), report.record.score_mean
-            point = Point.of(report.record, report.before, run=report.run)
-            self.mirror.append(self.views.key(name), [point])
+        if report.point is not None and report.tally is not None:
+            name, score = configuration_name(job.id), report.point.values["score_mean"]
+            self.mirror.append(self.views.key(name), [report.point])
             self._bar(f"{name} {report.tally.cost:.0f}/{job.budget}s: {score:.1f}")
 
     def ended(self, job: Job, report: TrialReport, died: bool = False) -> None:

@@ -24,7 +24,7 @@ from cluster.bohb.view import StudyViews
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus
-from cluster.tracking import Mirror, RunView, Tracker
+from cluster.tracking import Mirror, Point, RunView, Tracker
 from cluster.tracking.tracker import KEY
 from tests.studies import make_study
 
@@ -85,7 +85,7 @@ def test_a_generation_costs_as_much_however_many_there_were(tmp_path: Path) -> N
     template, before = trial.records[-1], len(trial.records)
     for number in range(50):
         record = replace(template, generation=number, finished=template.finished + 1 + number)
-        trial.report.stepped(trial.job, TrialReport(TALLY, False, record, run=9, before=before))
+        trial.report.stepped(trial.job, TrialReport(TALLY, False, Point.of(record, before, run=9)))
         if number % 10 == 0:  # otherwise the mirror would write all of them at once
             wait_for(lambda: not trial.mirror.waiting)
     assert trial.mirror.close() == 0
