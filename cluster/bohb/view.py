@@ -73,8 +73,7 @@ class StudyViews(Views):
             return self._study(journal)
         for line in journal.configs:
             if self.key(configuration_name(line.id)) == key:
-                results = [result for result in journal.results if result.id == line.id]
-                return self._configuration(line, results)
+                return self._configuration(line, [r for r in journal.results if r.id == line.id])
         raise InvalidInput(f"study {self.study.name!r} has no run {key}")
 
     def progress(self) -> tuple[str, str]:

@@ -41,9 +41,5 @@ def cli() -> None:
     """Learn synthetic environments for reinforcement learning."""
 
 
-for command in (
-    *(nes, bohb, evaluate, experiment),
-    *(show, recipe, zoo, export_se),
-    *(runs, sync, ui),
-):
+for command in (nes, bohb, evaluate, experiment, show, recipe, zoo, export_se, runs, sync, ui):
     cli.add_command(command)

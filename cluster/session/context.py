@@ -1,5 +1,4 @@
-"""The context of a run: its home, MLflow and Ray cluster; and a session, in which a process works
-on a run."""
+"""The context of runs: home, MLflow and Ray cluster; and sessions, which work on one run each."""
 
 import contextlib
 import time
