@@ -202,13 +202,13 @@ def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Documen
         *(Document.of_file(study.folder / name, "journal/") for name in JOURNAL_FILES),
     ]
     if incumbent is not None:
-        configs = {id: line.configuration for id, line in journal.proposals.items()}
-        values = configs[incumbent.id]
+        values = journal.proposals[incumbent.id].configuration
 
         def hyperparameters() -> bytes:
-            space = study.space.build(study.agents)
+            space, ranked = study.space.build(study.agents), summary.ranked
+            tried = [journal.proposals[id].configuration for id in ranked]  # both may have grown
             figure = pictures.hyperparameters(
-                np.array([unit_values(space, configs[id]) for id in summary.ranked]),
+                np.array([unit_values(space, configuration) for configuration in tried]),
                 unit_values(space, values),
                 unit_values(space, study.recipe_values),
                 tuple(space),
