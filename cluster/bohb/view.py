@@ -206,9 +206,9 @@ def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Documen
 
         def hyperparameters() -> bytes:
             space, ranked = study.space.build(study.agents), summary.ranked
-            tried = [journal.proposals[id].configuration for id in ranked]  # both may have grown
+            proposals = journal.proposals  # after the results: both grow
             figure = pictures.hyperparameters(
-                np.array([unit_values(space, configuration) for configuration in tried]),
+                np.array([unit_values(space, proposals[id].configuration) for id in ranked]),
                 unit_values(space, values),
                 unit_values(space, study.recipe_values),
                 tuple(space),
