@@ -54,7 +54,7 @@ _SUCCESS_OF_AUTHORS = (
 
 
 def _success_cells(row: dict[str, Any]) -> list[str]:
-    shares = (row[name] for name in ("ever_solved", "solved_at_end", "handed_over_solved"))
+    shares = (row[name] for name in ("ever_solved", "solved_at_end", "best_se_solves"))
     spread = f" ± {row['score_at_end_std']:.0f}" if row["runs"] > 1 else ""
     return [
         *(f"{round(share * row['runs'])} of {row['runs']}" for share in shares),

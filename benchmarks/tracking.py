@@ -17,7 +17,6 @@ import threading
 import time
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
 
 from rich.console import Console
 
@@ -27,12 +26,12 @@ from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.journal import Journal
 from cluster.bohb.tune.report import StudyReport
-from cluster.bohb.tune.searcher import BohbSearcher
-from cluster.bohb.tune.trial import JOB, REPORT, TrialReport
+from cluster.bohb.tune.trial import TrialReport
 from cluster.bohb.view import StudyViews
 from cluster.session.terminal import Terminal
+from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus, locked_settings
-from cluster.tracking import Mirror, Tracker
+from cluster.tracking import Mirror, Point, Tracker
 from tests.studies import MadeUpPool, new_study
 
 GENERATIONS, BLOCK, BRACKETS = 2000, 100, 60
@@ -43,51 +42,46 @@ class MeasuredStudy:
 
     def __init__(self, folder: Path) -> None:
         self.study = replace(new_study(folder), schedule=Schedule((2, 6, 18), 3))
-        with locked_settings(folder, self.study.settings()) as identity:
+        with locked_settings(folder, self.study.settings()):
             RunStatus("RUNNING", time.time(), BRACKETS).save(folder)
         journal = Journal(folder)
-        search = BracketSearch(self.study, journal, BRACKETS)
-        self.searcher = BohbSearcher(search, lambda: 1, math.inf)
-        views = StudyViews(self.study, identity, live=True, journal=journal)
-        tracker = Tracker(f"sqlite:///{folder}/mlflow.db", "CartPole-v0", folder / "artifacts")
+        self.search = BracketSearch(self.study, journal, BRACKETS)
+        views = StudyViews(folder, live=True, journal=journal)
+        tracker = Tracker(f"sqlite:///{folder}/mlflow.db", "CartPole-v0", Home(folder))
         self.mirror = Mirror(tracker, views.view, print)
         self.mirror.mark(views.keys())
         terminal = Terminal(Console(file=io.StringIO()))
-        self.report = StudyReport(
-            BRACKETS, math.inf, journal, self.searcher, views, self.mirror, terminal
-        )
+        self.report = StudyReport(BRACKETS, math.inf, views, self.mirror, terminal)
         self.report.PICTURES_EVERY = math.inf
         self.generations: list[float] = []
         self.jobs: list[float] = []
 
     def run_job(self) -> None:
-        """Run one job, as Ray Tune would."""
-        trial = SimpleNamespace(trial_id=str(len(self.jobs)), last_result=None)
-        suggested = self.searcher.suggest(trial.trial_id)
-        assert isinstance(suggested, dict)
-        job = suggested[JOB]
-        started = self._cost("on_trial_start", trial)
-        runs = ConfigurationRuns.read(self.study, tuple(job["id"]), job["configuration"])
+        """Run one job, as `BohbSearcher` and a trial would."""
+        job = self.search.next_job()
+        assert job is not None
+        started = self._cost("started", job)
+        runs = ConfigurationRuns(self.study, job.id, job.configuration).read()
         reached = False
         while not reached:
             before = runs.generations
             state = runs.advance(MadeUpPool())
-            reached = runs.spent(job["budget"])
-            record = state.records[-1] if runs.generations > before else None
-            earlier = sum(run.generation for run in runs.states if run is not state)
-            run = len(runs.states) - 1
-            report = TrialReport(runs.tally, reached, record, run, earlier)
-            trial.last_result = {REPORT: report}
-            cost = self._cost("on_trial_result", trial, trial.last_result)
-            if record is not None:
+            reached = runs.spent(job.budget)
+            point = None
+            if runs.generations > before:
+                earlier = sum(run.generation for run in runs.states if run is not state)
+                point = Point.of(state.records[-1], earlier, run=len(runs.states) - 1)
+            report = TrialReport(runs.tally, reached, point)
+            cost = self._cost("stepped", job, report)
+            if point is not None:
                 self.generations.append(cost)
-        self.searcher.on_trial_complete(trial.trial_id, trial.last_result)
-        self.jobs.append(started + self._cost("on_trial_complete", trial))
+        self.search.register(job, runs.tally.objective, runs.tally.info)
+        self.jobs.append(started + self._cost("ended", job, report))
 
-    def _cost(self, callback: str, *arguments: object) -> float:
+    def _cost(self, method: str, *arguments: object) -> float:
         """Call the report, wait for the mirror, and return the CPU seconds of both."""
         mirror, main = self._mirror_seconds(), time.thread_time()
-        getattr(self.report, callback)(0, [], *arguments)
+        getattr(self.report, method)(*arguments)
         spent = time.thread_time() - main
         while self.mirror.waiting:
             time.sleep(0.001)

@@ -55,7 +55,7 @@ class Observations:
         if self._flat and self.space.dtype == np.float32:
             return states.clip(self.space.low, self.space.high)
         nearest = [self.unflatten(state) for state in states]
-        batch = create_empty_array(self.space, len(nearest))
+        batch: Any = create_empty_array(self.space, len(nearest))
         return concatenate(self.space, nearest, batch)
 
 
@@ -69,11 +69,11 @@ def _parts(space: Space[Any]) -> list[Space[Any]]:
 
 def _nearest(space: Any, state: State) -> Any:
     if isinstance(space, Tuple | Dict):
-        named = isinstance(space, Dict)
-        inner = list(space.spaces.values()) if named else list(space.spaces)
-        ends = np.cumsum([flatdim(child) for child in inner])[:-1]
-        values = map(_nearest, inner, np.split(state, ends))
-        return dict(zip(space.spaces, values, strict=True)) if named else tuple(values)
+        inner: Any = space.spaces
+        children = list(inner.values()) if isinstance(space, Dict) else list(inner)
+        ends = np.cumsum([flatdim(child) for child in children])[:-1]
+        values = map(_nearest, children, np.split(state, ends))
+        return dict(zip(inner, values, strict=True)) if isinstance(space, Dict) else tuple(values)
     if isinstance(space, Discrete):
         return space.start + space.dtype.type(state.argmax())
     if isinstance(space, MultiDiscrete):
@@ -82,10 +82,10 @@ def _nearest(space: Any, state: State) -> Any:
         return chosen.reshape(space.shape) + space.start
     if isinstance(space, MultiBinary):
         return (state > 0.5).astype(space.dtype).reshape(space.shape)
-    values = state.reshape(space.shape).astype(np.float64)
+    array = state.reshape(space.shape)
     if np.issubdtype(space.dtype, np.integer):
-        values = values.round()
-    return values.clip(space.low, space.high).astype(space.dtype)
+        array = array.round()
+    return array.clip(space.low, space.high).astype(space.dtype)
 
 
 class Actions:
@@ -107,8 +107,9 @@ class Actions:
                 "by gymnasium.wrappers.RescaleAction"
             )
         self.size = int(np.prod(space.shape))
-        self._low = space.low.ravel().astype(np.float32)
-        self._half = (space.high.ravel().astype(np.float32) - self._low) / 2
+        low, high = (bound.ravel().astype(np.float64) for bound in (space.low, space.high))
+        self._middle = ((low + high) / 2).astype(np.float32)
+        self._half = ((high - low) / 2).astype(np.float32)
 
     def inward(self, action: Any) -> Action:
         """Return an action of the space as agents and SEs use it. Values outside of a Box are
@@ -116,7 +117,7 @@ class Actions:
         if not self.continuous:
             return checked_index(action, self.size, self.first)
         vector = checked_vector(action, self.space.shape)
-        return ((vector.ravel() - self._low) / self._half - 1).clip(-1, 1)
+        return ((vector.ravel() - self._middle) / self._half).clip(-1, 1)
 
     def inward_all(self, actions: Any, n: int) -> NDArray[Any]:
         """Return a batch of `n` actions of the space as indices (n,) or vectors (n, M). Raises
@@ -124,7 +125,7 @@ class Actions:
         given, shape = np.asarray(actions), (n, *self.space.shape)
         if self.continuous:
             vectors = checked_vector(given, shape).reshape(n, -1)
-            return ((vectors - self._low) / self._half - 1).clip(-1, 1)
+            return ((vectors - self._middle) / self._half).clip(-1, 1)
         indices = given.astype(np.int64) - self.first if given.dtype.kind in "iu" else given
         if indices.shape != shape or not np.isin(indices, range(self.size)).all():
             raise InvalidInput(f"actions must be {n} elements of {self.space}; got {actions!r}")
@@ -135,7 +136,7 @@ class Actions:
         if not self.continuous:
             return self.first + checked_index(action, self.size)
         vector = checked_vector(action, (self.size,)).clip(-1, 1)
-        values = self._low + (vector + 1) * self._half
+        values = self._middle + vector * self._half
         return values.reshape(self.space.shape).astype(self.space.dtype)
 
 

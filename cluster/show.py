@@ -17,6 +17,7 @@ from bilevel.kernels.synthetic_env import DONE
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
+from bilevel.tasks.compiled import Labels
 from cluster.pictures import GREY
 
 Floats = NDArray[np.float32]
@@ -51,56 +52,33 @@ class Episode:
 
 
 @dataclass(frozen=True)
-class Portrait:
+class SEPlot:
     """An SE over two observations of its task, and episodes on the task."""
 
-    labels: dict[str, float]  # of actions, with their positions in the range of colours
-    positions: Floats  # (n,) of all candidate actions
-    names: tuple[str, str]  # of the two observations
-    indices: tuple[int, int]  # of the two observations
-    axes: tuple[Floats, Floats]  # (GRID,) their values
+    labels: Labels
+    positions: NDArray[np.float64]  # (n,) of all candidate actions, in the range of colours
+    axes: tuple[Floats, Floats]  # (GRID,) values of the two observations
     answers: Transitions  # of the SE, on the grid, action by action; others have their means
     episodes: list[Episode]  # with the actions that the SE rewards most
 
     @classmethod
-    def of(cls, se: StoredSE) -> "Portrait":
+    def of(cls, se: StoredSE) -> "SEPlot":
         """Scale the grid by observations under random actions. Raises InvalidInput if gymnasium
         does not know the task."""
         task = se.task()
         scale = task.observation_scale(derive(0, Purpose.OBSERVATIONS))
-        names, (i, j) = task.labels.observations, task.labels.axes
-        steps = np.linspace(-WIDTH, WIDTH, GRID)
+        steps, (i, j) = np.linspace(-WIDTH, WIDTH, GRID), task.labels.axes
         across, up = (
             (scale.mean[k] + scale.deviation[k] * steps).astype(np.float32) for k in (i, j)
         )
         states = np.tile(scale.mean, (GRID * GRID, 1))
         states[:, i], states[:, j] = (axis.ravel() for axis in np.meshgrid(across, up))
-        candidates = candidate_actions(se)
+        actions = candidate_actions(se)
         if task.continuous:
-            name = task.labels.actions[0]
-            labels = {f"{name} {value:+g}": (value + 1) / 2 for value in (-1, -0.5, 0, 0.5, 1)}
-            positions = (candidates[:, 0] + 1) / 2
+            positions = (actions[:, 0] + 1) / 2
         else:
-            positions = candidates / max(len(candidates) - 1, 1)
-            labels = dict(zip(task.labels.actions, positions.tolist(), strict=True))
-        return cls(
-            labels,
-            positions,
-            (names[i], names[j]),
-            (i, j),
-            (across, up),
-            answers(se, states),
-            real_episodes(se),
-        )
-
-    @property
-    def sentence(self) -> str:
-        """Returns of the episodes in words."""
-        returns = [episode.total for episode in self.episodes]
-        return (
-            f"taking the action that the SE rewards most earns {np.mean(returns):.1f} on the real "
-            f"task ({min(returns):.1f} to {max(returns):.1f} in {EPISODES} episodes)"
-        )
+            positions = actions / max(len(actions) - 1, 1)
+        return cls(task.labels, positions, (across, up), answers(se, states), real_episodes(se))
 
 
 def candidate_actions(se: StoredSE) -> NDArray[Any]:
@@ -141,46 +119,52 @@ def real_episodes(se: StoredSE) -> list[Episode]:
     return episodes
 
 
-def picture(portrait: Portrait, title: str) -> Figure:
+def action_colours(positions: NDArray[np.float64]) -> list[str]:
+    """Return the colours of actions at these positions, 0 to 1."""
+    return [to_hex(colour) for colour in colormaps["viridis"](0.9 * positions)]
+
+
+def picture(plot: SEPlot, title: str) -> Figure:
     """Draw the SE, and the episodes on the real task, over two observations."""
     figure = Figure(figsize=(10, 5), layout="constrained")
     figure.suptitle(f"{title}; other observations have their means")
-    colours = [to_hex(colour) for colour in colormaps["viridis"](0.9 * portrait.positions)]
+    labels, colours = plot.labels, action_colours(plot.positions)
     on_se, on_task = figure.subplots(1, 2, sharex=True, sharey=True)
-    _draw_se(on_se, portrait, colours)
-    for episode in portrait.episodes:
-        path = episode.states[:, portrait.indices]
+    _draw_se(on_se, plot, colours)
+    for episode in plot.episodes:
+        path = episode.states[:, labels.axes]
         on_task.plot(*path.T, color=GREY, lw=0.6, alpha=0.6)
         on_task.scatter(*path[:-1].T, c=np.array(colours)[episode.actions], s=6, zorder=3)
     on_task.set_title("real task: episodes by the SE's rewards")
-    on_se.set(xlim=portrait.axes[0][[0, -1]], ylim=portrait.axes[1][[0, -1]])
-    on_se.set_ylabel(portrait.names[1])
+    on_se.set(xlim=plot.axes[0][[0, -1]], ylim=plot.axes[1][[0, -1]])
+    on_se.set_ylabel(labels.observations[labels.axes[1]])
     for axes in (on_se, on_task):
-        axes.set_xlabel(portrait.names[0])
-    handles = [
-        Patch(color=colormaps["viridis"](0.9 * position), label=label)
-        for label, position in portrait.labels.items()
-    ]
+        axes.set_xlabel(labels.observations[labels.axes[0]])
+    named = labels.actions
+    if len(colours) != len(named):  # the first dimension of continuous actions
+        named = tuple(f"{named[0]} {value:+g}" for value in np.linspace(-1, 1, 5))
+    patches = zip(action_colours(np.linspace(0, 1, len(named))), named, strict=True)
+    handles = [Patch(color=colour, label=label) for colour, label in patches]
     figure.legend(handles=handles, loc="outside lower center", ncols=6, frameon=False)
     return figure
 
 
-def _draw_se(axes: Axes, portrait: Portrait, colours: list[str]) -> None:
+def _draw_se(axes: Axes, plot: SEPlot, colours: list[str]) -> None:
     """Colour the action of the highest reward, draw arrows to the next states after this action,
     and hatch where it ends episodes."""
-    found = portrait.answers
+    found = plot.answers
     best = found.rewards.reshape(-1, GRID * GRID).argmax(axis=0)
     rows = best * GRID * GRID + np.arange(GRID * GRID)
     pale = 1 - 0.4 * (1 - np.array([to_rgb(colour) for colour in colours]))
-    axes.pcolormesh(*portrait.axes, pale[best].reshape(GRID, GRID, 3), rasterized=True)
+    axes.pcolormesh(*plot.axes, pale[best].reshape(GRID, GRID, 3), rasterized=True)
     coarse = rows.reshape(GRID, GRID)[EVERY // 2 :: EVERY, EVERY // 2 :: EVERY].ravel()
-    start = found.states[coarse][:, portrait.indices]
-    moves = found.next_states[coarse][:, portrait.indices] - start
+    start = found.states[coarse][:, plot.labels.axes]
+    moves = found.next_states[coarse][:, plot.labels.axes] - start
     # The longest arrow is as long as the distance between two arrows.
-    distance = [axis[EVERY] - axis[0] for axis in portrait.axes]
+    distance = [axis[EVERY] - axis[0] for axis in plot.axes]
     moves /= max(float(np.linalg.norm(moves / distance, axis=1).max()), 1e-9)
     axes.quiver(*start.T, *moves.T, angles="xy", scale_units="xy", scale=1, width=0.003)
     ends = found.ends[rows].reshape(GRID, GRID)
     if ends.any():
-        axes.contourf(*portrait.axes, ends, levels=[0.5, np.inf], colors="none", hatches=["///"])
+        axes.contourf(*plot.axes, ends, levels=[0.5, np.inf], colors="none", hatches=["///"])
     axes.set_title("SE: rewarded action and next state; hatched: end")

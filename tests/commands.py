@@ -25,7 +25,7 @@ _SERVER.set_forkserver_preload(
         "cluster.evaluate.command",
         "cluster.experiments.report",
         "cluster.nes.command",
-        "cluster.catalog.sync",
+        "cluster.catalog",
     ]
 )
 

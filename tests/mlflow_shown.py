@@ -10,7 +10,7 @@ from pathlib import Path
 import mlflow
 import psutil
 
-from cluster.catalog.kinds import views_of
+from cluster.catalog import views_of
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunIdentity
 from cluster.tracking import RunView

@@ -13,7 +13,7 @@ from bilevel.tasks import Task
 def make_se(task: Task, layers: int = 1, activation: Any = "lrelu", seed: int = 0) -> StoredSE:
     """A plain SE with 12 units per layer and the task's step limit."""
     sizes = task.state_size, task.action_size, layers, 12
-    architecture = Architecture(*sizes, activation, task.step_limit)
+    architecture = Architecture(*sizes, activation, task.step_limit, task.continuous)
     psi = architecture.initialize(np.random.default_rng(seed))
     info = {"score_mean": 12.5}
     return StoredSE(SE(architecture, psi), task.id, task.step_limit, task.solved_reward, info)

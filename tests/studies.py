@@ -57,7 +57,7 @@ class MadeUpPool(EvaluationPool):
 
 def run_job(study: Study, job: Job) -> Tally:
     """Run NES up to the job's budget; return its tally."""
-    runs = ConfigurationRuns.read(study, job.id, job.configuration)
+    runs = ConfigurationRuns(study, job.id, job.configuration).read()
     runs.spend(job.budget, MadeUpPool())
     return runs.tally
 
@@ -80,7 +80,7 @@ def make_study(
             number += 1
         line = next(line for line in Journal(folder).results if line.loss is not None)
         proposed = next(c for c in Journal(folder).configs if c.id == line.id)
-        best = ConfigurationRuns.read(study, line.id, proposed.configuration).best
+        best = ConfigurationRuns(study, line.id, proposed.configuration).read().best
         assert best is not None
         final = FinalScore(np.array([score - 10, score + 10]), np.array([400, 600]), 195.0)
         export_best(best, final, folder, len(Journal(folder).results), 1000, 0)

@@ -97,7 +97,7 @@ def run_in_process(
     bracket_search = BracketSearch(study, journal, brackets)
     while (job := bracket_search.next_job()) is not None:
         try:
-            runs = ConfigurationRuns.read(study, job.id, job.configuration, log=log)
+            runs = ConfigurationRuns(study, job.id, job.configuration, log=log).read()
             runs.spend(job.budget, pool)
         except (StorageFailure, OtherVersion):
             raise
@@ -148,7 +148,7 @@ def search(task_id: str, method: str, seed: int, core_seconds: int, home: Path) 
         "results": len(summary.journal.results),
         "outcomes": outcomes(summary.journal),
         "incumbent": incumbent.loss,
-        "configuration": summary.configuration(incumbent.id),
+        "configuration": summary.journal.proposals[incumbent.id].configuration,
     }
 
 

@@ -51,19 +51,20 @@ def environment_in_python(
 ) -> Iterator[TrainingEnvironment]:
     """Context with the environment, compiled or in gymnasium, for agents in Python."""
     if se is None and not task.compiled:
-        with closing(GymnasiumEnvironment(task, seed)) as env:
-            yield env
+        with closing(GymnasiumEnvironment(task, seed)) as real:
+            yield real
     else:
-        yield KernelEnvironment(compiled_environment(task, se, episodes, seed), task)
+        env = compiled_environment(task, se, episodes, seed)
+        yield KernelEnvironment(env, task.action_size, task.continuous)
 
 
 class KernelEnvironment:
     """An SE or a compiled real task (see `TrainingEnvironment`). It returns copies of its state, so
     that agents cannot change it."""
 
-    def __init__(self, env: Environment, task: Task) -> None:
+    def __init__(self, env: Environment, action_size: int, continuous: bool = False) -> None:
         self.step_limit = env.step_limit
-        self._env, self._actions = env, (task.action_size, task.continuous)
+        self._env, self._actions = env, (action_size, continuous)
         self._state = np.zeros(env.state_size, np.float32)
 
     def reset(self, episode: int) -> NDArray[np.float32]:

@@ -76,7 +76,9 @@ class DiscreteTD3(TD3):
     def actions(self, actor: Any, states: Tensor) -> Tensor:
         """Relaxed actions (B, A) of an actor in states (B, S)."""
         gumbel = self.rng.gumbel(len(states) * self.action_size)
-        return actor.relaxed(states, torch.from_numpy(gumbel).view(-1, self.action_size))
+        noise = torch.from_numpy(gumbel).view(-1, self.action_size)
+        relaxed: Tensor = actor.relaxed(states, noise)
+        return relaxed
 
     def target_actions(self, next_states: Tensor) -> Tensor:
         """Relaxed actions (B, A) of the target actor in states (B, S), plus clipped noise."""

@@ -1,5 +1,6 @@
 """Gymnasium environments of real tasks, with flat states and validated values."""
 
+import math
 import warnings
 from typing import Any
 
@@ -70,7 +71,9 @@ class RealEnv:
         state, expected = self.observations.flatten(observation), (self.observations.size,)
         if state.shape != expected:
             raise UserCodeError(f"{self._name} observes the shape {state.shape}, not {expected}")
-        if not np.isfinite(state.astype(np.float32)).all() or not np.isfinite(reward):
+        with np.errstate(over="ignore"):
+            finite = bool(np.isfinite(state.astype(np.float32)).all())
+        if not (finite and math.isfinite(reward)):
             raise UserCodeError(
                 f"{self._name} returns {observation} and the reward {reward}: not finite in float32"
             )

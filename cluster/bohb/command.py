@@ -13,14 +13,13 @@ from cluster.bohb.search.validation import SHARE, validation_seconds
 from cluster.bohb.study.brackets import Schedule, core_seconds_to_run, initial_configurations
 from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import Journal
+from cluster.bohb.study.profiles import Profile
 from cluster.bohb.tune.report import StudyReport
-from cluster.bohb.tune.searcher import BohbSearcher
-from cluster.bohb.tune.tuner import run_trials
+from cluster.bohb.tune.searcher import BohbSearcher, run_trials
 from cluster.bohb.view import StudyViews
-from cluster.ray.connection import Capacity, require_server_for_nodes
+from cluster.ray.connection import cluster_cores, require_cores, require_server_for_nodes
 from cluster.ray.pool import EvaluationPool
-from cluster.session.context import RunContext
-from cluster.session.session import Session
+from cluster.session.context import RunContext, Session
 from cluster.session.terminal import Terminal, count, duration
 from cluster.storage.home import require_writable
 from cluster.storage.run_folder import RunStatus, check_settings
@@ -36,25 +35,23 @@ class StudyCommand:
 
     study: Study
     context: RunContext
-    brackets: int
-    time_budget: float | None  # seconds; None runs all brackets
-    final_agents: int  # trained on the best SE at the end, with fresh seeds
-    workers_per_trial: int = 1  # 0 until `placed` sets it
+    profile: Profile
+    workers_per_trial: int = 1  # 0 until `with_workers` sets it
     concurrent_trials: int | None = None  # None fills the cluster's cores
 
-    def placed(self, capacity: Capacity) -> Self:
+    def with_workers(self, cores: int) -> Self:
         """Choose the workers per trial unless they are given: 1, or more if the study has fewer
-        configurations than there are cores."""
+        configurations than the cluster has `cores`."""
         if self.workers_per_trial:
             return self
-        started = initial_configurations(self.study.schedule.brackets(self.brackets))
+        started = initial_configurations(self.study.schedule.brackets(self.profile.brackets))
         trials = min(self.concurrent_trials or started, started)
-        workers = min(capacity.trials(trials), self.study.base.nes.evaluations)
+        workers = min(max(cores // trials, 1), self.study.base.nes.evaluations)
         return replace(self, workers_per_trial=workers)
 
-    def trials_on(self, capacity: Capacity) -> int:
-        """Return the number of concurrent trials on a cluster."""
-        return self.concurrent_trials or capacity.trials(self.workers_per_trial)
+    def trials_on(self, cores: int) -> int:
+        """Return the number of concurrent trials on a cluster, at least 1."""
+        return self.concurrent_trials or max(cores // self.workers_per_trial, 1)
 
 
 def brackets_to_reach(
@@ -90,7 +87,7 @@ def run_study(command: StudyCommand) -> int:
         command.context.connected(workers, command.concurrent_trials or 1) as driver,
         driver.session(study.folder, study.task.id, study.settings()) as session,
     ):
-        return _Runner(command.placed(Capacity.of_cluster()), session).run()
+        return _Runner(command.with_workers(cluster_cores()), session).run()
 
 
 def estimate(command: StudyCommand) -> None:
@@ -98,20 +95,20 @@ def estimate(command: StudyCommand) -> None:
 
     Raises InvalidInput where the study would.
     """
-    study, schedule, brackets = command.study, command.study.schedule, command.brackets
+    study, schedule, brackets = command.study, command.study.schedule, command.profile.brackets
     study.prior_configuration()
     require_writable(command.context.home.folder)
     check_settings(study.folder, study.settings())
-    capacity = command.context.capacity()
-    command = command.placed(capacity)
-    trials, workers = command.trials_on(capacity), command.workers_per_trial
-    capacity.require(workers, trials)
+    available = command.context.cores()
+    command = command.with_workers(available)
+    trials, workers = command.trials_on(available), command.workers_per_trial
+    require_cores(available, workers, trials)
     rungs = schedule.brackets(brackets)
     searched = core_seconds_to_run(rungs)
     validated = validation_seconds(searched)
     cores = trials * workers
     with Terminal() as terminal:
-        terminal.log(f"{study.method_name} on {study.task.id}: study {study.name!r}")
+        terminal.log(study.title)
         terminal.log("bracket   configurations x core seconds")
         for bracket in range(min(brackets, schedule.cycle)):
             row = (f"{rung.configurations} x {rung.budget}" for rung in schedule.bracket(bracket))
@@ -123,8 +120,8 @@ def estimate(command: StudyCommand) -> None:
             f"{searched} core seconds and {validated:.0f} of validation: about "
             f"{duration((searched + validated) / cores)} on {count(cores, 'core')}"
         )
-        if command.time_budget is not None:
-            terminal.log(f"the time budget ends it after {duration(command.time_budget)}")
+        if command.profile.time_budget is not None:
+            terminal.log(f"the time budget ends it after {duration(command.profile.time_budget)}")
         terminal.log(f"{count(trials, 'trial')} at a time, {count(workers, 'worker')} each")
 
 
@@ -138,25 +135,34 @@ class _Runner:
         self.journal = Journal(study.folder)
         run_status = RunStatus.load(study.folder)
         self.brackets = brackets_to_reach(
-            self.journal, study.schedule, command.brackets, run_status
+            self.journal, study.schedule, command.profile.brackets, run_status
         )
         self.search = BracketSearch(study, self.journal, self.brackets)
         self.end = StudyEnd(study, self.journal, session)
 
     def run(self) -> int:
         """Run the study to its end; return the exit code."""
-        self._introduce()
-        command = self.command
-        identity = self.session.identity
-        views = StudyViews(command.study, identity, live=True, journal=self.journal)
+        command, study, log = self.command, self.command.study, self.terminal.log
+        self.session.introduce(
+            f"{study.title}, space {study.space.name}, recipe {study.base.recipe}, prior "
+            f"{study.prior}, budgets {'/'.join(map(str, study.schedule.budgets))} core seconds, "
+            f"{count(self._trials(), 'trial')} at a time with "
+            f"{count(command.workers_per_trial, 'worker')} each"
+        )
+        if (time_budget := command.profile.time_budget) is not None:
+            log(f"time budget {duration(time_budget)}")
+        if self.journal.configs:
+            results = count(len(self.journal.results), "result")
+            log(f"resuming {count(len(self.journal.configs), 'configuration')} with {results}")
+        views = StudyViews(command.study.folder, live=True, journal=self.journal)
         resume_hint = "run the same command again to resume"
         with self.session.live(views, self.brackets, resume_hint) as mirror:
             try:
-                deadline, end = deadlines(self.terminal.started, command.time_budget)
+                deadline, end = deadlines(self.terminal.started, command.profile.time_budget)
                 self._search(views, mirror, deadline)
                 with EvaluationPool(command.workers_per_trial * self._trials()) as pool:
                     found = self.end.finish(
-                        pool, command.final_agents, lambda: time.monotonic() > end
+                        pool, command.profile.final_agents, lambda: time.monotonic() > end
                     )
             except KeyboardInterrupt:
                 with suppress(InvalidInput):
@@ -167,36 +173,18 @@ class _Runner:
             self.session.status = "FINISHED" if found else "FAILED"
             return 0 if found else 1
 
-    def _introduce(self) -> None:
-        command, study = self.command, self.command.study
-        self.session.introduce(
-            f"{study.method_name} on {study.task.id}: study {study.name!r}, "
-            f"space {study.space.name}, recipe {study.base.recipe}, prior {study.prior}, "
-            f"budgets {'/'.join(map(str, study.schedule.budgets))} core seconds, "
-            f"{count(self._trials(), 'trial')} at a time with "
-            f"{count(command.workers_per_trial, 'worker')} each"
-        )
-        if command.time_budget is not None:
-            self.terminal.log(f"time budget {duration(command.time_budget)}")
-        if self.journal.configs:
-            results = count(len(self.journal.results), "result")
-            configurations = count(len(self.journal.configs), "configuration")
-            self.terminal.log(f"resuming {configurations} with {results}")
-
     def _trials(self) -> int:
         """Return the number of concurrent trials on the cluster's current nodes."""
         require_server_for_nodes(self.command.context.tracking_uri)  # a node may have joined
-        return self.command.trials_on(Capacity.of_cluster())
+        return self.command.trials_on(cluster_cores())
 
     def _search(self, views: StudyViews, mirror: Mirror, deadline: float) -> None:
         command = self.command
-        searcher = BohbSearcher(self.search, self._trials, deadline)
-        report = StudyReport(
-            self.brackets, deadline, self.journal, searcher, views, mirror, self.terminal
-        )
+        report = StudyReport(self.brackets, deadline, views, mirror, self.terminal)
+        searcher = BohbSearcher(self.search, self._trials, deadline, report)
         guard = self.session.guard
         with guard.orderly():
-            run_trials(command.study, command.workers_per_trial, searcher, guard, report)
+            run_trials(command.study, command.workers_per_trial, searcher, guard)
         guard.check()
         if searcher.stopped_by is not None:
             raise searcher.stopped_by

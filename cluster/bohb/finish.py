@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput, StorageFailure
@@ -22,7 +23,7 @@ from cluster.nes.selection import (
     race,
 )
 from cluster.ray.pool import EvaluationPool
-from cluster.session.session import Session
+from cluster.session.context import Session
 from cluster.session.terminal import count
 from cluster.tracking.registry import model_address
 
@@ -67,11 +68,11 @@ class StudyEnd:
             f"{real_steps} steps on the real task in all runs, the scale of observations included"
         )
         if exported is not None:
-            call = self.session.home.hint(f"nes {study.task.id} --recipe {study.name}")
+            call = self.session.tracker.home.hint(f"nes {study.task.id} --recipe {study.name}")
             terminal.log(f"its recipe: {study.folder / RECIPE_FILE}; learn an SE with it by {call}")
         model = model_address(study.task.id, "newest")
         terminal.log(f"best SE: {path}  ({model} in MLflow's model registry)")
-        terminal.log(f"results: {self.session.shown_at(self.session.identity.uuid)}")
+        terminal.log(f"results: {self.session.address}")
         terminal.log("run the same command again to add brackets")
         return True
 
@@ -104,16 +105,13 @@ class StudyEnd:
         incumbent = self.export_recipe()
         if incumbent is None:
             return
-        best = ConfigurationRuns.read(self.study, incumbent.id, incumbent.configuration).best
+        best = ConfigurationRuns(self.study, incumbent.id, incumbent.configuration).read().best
         if best is not None:
             save_se(best, self.study.folder / INCUMBENT_SE_FILE)
 
     def _validate(self, pool: EvaluationPool, is_over: Callable[[], bool]) -> None:
         terminal, journal = self.session.terminal, self.journal
-
-        def progress(spent: float, planned: float) -> None:
-            terminal.bar("validating", spent, planned, "core s")
-
+        progress = partial(terminal.bar, "validating", unit="core s")
         found = validate(self.study, journal, pool, terminal.log, progress, is_over)
         if found is None:
             terminal.log(
@@ -136,7 +134,7 @@ def all_runs(study: Study, journal: Journal) -> list[ConfigurationRuns]:
     for line in journal.configs:
         for validation in (False, True):
             try:
-                runs = ConfigurationRuns.read(study, line.id, line.configuration, validation)
+                runs = ConfigurationRuns(study, line.id, line.configuration, validation).read()
             except StorageFailure:
                 raise
             except InvalidInput:  # the configuration never ran

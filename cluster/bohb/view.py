@@ -2,11 +2,10 @@
 
 import json
 import time
-from dataclasses import dataclass, field
+from functools import cached_property, partial
 from pathlib import Path
 
 import numpy as np
-from matplotlib.figure import Figure
 
 from bilevel.errors import InvalidInput
 from bilevel.synthetic_env import se_bytes
@@ -15,47 +14,48 @@ from cluster.bohb.results.importance import importance, unit_values
 from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.results.tables import TALLIED, brackets_csv, results_csv, validation_csv
 from cluster.bohb.search.runs import ConfigurationRuns
-from cluster.bohb.study.definition import KIND, RECIPE_FILE, SPACE_FILE, Study, configuration_name
-from cluster.bohb.study.journal import ConfigLine, Journal, ResultLine
-from cluster.bohb.study.profiles import ENDLESS
+from cluster.bohb.study.definition import (
+    KIND,
+    RECIPE_FILE,
+    SPACE_FILE,
+    Study,
+    StudySettings,
+    configuration_name,
+)
+from cluster.bohb.study.journal import (
+    JOURNAL_FILES,
+    ConfigLine,
+    Journal,
+    ResultLine,
+)
+from cluster.bohb.study.profiles import ENDLESS, METHODS
 from cluster.nes.view import registered, run_documents
-from cluster.pictures import png
+from cluster.pictures import image
 from cluster.session.terminal import last_line
-from cluster.storage.run_folder import BEST_FILE, Lifetime, RunIdentity, Status, finals
-from cluster.tracking import Document, Point, Progress, RunView
-
-#: Settings that are parameters of the MLflow run.
-_PARAMS = ("seed", "method", "prior", "budgets", "cycle", "base")
+from cluster.storage.run_folder import BEST_FILE, Lifetime, Status, finals
+from cluster.tracking import Document, Point, RunView, Views
 
 
-@dataclass(frozen=True)
-class StudyViews:
-    """The MLflow runs of a study.
+class StudyViews(Views):
+    """The MLflow runs of a study. Without a `journal`, its files are read for every view."""
 
-    `live` while this process works on the study; `running` are the names of the configurations
-    that run. Without a `journal`, the study's files are read for every view.
-    """
+    kind = KIND
 
-    study: Study
-    identity: RunIdentity
-    live: bool
-    running: set[str] = field(default_factory=set)
-    journal: Journal | None = None
+    def __init__(self, folder: Path, live: bool = False, journal: Journal | None = None) -> None:
+        super().__init__(folder, live)
+        self.parent = self.identity.uuid  # key of the study's own run
+        self._journal = journal
+        self.running: set[str] = set()  # names of the configurations that run
 
-    @classmethod
-    def of(cls, folder: Path) -> "StudyViews":
-        """Views of a study that no process works on. Raises InvalidInput if it is damaged."""
-        return cls(Study.read(folder), RunIdentity.read(folder), False)
+    @cached_property
+    def study(self) -> Study:
+        """The definition of the study. Raises InvalidInput."""
+        return Study.read(self.folder)
 
     @property
-    def task_id(self) -> str:
-        """The study's task."""
-        return self.study.task.id
-
-    @property
-    def parent(self) -> str:
-        """Key of the study's own run."""
-        return self.identity.uuid
+    def journal(self) -> Journal:
+        """The journal. Raises InvalidInput."""
+        return self._journal or Journal(self.folder)
 
     def key(self, name: str) -> str:
         """Key of a configuration's run."""
@@ -63,45 +63,48 @@ class StudyViews:
 
     def keys(self) -> list[str]:
         """All keys, the study's own first. Raises InvalidInput."""
-        configs = self._journal().configs
-        return [self.parent, *(self.key(configuration_name(line.id)) for line in configs)]
+        names = [configuration_name(line.id) for line in self.journal.configs]
+        return [self.parent, *map(self.key, names)]
 
     def view(self, key: str) -> RunView:
         """View of the run with that key. Raises InvalidInput."""
-        journal = self._journal()
+        journal = self.journal
         if key == self.parent:
             return self._study(journal)
         for line in journal.configs:
             if self.key(configuration_name(line.id)) == key:
-                results = [result for result in journal.results if result.id == line.id]
-                return self._configuration(line, results)
+                return self._configuration(line, [r for r in journal.results if r.id == line.id])
         raise InvalidInput(f"study {self.study.name!r} has no run {key}")
 
-    def _journal(self) -> Journal:
-        return self.journal or Journal(self.study.folder)
+    def progress(self) -> tuple[str, str]:
+        """Number of results, and the incumbent's objective."""
+        brackets, results = self.lifetime.target, len(self.journal.results)
+        rungs = StudySettings.read(self.folder).schedule.brackets(brackets)
+        incumbent = StudySummary.of(self.journal).incumbent
+        best = "" if incumbent is None else f"{incumbent.loss:.0f} core s"
+        if brackets >= ENDLESS:
+            return f"{results} results", best
+        total = max(sum(rung.configurations for rung in rungs), results)
+        return f"{results}/{total} results", best
 
     def _study(self, journal: Journal) -> RunView:
-        study, ends = self.study, finals(self.study.folder)
-        lifetime = Lifetime.of(study.folder, self.identity.began, self.live)
-        summary = StudySummary.of(journal, study.schedule.brackets(lifetime.target))
+        study, ends = self.study, finals(self.folder)
+        summary = StudySummary.of(journal, study.schedule.brackets(self.lifetime.target))
         incumbent, settings = summary.incumbent, study.settings()
+        params = ("seed", "method", "prior", "budgets", "cycle", "base")
         name = "" if incumbent is None else configuration_name(incumbent.id)
-        return RunView(
-            self.parent,
-            study.name,
-            lifetime,
+        return self.own_run(
             {
-                **{name: settings[name] for name in _PARAMS},
+                **{name: settings[name] for name in params},
                 "task": study.task.id,
                 "space": study.space.name,
             },
-            {"bilevel.kind": KIND, "bilevel.incumbent": name},
-            (*study_points(summary), *(Point.of_final(end) for end in ends)),
-            tuple(_documents(study, summary, bool(ends))),
+            study_points(summary),
+            {"bilevel.incumbent": name},
+            documents=_documents(study, summary, bool(ends)),
             model=registered(study.folder, study.task.id, ends[-1]) if ends else None,
-            identity=self.identity,
             description=(
-                f"{study.method_name} over NES on **{study.task.id}**, recipe "
+                f"{METHODS[study.method]} over NES on **{study.task.id}**, recipe "
                 f"`{study.base.recipe}`, rule `{study.base.nes.update}`: search space "
                 f"`{study.space.name}`, budgets {settings['budgets']} core seconds. Each "
                 "nested run is one configuration. `objective` is the expected number of core "
@@ -113,12 +116,12 @@ class StudyViews:
         study, name = self.study, configuration_name(line.id)
         running = name in self.running
         failure = next((r.exception for r in results if r.exception is not None), None)
+        runs = ConfigurationRuns(study, line.id, line.configuration)
         try:
-            runs = ConfigurationRuns.read(study, line.id, line.configuration)
-        except InvalidInput:
+            runs.read()
+        except InvalidInput:  # an invalid configuration, which never ran
             if failure is None:
                 raise
-            runs = ConfigurationRuns(study, line.id, line.configuration)  # invalid, so it never ran
         tags = {
             "bilevel.kind": "configuration",
             "bilevel.bracket": str(line.id[0]),
@@ -127,12 +130,12 @@ class StudyViews:
         documents: list[Document] = []
         if failure is not None:
             tags["bilevel.error"] = last_line(failure)[:250]
-            documents.append(Document.of_text("error.txt", failure))
+            documents.append(Document.of("error.txt", failure))
         best = runs.best if runs.states else None
         if best is not None and not running:
             document = Document(BEST_FILE, f"generation {runs.generations}", lambda: se_bytes(best))
-            title = f"{study.name}, {name}"
-            documents += run_documents(runs.states, runs.run(0), title, document)
+            run = runs.run(0)
+            documents += run_documents(runs.states, run, f"{study.name}, {name}", document)
         points: list[Point] = []
         for number, state in enumerate(runs.states):
             before = len(points)
@@ -173,40 +176,10 @@ def study_points(summary: StudySummary) -> list[Point]:
             best[line.budget] = line.loss
             points.append(Point({f"best_at_{line.budget}": line.loss}, number, line.finished))
     if summary.validation is not None:
-        winner = summary.validation.winner
+        winner = summary.validation.finalists[0]
         values = {"validated_objective": winner.objective}
         points.append(Point(values, summary.validation.results, winner.finished))
     return points
-
-
-def hyperparameter_picture(study: Study, summary: StudySummary) -> Figure:
-    """Plot the values of all configurations, and the importance of each hyperparameter, of a study
-    with an incumbent."""
-    space, journal, incumbent = study.space.build(study.agents), summary.journal, summary.incumbent
-    assert incumbent is not None
-    tried = [unit_values(space, summary.configuration(id)) for id in summary.ranked]
-    return pictures.hyperparameters(
-        np.array(tried),
-        unit_values(space, summary.configuration(incumbent.id)),
-        unit_values(space, study.of_recipe),
-        tuple(space),
-        importance(space, journal),
-        f"{study.name}, {study.task.id}",
-    )
-
-
-def study_progress(folder: Path, brackets: int) -> Progress:
-    """Number of results of a study with that number of brackets, and the incumbent's objective.
-    Raises InvalidInput."""
-    journal = Journal(folder)
-    rungs = Study.schedule_in(folder).brackets(brackets)
-    incumbent = StudySummary.of(journal, rungs).incumbent
-    best = "" if incumbent is None else f"{incumbent.loss:.0f} core s"
-    results = len(journal.results)
-    if brackets >= ENDLESS:
-        return Progress(f"{results} results", best)
-    total = max(sum(rung.configurations for rung in rungs), results)
-    return Progress(f"{results}/{total} results", best)
 
 
 def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Document]:
@@ -219,26 +192,35 @@ def _documents(study: Study, summary: StudySummary, ended: bool) -> list[Documen
     version = f"{len(journal.results)} results"
     if summary.validation is not None:
         version += f", {summary.validation.results} validated"
-        documents.append(Document.of_text("validation.csv", validation_csv(summary)))
+        documents.append(Document.of("validation.csv", validation_csv(summary)))
 
-    def objectives() -> bytes:
-        return png(pictures.objective_against_cost(summary, study.task, study.name))
-
+    objectives = partial(pictures.objective_against_cost, summary, study.task, study.name)
     documents += [
-        Document("objective_against_cost.png", version, objectives),
-        Document.of_text("brackets.csv", brackets_csv(summary)),
-        Document.of_text("results.csv", results_csv(summary)),
-        *(Document.of_file(path, "journal/") for path in journal.paths),
+        Document("objective_against_cost.png", version, lambda: image(objectives())),
+        Document.of("brackets.csv", brackets_csv(summary)),
+        Document.of("results.csv", results_csv(summary)),
+        *(Document.of_file(study.folder / name, "journal/") for name in JOURNAL_FILES),
     ]
     if incumbent is not None:
-        values = summary.configuration(incumbent.id)
-        picture = Document(
-            "hyperparameters.png", version, lambda: png(hyperparameter_picture(study, summary))
-        )
+        values = journal.proposals[incumbent.id].configuration
+
+        def hyperparameters() -> bytes:
+            space, ranked = study.space.build(study.agents), summary.ranked
+            proposals = journal.proposals  # after the results: both grow
+            figure = pictures.hyperparameters(
+                np.array([unit_values(space, proposals[id].configuration) for id in ranked]),
+                unit_values(space, values),
+                unit_values(space, study.recipe_values),
+                tuple(space),
+                importance(space, journal),
+                f"{study.name}, {study.task.id}",
+            )
+            return image(figure)
+
         documents += [
-            picture,
-            Document.of_text("incumbent.json", json.dumps(values, indent=2)),
-            Document.of_text(RECIPE_FILE, study.recipe_text(incumbent.id, values)),
+            Document("hyperparameters.png", version, hyperparameters),
+            Document.of("incumbent.json", json.dumps(values, indent=2)),
+            Document.of(RECIPE_FILE, study.recipe_text(incumbent.id, values)),
         ]
     return documents
 

@@ -12,7 +12,6 @@ from cluster.cli.ses import given_se, load_se_of
 from cluster.storage.home import LONGEST_NAME, plain_name
 
 if TYPE_CHECKING:
-    from bilevel.hyperparameters import AgentHyperparameters
     from bilevel.synthetic_env import StoredSE
 
 
@@ -49,9 +48,21 @@ def evaluate(
     An SE is a file, a name in the zoo, or an address in MLflow (runs:/..., models:/...). Each of
     several kinds (--agent ddqn,td3) is trained --agents times.
     """
+    from bilevel.hyperparameters import default_agents
+    from bilevel.recipes import load_recipe
+    from search_spaces.translation import changed
+
     task, sources = _sources(given, real, se_task, options)
     common = RunOptions(task=task.id, recipe=recipe, **options)
-    kinds = _kinds(common, max_episodes, settings)
+    names = common.the_agents()
+    if recipe is None:
+        kinds = default_agents(names or ("ddqn",))
+    else:
+        kinds = load_recipe(recipe, task.id, names).agents
+    own = {f"{hp.agent}.max_episodes": max_episodes for hp in kinds if max_episodes is not None}
+    kinds = tuple(changed({hp.agent: hp for hp in kinds}, own | dict(settings)).values())
+    for hp in kinds:
+        hp.require_learning()
     vary = vary or "no"
     varied = "" if vary == "no" else f"-{vary}"
     suffix = f"-{'-'.join(hp.agent for hp in kinds)}{varied}-seed{common.seed}"
@@ -95,26 +106,6 @@ def _sources(
         raise InvalidInput(f"all sources must have the same task; got {', '.join(described)}")
     tasks[0].try_out()
     return tasks[0], sources
-
-
-def _kinds(
-    common: RunOptions, max_episodes: int | None, settings: tuple[tuple[str, Any], ...]
-) -> tuple["AgentHyperparameters", ...]:
-    """Return the hyperparameters of each kind of agent. Raises InvalidInput."""
-    from bilevel.hyperparameters import default_agents
-    from bilevel.recipes import load_recipe
-    from search_spaces.translation import changed
-
-    names = common.the_agents()
-    if common.recipe is None:
-        kinds = default_agents(names or ("ddqn",))
-    else:
-        kinds = load_recipe(common.recipe, common.task, names).agents
-    own = {f"{hp.agent}.max_episodes": max_episodes for hp in kinds if max_episodes is not None}
-    kinds = tuple(changed({hp.agent: hp for hp in kinds}, own | dict(settings)).values())
-    for hp in kinds:
-        hp.require_learning()
-    return kinds
 
 
 #: Experiments, all of them with the report, and the report.

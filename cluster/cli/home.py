@@ -18,7 +18,7 @@ from cluster.storage.home import Home
 @home_option
 def runs(home: Path) -> None:
     """List all studies and other runs: state, progress, best score."""
-    from cluster.catalog.overview import overview, print_overview
+    from cluster.catalog import overview, print_overview
     from cluster.session.terminal import Terminal
 
     lines = overview(Home(home))
@@ -45,7 +45,7 @@ def sync(run: str, home: Path, tracking_uri: str | None, agent_files: tuple[Path
     name.
     """
     from bilevel.agents import load_plugins
-    from cluster.catalog.sync import sync as write
+    from cluster.catalog import sync as write
     from cluster.ray.agent_files import load_agent_file
     from cluster.session.terminal import Terminal
 
@@ -82,7 +82,13 @@ def ui(home: Path, host: str, port: int) -> None:
     click.echo(f"MLflow UI: {server}{HOME_PAGE} (Ctrl-C stops it)")
     for task in tasks:
         click.echo(f"{task.name}: {server}{runs_page(task.experiment_id)}")
-    command = _mlflow_server(place, host, port)
+    # Clients write artifacts directly, so that the database can be used without the server.
+    command = [
+        *(sys.executable, "-m", "mlflow", "server", "--host", host, "--port", str(port)),
+        *("--workers", "1", "--uvicorn-opts", "--log-level error"),
+        *("--backend-store-uri", place.database_uri, "--registry-store-uri", place.database_uri),
+        *("--default-artifact-root", place.artifacts.as_uri()),
+    ]
     # Log only errors, and run no jobs for language models.
     environment = {
         **os.environ,
@@ -99,15 +105,3 @@ def ui(home: Path, host: str, port: int) -> None:
             sys.exit(process.wait())
         except KeyboardInterrupt:
             os.killpg(process.pid, signal.SIGTERM)
-
-
-def _mlflow_server(home: Home, host: str, port: int) -> list[str]:
-    """Return the command of an MLflow server on a home.
-
-    Clients write artifacts directly, so that the database can be used without the server.
-    """
-    command = [sys.executable, "-m", "mlflow", "server", "--host", host, "--port", str(port)]
-    command += ["--workers", "1", "--uvicorn-opts", "--log-level error"]
-    command += ["--backend-store-uri", home.database_uri]
-    command += ["--registry-store-uri", home.database_uri]
-    return [*command, "--default-artifact-root", home.artifacts.as_uri()]

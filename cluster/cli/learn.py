@@ -45,11 +45,10 @@ def nes(
     context = the_context(**options)
     folder = context.home.run_folder(task.id, name)
 
-    from cluster.nes.command import NESCommand, run_nes
+    from cluster.nes.command import run_nes
     from cluster.nes.run import NESRun
 
-    run = NESRun(task, hp, common.seed, folder)
-    run_nes(NESCommand(run, context, workers))
+    run_nes(NESRun(task, hp, common.seed, folder), context, workers)
 
 
 @click.command()
@@ -116,9 +115,7 @@ def bohb(
         PROFILES[profile], **{name: value for name, value in changes.items() if value is not None}
     )
     hp = common.the_hyperparameters(task, size.recipe, lambda recipe: sized(recipe, size))
-    searched = searched_space(
-        Space.of(size.space), task, hp, [*common.replaced.items()], size.prior
-    )
+    searched = searched_space(Space.of(size.space), task, hp, common.replaced, size.prior)
     context = the_context(**options)
     default = f"{method}-{profile}-{searched.name}{common.suffix(hp.recipe)}-seed{common.seed}"
     folder = context.home.run_folder(task.id, study or plain_name(default))
@@ -129,15 +126,7 @@ def bohb(
 
     schedule = Schedule.of(method, size.smallest_budget, size.largest_budget, size.cycle)
     defined = Study(folder, task, common.seed, searched, schedule, hp, method, size.prior)
-    command = StudyCommand(
-        defined,
-        context,
-        size.brackets,
-        size.time_budget,
-        size.final_agents,
-        workers_per_trial or 0,
-        concurrent_trials,
-    )
+    command = StudyCommand(defined, context, size, workers_per_trial or 0, concurrent_trials)
     if dry_run:
         estimate(command)
     else:

@@ -9,8 +9,7 @@ from bilevel.errors import InvalidInput
 from cluster.cli.evaluate import evaluate, experiment
 from cluster.cli.home import runs, sync, ui
 from cluster.cli.learn import bohb, nes
-from cluster.cli.ses import export_se, show
-from cluster.cli.zoo import recipe, zoo
+from cluster.cli.ses import export_se, recipe, show, zoo
 
 
 class _Program(click.Group):
@@ -42,9 +41,5 @@ def cli() -> None:
     """Learn synthetic environments for reinforcement learning."""
 
 
-for command in (
-    *(nes, bohb, evaluate, experiment),
-    *(show, recipe, zoo, export_se),
-    *(runs, sync, ui),
-):
+for command in (nes, bohb, evaluate, experiment, show, recipe, zoo, export_se, runs, sync, ui):
     cli.add_command(command)

@@ -63,11 +63,15 @@ class RunOptions:
     ) -> "Hyperparameters":
         """Return the recipe's hyperparameters, changed by `sized`, by `nes` (fields of NES; None
         keeps a value) and by the options."""
-        from bilevel.recipes import load_recipe
+        from bilevel.recipes import RECIPES, load_recipe
+        from cluster.bohb.study.definition import RECIPE_FILE
         from search_spaces.translation import to_hyperparameters
 
-        given = self.recipe or default_recipe
-        loaded = load_recipe(self._recipe_file(given, task), task.id, self.the_agents())
+        given = source = self.recipe or default_recipe
+        if given not in RECIPES and not given.endswith(".toml"):  # a study's incumbent
+            file = Home(self.home).run_folder(task.id, given) / RECIPE_FILE
+            source = str(file) if file.exists() else given
+        loaded = load_recipe(source, task.id, self.the_agents())
         hp = sized(replace(loaded, recipe=Path(given).name.removesuffix(".toml")))
         vary: Any = self.vary or hp.vary_agent
         own = {f"nes.{field}": value for field, value in nes.items() if value is not None}
@@ -78,16 +82,6 @@ class RunOptions:
         """Hyperparameters that the options replace, with their values."""
         own = {} if self.population is None else {"nes.population_size": self.population}
         return own | dict(self.settings)
-
-    def _recipe_file(self, given: str, task: Task) -> str | Path:
-        """Return the incumbent's recipe if `given` is a study on the task, else `given`."""
-        from bilevel.recipes import RECIPES
-        from cluster.bohb.study.definition import RECIPE_FILE
-
-        if given in RECIPES or given.endswith(".toml"):
-            return given
-        file = Home(self.home).run_folder(task.id, given) / RECIPE_FILE
-        return file if file.exists() else given
 
     def suffix(self, recipe: str) -> str:
         """Return the part of a default name that states recipe, agents and variation."""

@@ -1,18 +1,29 @@
-"""SEs on the command line, and the commands `show` and `export`."""
+"""SEs on the command line, and the commands `show`, `export`, `recipe` and `zoo`."""
 
 import io
+from collections.abc import Iterable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from bilevel.durable import write_file
 from bilevel.errors import InvalidInput
-from cluster.cli.options import FILE, home_option, task_option, tracking_option
+from cluster.cli.options import (
+    FILE,
+    POSITIVE,
+    address_option,
+    home_option,
+    task_option,
+    tracking_option,
+    workers_option,
+)
+from cluster.cli.run_options import the_context
 from cluster.storage.home import Home
 
 if TYPE_CHECKING:
     from bilevel.synthetic_env import StoredSE
+    from bilevel.zoo import Card
 
 
 def given_se(address: str, home: Path, tracking_uri: str | None) -> tuple[Path, str]:
@@ -83,14 +94,17 @@ def show(
     out = out or Path(f"{label}.png")
     stored = load_se_of(path, se_task)
 
-    from cluster.show import Portrait, picture
+    from cluster.pictures import image
+    from cluster.show import SEPlot, picture
 
-    portrait = Portrait.of(stored)
-    drawn = picture(portrait, f"{label}: a synthetic environment for {stored.task_id}")
-    content = io.BytesIO()
-    drawn.savefig(content, format=out.suffix[1:], dpi=150)
-    write_file(out, content.getvalue())
-    click.echo(portrait.sentence)
+    plot = SEPlot.of(stored)
+    drawn = picture(plot, f"{label}: a synthetic environment for {stored.task_id}")
+    write_file(out, image(drawn, out.suffix[1:]))
+    returns = [episode.total for episode in plot.episodes]
+    click.echo(
+        f"taking the action that the SE rewards most earns {sum(returns) / len(returns):.1f} on "
+        f"the real task ({min(returns):.1f} to {max(returns):.1f} in {len(returns)} episodes)"
+    )
     click.echo(f"picture: {out}")
 
 
@@ -124,3 +138,69 @@ def export_se(se: str, out: Path, home: Path, tracking_uri: str | None) -> None:
         torch.export.save(torch_program(stored), content)
     write_file(out, content.getvalue())
     click.echo(f"written: {out}")
+
+
+@click.command()
+@click.argument("name")
+@click.option(
+    "--task", default="CartPole-v0", show_default=True, help="Task for which the recipe is used."
+)
+def recipe(name: str, task: str) -> None:
+    """Print all hyperparameters of the recipe NAME (default, paper, authors or a file, *.toml)."""
+    from bilevel.recipes import complete_recipe
+
+    click.echo(complete_recipe(name, task), nl=False)
+
+
+@click.group(invoke_without_command=True)
+@click.pass_context
+def zoo(context: click.Context) -> None:
+    """List the SEs that come with this package; `zoo build` recreates one."""
+    if context.invoked_subcommand is not None:
+        return
+    from bilevel.zoo import ENTRIES, card
+
+    _print_zoo(card(name) for name in ENTRIES)
+    click.echo('use one with `import bilevel, gymnasium; gymnasium.make("bilevel/Synthetic-...")`')
+
+
+@zoo.command()
+@click.argument("name")
+@click.option(
+    "--folder",
+    type=click.Path(path_type=Path),
+    default=".",
+    show_default=True,
+    help="Folder for NAME.safetensors and its card NAME.json.",
+)
+@click.option("--agents", type=POSITIVE, default=50, help="Agents of each kind (default: 50).")
+@workers_option
+@address_option
+@tracking_option
+@home_option
+def build(name: str, folder: Path, agents: int, workers: int | None, **where: Any) -> None:
+    """Recreate the SE NAME and its card by an NES run and fresh agents trained on its SE.
+
+    The same command resumes after an interruption.
+    """
+    from bilevel.zoo import get_entry
+
+    entry, context = get_entry(name), the_context(**where)
+
+    from cluster.zoo import build as make
+
+    _print_zoo([make(entry, context, folder, agents, workers)])
+    click.echo(f"written: {folder / name}.safetensors and its card, .json")
+
+
+def _print_zoo(cards: Iterable["Card"]) -> None:
+    """Print one line for each SE and kind of agents trained on it."""
+    from bilevel.zoo import env_id
+
+    click.echo(f"{'gymnasium id':36}{'agents':>17}{'mean return':>13}{'solved':>8}{'steps':>8}")
+    for card in cards:
+        for row in card.scores:
+            click.echo(
+                f"{env_id(card.name):36}{f'{row.agents} {row.agent}':>17}{row.mean_return:13.1f}"
+                f"{row.solved_fraction:8.0%}{row.train_steps:8.0f}"
+            )

@@ -11,9 +11,9 @@ equal agents (paper, section "Evaluation Performance of SE-trained Agents").
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Container, Mapping
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from bilevel.agents.variation import draw_agent
 from bilevel.durable import write_aside
@@ -23,14 +23,15 @@ from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
 from cluster.evaluate.report import Group, as_json, as_table, groups_of, picture
-from cluster.evaluate.run import KIND, PICTURE_FILE, REPORT_FILE, RESULTS_FILE, EvaluationViews
-from cluster.pictures import png
+from cluster.evaluate.run import PICTURE_FILE, REPORT_FILE, RESULTS_FILE, EvaluationViews
+from cluster.pictures import image
 from cluster.ray.pool import EvaluationPool
-from cluster.session.context import RunContext
-from cluster.session.session import Session
+from cluster.session.context import RunContext, Session
 from cluster.session.terminal import count
 from cluster.storage.jsonl_log import JsonlLog
 from cluster.storage.run_folder import Final, add_final, settings_of
+
+_Key = TypeVar("_Key")
 
 
 @dataclass(frozen=True)
@@ -50,7 +51,7 @@ class EvaluateCommand:
     def settings(self) -> dict[str, Any]:
         """Return the settings that must stay the same on a resume, which may add agents."""
         return {
-            **settings_of(KIND, self.task, self.seed),
+            **settings_of(EvaluationViews.kind, self.task, self.seed),
             "vary": self.vary,
             "sources": {
                 label: "real" if se is None else se.se.digest for label, se in self.sources.items()
@@ -73,7 +74,7 @@ def run_evaluate(command: EvaluateCommand) -> list[Group]:
     folder = command.context.home.run_folder(command.task.id, command.name)
     with (
         command.context.connected(command.workers or 1) as driver,
-        EvaluationPool.on_cluster(command.workers) as pool,
+        EvaluationPool(command.workers) as pool,
         driver.session(folder, command.task.id, command.settings()) as session,
     ):
         session.introduce(
@@ -84,8 +85,18 @@ def run_evaluate(command: EvaluateCommand) -> list[Group]:
         views = EvaluationViews(folder, live=True)
         resume_hint = "run the same command again to add the missing agents"
         with session.live(views, command.agents, resume_hint):
-            groups = _evaluate(command, session, pool)
-            _report(command, session, groups)
+            groups, log = _evaluate(command, session, pool), session.terminal.log
+            log(as_table(groups))
+            write_aside(folder / REPORT_FILE, json.dumps(as_json(groups), indent=2).encode())
+            title = f"fresh agents of the evaluation\n{folder.name}"
+            write_aside(folder / PICTURE_FILE, image(picture(groups, command.task, title)))
+            # One metric per group: MLflow shows every metric of any run as a column of all runs.
+            means = {
+                f"test_return/{g.agent}/{g.source}": float(g.test_returns.mean()) for g in groups
+            }
+            add_final(folder, Final(command.agents, time.time(), means))
+            log(f"report: {folder / REPORT_FILE}; picture: {folder / PICTURE_FILE}")
+            log(f"MLflow {session.address}")
             return groups
 
 
@@ -94,61 +105,51 @@ def _evaluate(command: EvaluateCommand, session: Session, pool: EvaluationPool) 
     log = JsonlLog(session.folder / RESULTS_FILE)
     stored = log.decoded(tuple[str, str, int, EvaluationResult])
     results = {(label, agent, i): result for label, agent, i, result in stored}
-    needed = [
-        (label, hp, i)
+    agents = {
+        (label, hp.agent, i): (label, *command.agent(hp, i))
         for label in command.sources
         for hp in command.kinds
         for i in range(command.agents)
-    ]
-    missing = [(label, hp, i) for label, hp, i in needed if (label, hp.agent, i) not in results]
-    session.terminal.bar("evaluating", len(needed) - len(missing), len(needed), "agents")
+    }
 
-    def keep(result: EvaluationResult) -> None:
-        label, hp, i = missing[result.index]
+    def add(key: tuple[str, str, int], result: EvaluationResult) -> None:
         # The index among the requests of this call would differ after a resume.
-        results[label, hp.agent, i] = replace(result, index=i)
-        log.append([label, hp.agent, i, asdict(results[label, hp.agent, i])])
-        session.terminal.step()
+        results[key] = replace(result, index=key[-1])
+        log.append([*key, asdict(results[key])])
 
-    agents = [(label, *command.agent(hp, i)) for label, hp, i in missing]
-    train_agents(pool, command.task, command.sources, agents, keep)
+    train_agents(session, pool, command.task, command.sources, agents, results, add)
     grouped: dict[tuple[str, str], list[EvaluationResult]] = {}
-    for label, hp, i in needed:
-        grouped.setdefault((label, hp.agent), []).append(results[label, hp.agent, i])
+    for label, agent, i in agents:
+        grouped.setdefault((label, agent), []).append(results[label, agent, i])
     return groups_of(grouped, command.task.solved_reward)
 
 
 def train_agents(
+    session: Session,
     pool: EvaluationPool,
     task: Task,
     sources: Mapping[str, StoredSE | None],
-    agents: Sequence[tuple[str, AgentHyperparameters, int]],
-    keep: Callable[[EvaluationResult], None],
+    agents: Mapping[_Key, tuple[str, AgentHyperparameters, int]],
+    found: Container[_Key],
+    add: Callable[[_Key, EvaluationResult], None],
 ) -> None:
-    """Train agents, given by source, hyperparameters and seed, and test them on the task.
+    """Train the agents that are not in `found`, given by source, hyperparameters and seed, and test
+    them on the task. `add` stores a result.
 
     All sources are in one call, so that a slow agent leaves no core idle.
     """
+    missing = [key for key in agents if key not in found]
+    session.terminal.bar("training", len(agents) - len(missing), len(agents), "agents")
+
+    def keep(result: EvaluationResult) -> None:
+        session.guard.check()
+        add(missing[result.index], result)
+        session.terminal.step()
+
     ses = {label: se.se for label, se in sources.items() if se is not None}
     on: dict[str, TrainedOn] = {label: Given(number) for number, label in enumerate(ses)}
     requests = [
         EvaluationRequest(index, seed, hp, on.get(label, RealTask()))
-        for index, (label, hp, seed) in enumerate(agents)
+        for index, (label, hp, seed) in enumerate(agents[key] for key in missing)
     ]
     pool.run(task, tuple(ses.values()), requests, keep)
-
-
-def _report(command: EvaluateCommand, session: Session, groups: list[Group]) -> None:
-    """Print the table, write report and picture, and log the metrics to MLflow."""
-    folder, log = session.folder, session.terminal.log
-    for line in as_table(groups).splitlines():
-        log(line)
-    report = json.dumps(as_json(groups), indent=2)
-    write_aside(folder / REPORT_FILE, report.encode())
-    title = f"fresh agents of the evaluation\n{folder.name}"
-    write_aside(folder / PICTURE_FILE, png(picture(groups, command.task, title)))
-    # One metric per group, because MLflow shows every metric of any run as a column of all runs.
-    metrics = {f"test_return/{g.agent}/{g.source}": float(g.test_returns.mean()) for g in groups}
-    add_final(folder, Final(command.agents, time.time(), metrics))
-    log(f"report: {folder / REPORT_FILE}; picture: {folder / PICTURE_FILE}")
-    log(f"MLflow {session.shown_at(session.identity.uuid)}")

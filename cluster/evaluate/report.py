@@ -1,4 +1,4 @@
-"""Statistics, table and picture of an evaluation."""
+"""Statistics, tables and pictures of evaluations and experiments."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,13 +6,16 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bilevel.evaluation import EvaluationResult, comparable
 from bilevel.tasks import Task
-from cluster.evaluate.table import Row, table
 from cluster.pictures import BLUE, ORANGE
+
+Value = str | float | int | None
+Row = Mapping[str, Value]
 
 #: Columns of the printed table.
 _SHOWN = (
@@ -66,9 +69,9 @@ def groups_of(
     results: Mapping[tuple[str, str], Sequence[EvaluationResult]], solved_reward: float
 ) -> list[Group]:
     """Return a group per source and kind of agent, with comparable scores of diverged agents."""
-    levelled = iter(comparable([one for group in results.values() for one in group]))
+    compared = iter(comparable([one for group in results.values() for one in group]))
     return [
-        Group(source, agent, solved_reward, tuple(islice(levelled, len(group))))
+        Group(source, agent, solved_reward, tuple(islice(compared, len(group))))
         for (source, agent), group in results.items()
     ]
 
@@ -98,3 +101,32 @@ def picture(groups: Sequence[Group], task: Task, title: str) -> Figure:
     axes.legend(frameon=False)
     axes.set(ylabel=f"mean test return on {task.id}", title=title)
     return figure
+
+
+def shown(value: Value) -> str:
+    """Format a value with a sensible number of digits."""
+    if value is None or isinstance(value, str):
+        return value or "-"
+    if isinstance(value, int) or abs(value) >= 1000:
+        return f"{value:,.0f}"
+    return f"{value:.1f}" if abs(value) >= 10 else f"{value:.3g}"
+
+
+def with_spread(row: Row, name: str) -> str:
+    """Format a value, with its standard deviation if the row has it.
+
+    The standard deviation of NAME or NAME_mean is NAME_std.
+    """
+    spread = row.get(name.removesuffix("_mean") + "_std")
+    return shown(row.get(name)) + ("" if spread is None else f" ± {shown(spread)}")
+
+
+def heading(name: str) -> str:
+    """Return the name of a column in words."""
+    return name.removesuffix("_mean").replace("_", " ")
+
+
+def table(rows: Sequence[Row]) -> pd.DataFrame:
+    """Return the formatted rows; standard deviations join their means."""
+    names = dict.fromkeys(name for row in rows for name in row if not name.endswith("_std"))
+    return pd.DataFrame({heading(n): [with_spread(row, n) for row in rows] for n in names})

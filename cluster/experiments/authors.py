@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from importlib.resources import files
 
 from bilevel.decode import decode_json
-from cluster.evaluate.table import Row, Value, heading, with_spread
+from cluster.evaluate.report import Row, Value, heading, with_spread
 from cluster.experiments.conditions import REAL, title_of
 
 #: Columns of a summary that name the condition of its SEs.
@@ -22,7 +22,7 @@ class AuthorsFigure:
     what: str  # column
     value: float
     spread: float | None  # standard deviation
-    behind: str  # number of evaluations
+    evaluations: str  # their number
     source: str  # the paper, or their repository, automl/learning_environments
     note: str
 
@@ -48,7 +48,7 @@ def comparison(task_id: str, summaries: Mapping[str, Sequence[Row]]) -> list[Row
                 "condition": "; ".join(map(str, titled(row).values())),
                 "figure": heading(figure.what),
                 "authors": with_spread({"x": figure.value, "x_std": figure.spread}, "x"),
-                "evaluations (authors)": figure.behind,
+                "evaluations (authors)": figure.evaluations,
                 "ours, same condition": _value(ours, row, figure.what),
                 "ours, default recipe": "-"
                 if row.get("source") == REAL

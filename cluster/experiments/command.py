@@ -13,40 +13,43 @@ another machine that has a copy of the home.
 """
 
 import json
+import platform
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from importlib.metadata import version
 from typing import Any
 
 from bilevel.durable import write_aside
-from bilevel.evaluation import EvaluationResult
 from bilevel.hyperparameters import default_agents
+from bilevel.synthetic_env import load_se
 from bilevel.tasks import Task
+from bilevel.version import __version__
 from cluster.evaluate.command import train_agents
-from cluster.evaluate.table import table
+from cluster.evaluate.report import table
 from cluster.experiments.conditions import title_of
-from cluster.experiments.experiment import Evaluation, Experiment, Findings, Material, Plan, Source
+from cluster.experiments.experiment import Experiment, Findings, Material, Plan, Source
 from cluster.experiments.run import (
     DATA_FILE,
     FINDINGS_FILE,
-    KIND,
     RUNS_FILE,
     AgentResults,
     ExperimentViews,
     StoredFindings,
-    versions,
 )
 from cluster.experiments.sizes import Size
 from cluster.experiments.style import svg
 from cluster.nes.command import run_on
 from cluster.nes.run import NESRun
 from cluster.ray.pool import EvaluationPool
-from cluster.session.context import Driver, RunContext
-from cluster.session.session import Session
+from cluster.session.context import Driver, RunContext, Session
 from cluster.session.terminal import count
 from cluster.storage.author import Author
 from cluster.storage.jsonl_log import JsonlLog
-from cluster.storage.run_folder import Final, add_final, check_settings, settings_of
+from cluster.storage.run_folder import BEST_FILE, Final, add_final, check_settings, settings_of
+
+#: Packages that results may depend on.
+_PACKAGES = ("numpy", "numba", "scipy", "torch", "gymnasium", "ray", "mlflow", "matplotlib")
 
 
 @dataclass(frozen=True)
@@ -60,11 +63,6 @@ class ExperimentCommand:
     agents: tuple[str, ...] | None = None  # kinds of agents; None: each experiment's own
     workers: int | None = None  # actors; None: one per core of the cluster
 
-    def plan(self, experiment: Experiment) -> Plan:
-        """Return the experiment's subject. Raises InvalidInput."""
-        kinds = default_agents(self.agents or experiment.agents(self.task.id))
-        return Plan(self.task, self.size, self.size.trained(kinds), self.seed)
-
     def name(self, experiment: str) -> str:
         """Return the name of an experiment's folder."""
         named = "".join(f"-{agent}" for agent in self.agents or ())
@@ -72,8 +70,8 @@ class ExperimentCommand:
 
     def settings(self, experiment: str, kinds: Mapping[str, Any]) -> dict[str, Any]:
         """Return what must stay the same on a resume; the size may change."""
-        settings = settings_of(KIND, self.task, self.seed)
-        return {**settings, "experiment": experiment, "kinds": kinds}
+        own = {"experiment": experiment, "kinds": kinds}
+        return settings_of(ExperimentViews.kind, self.task, self.seed) | own
 
 
 def run_experiments(command: ExperimentCommand, experiments: Sequence[Experiment]) -> None:
@@ -82,13 +80,14 @@ def run_experiments(command: ExperimentCommand, experiments: Sequence[Experiment
     Raises InvalidInput before anything is written, StorageFailure if the disk is full. Ctrl-C
     loses at most a generation, or the agents that are being trained.
     """
-    plans = [(experiment, command.plan(experiment)) for experiment in experiments]
-    home, task = command.context.home, command.task
+    home, task, size = command.context.home, command.task, command.size
+    kinds = [default_agents(command.agents or one.agents(task.id)) for one in experiments]
+    plans = [Plan(task, size, size.trained(agents), command.seed) for agents in kinds]
     with (
         command.context.connected(command.workers or 1) as driver,
-        EvaluationPool.on_cluster(command.workers) as pool,
+        EvaluationPool(command.workers) as pool,
     ):
-        for experiment, plan in plans:
+        for experiment, plan in zip(experiments, plans, strict=True):
             settings = command.settings(
                 experiment.name, {hp.agent: asdict(hp) for hp in plan.kinds}
             )
@@ -121,17 +120,18 @@ class _Runner:
         with session.live(views, len(runs), resume_hint):
             self._finish(runs)
             results = AgentResults(session.folder)
-            sources = [Source.of_run(*place, run) for place, run in runs.items()]
+            sources = [
+                Source(*place, load_se(run.folder / BEST_FILE), run) for place, run in runs.items()
+            ]
             material = Material(sources, results.found, self._recorded)
             self._train(material, results)
             findings = experiment.conclude(plan, material)
             self._write(findings)
             metrics, done = dict(findings.metrics), len(runs) + len(results.found)
             add_final(session.folder, Final(done, time.time(), metrics))
-            for line in table(findings.summary).to_string(index=False).splitlines():
-                session.terminal.log(line)
+            session.terminal.log(table(findings.summary).to_string(index=False))
             session.terminal.log(f"data and pictures: {session.folder}")
-            session.terminal.log(f"MLflow {session.shown_at(session.identity.uuid)}")
+            session.terminal.log(f"MLflow {session.address}")
 
     def _finish(self, runs: Mapping[tuple[str, int], NESRun]) -> None:
         """Finish the NES run of every SE, seed by seed."""
@@ -155,21 +155,12 @@ class _Runner:
             # Equal agents on equal SEs have the same key and are trained once.
             needed = {one.key: one for one in self.experiment.evaluations(self.plan, material)}
             results.adopt(needed)
-            missing = [one for key, one in needed.items() if key not in results.found]
-            if not missing:
+            if needed.keys() <= results.found.keys():
                 return
-            self.session.terminal.bar("training", len(needed) - len(missing), len(needed), "agents")
-            self._evaluate(missing, results)
-
-    def _evaluate(self, missing: Sequence[Evaluation], results: AgentResults) -> None:
-        def keep(result: EvaluationResult) -> None:
-            self.session.guard.check()
-            results.add(missing[result.index].key, result)
-            self.session.terminal.step()
-
-        sources = {one.source.digest: one.source.se for one in missing}
-        agents = [(one.source.digest, one.hp, one.seed) for one in missing]
-        train_agents(self.pool, self.plan.task, sources, agents, keep)
+            sources = {one.source.digest: one.source.se for one in needed.values()}
+            agents = {key: (one.source.digest, one.hp, one.seed) for key, one in needed.items()}
+            session, task, add = self.session, self.plan.task, results.add
+            train_agents(session, self.pool, task, sources, agents, results.found, add)
 
     def _recorded(self, done: int, total: int) -> None:
         self.session.guard.check()
@@ -183,6 +174,7 @@ class _Runner:
         data: str = findings.data.to_csv(index=False, lineterminator="\n")
         write_aside(folder / DATA_FILE, data.encode())
         author = Author.of_this_process()
+        packages = {package: version(package) for package in _PACKAGES}
         stored = StoredFindings(
             self.experiment.name,
             self.plan.size,
@@ -190,7 +182,7 @@ class _Runner:
             tuple(f"{name}.svg" for name in findings.figures),
             tuple(dict(row) for row in findings.summary),
             tuple(findings.notes),
-            versions(),
+            {"bilevel": __version__, "python": platform.python_version(), **packages},
             author.command,
             author.commit,
         )

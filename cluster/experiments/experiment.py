@@ -21,15 +21,14 @@ from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.nes import NESState
 from bilevel.nes.requests import fresh_agent
 from bilevel.seeds import Purpose
-from bilevel.synthetic_env import StoredSE, load_se
+from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
-from cluster.evaluate.table import Row
+from cluster.evaluate.report import Row
 from cluster.experiments.conditions import CONDITIONS, REAL
 from cluster.experiments.sizes import AGENTS, Size
 from cluster.experiments.style import styled
 from cluster.nes.run import NESRun
 from cluster.storage.home import Home
-from cluster.storage.run_folder import BEST_FILE
 
 
 @dataclass(frozen=True)
@@ -84,11 +83,6 @@ class Source:
     se: StoredSE | None = None  # None: the real task
     run: NESRun | None = None  # which has finished
 
-    @classmethod
-    def of_run(cls, condition: str, number: int, run: NESRun) -> "Source":
-        """Load the SE of a finished run. Raises InvalidInput if its file is damaged."""
-        return cls(condition, number, load_se(run.folder / BEST_FILE), run)
-
     @property
     def state(self) -> NESState:
         """The last state of the run. Raises InvalidInput if its file is damaged or missing."""
@@ -118,10 +112,6 @@ class Evaluation:
         code = self.task.code_digest, get_agent(self.hp.agent).code_digest
         facts += [code] if any(code) else []
         return checksum(json.dumps(facts, sort_keys=True).encode())[:32]
-
-    def shorter(self, episodes: int) -> "Evaluation":
-        """Return the same agent with at most that many training episodes."""
-        return replace(self, hp=replace(self.hp, max_episodes=min(episodes, self.hp.max_episodes)))
 
 
 #: Results by the keys of the evaluations.

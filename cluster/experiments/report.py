@@ -4,7 +4,6 @@ The page embeds its pictures and loads no other file.
 """
 
 import base64
-import time
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from html import escape
@@ -14,14 +13,14 @@ import pandas as pd
 
 from bilevel.durable import write_aside
 from bilevel.errors import InvalidInput
-from cluster.evaluate.table import Row, table
+from cluster.evaluate.report import Row, table
 from cluster.experiments.authors import comparison, titled
 from cluster.experiments.command import ExperimentCommand
 from cluster.experiments.conditions import title_of
 from cluster.experiments.experiment import Experiment
 from cluster.experiments.figures import EXPERIMENTS
 from cluster.experiments.run import REPORT, REPORT_FILE, ExperimentViews, StoredFindings
-from cluster.storage.run_folder import Final, add_final, check_settings
+from cluster.storage.run_folder import check_settings
 
 _PAGE = """<!DOCTYPE html>
 <html lang="en">
@@ -44,28 +43,9 @@ Reinforcement Learning with Evolution Strategies (2021). Values are mean ± stan
 """
 
 
-def write_report(command: ExperimentCommand) -> Path:
-    """Write the report and log it to MLflow; return its path. Raises InvalidInput before anything
-    is written if no experiment has findings."""
-    text = report_of(command)
-    folder = command.context.home.run_folder(command.task.id, command.name(REPORT))
-    path = folder / REPORT_FILE
-    with (
-        command.context.offline() as driver,
-        driver.session(folder, command.task.id, command.settings(REPORT, {})) as session,
-    ):
-        views = ExperimentViews(folder, live=True)
-        with session.live(views, 0, "run the same command again"):
-            write_aside(path, text.encode())
-            add_final(folder, Final(0, time.time(), {"characters": float(len(text))}))
-        session.terminal.log(f"report: {path}")
-        session.terminal.log(f"MLflow {session.shown_at(session.identity.uuid)}")
-    return path
-
-
-def report_of(command: ExperimentCommand) -> str:
-    """Return the page. Raises InvalidInput if no experiment has findings, or if one has other
-    values of the task."""
+def write_report(command: ExperimentCommand) -> None:
+    """Write the report and log it to MLflow. Raises InvalidInput before anything is written if no
+    experiment has findings, or if one has other values of the task."""
     task, home = command.task, command.context.home
     found: dict[str, Sequence[Row]] = {}
     sections: list[str] = []
@@ -84,7 +64,16 @@ def report_of(command: ExperimentCommand) -> str:
     if compared := comparison(task.id, found):
         sections = ["<h2>The paper's figures and ours</h2>", _html(compared), *sections]
     title = escape(f"Synthetic environments for {task.id}")
-    return _PAGE.format(title=title, body="\n".join(sections))
+    page = _PAGE.format(title=title, body="\n".join(sections))
+    folder = home.run_folder(task.id, command.name(REPORT))
+    with (
+        command.context.offline() as driver,
+        driver.session(folder, task.id, command.settings(REPORT, {})) as session,
+    ):
+        with session.live(ExperimentViews(folder, live=True), 0, "run the same command again"):
+            write_aside(folder / REPORT_FILE, page.encode())
+        session.terminal.log(f"report: {folder / REPORT_FILE}")
+        session.terminal.log(f"MLflow {session.address}")
 
 
 def _section(experiment: Experiment, findings: StoredFindings, folder: Path) -> Iterator[str]:

@@ -8,28 +8,22 @@ data.csv          all values; NAME.svg: the pictures
 report.html       the report, in a folder of its own
 """
 
-import platform
 from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
-from bilevel.decode import decode, decode_file
+from bilevel.decode import decode_file
 from bilevel.errors import InvalidInput
 from bilevel.evaluation import EvaluationResult
-from bilevel.version import __version__
-from cluster.evaluate.table import Value
+from cluster.evaluate.report import Value
 from cluster.experiments.experiment import Found
 from cluster.experiments.figures import EXPERIMENTS
 from cluster.experiments.sizes import Size
 from cluster.storage.jsonl_log import JsonlLog
-from cluster.storage.run_folder import SETTINGS_FILE, Lifetime, Settings, finals, read_settings
-from cluster.tracking import Document, Point, Progress, RunView
-
-#: The kind of run in the settings.
-KIND = "experiment"
+from cluster.storage.run_folder import SETTINGS_FILE, Settings
+from cluster.tracking import Document, RunView, Views
 
 #: Name of the report among the experiments.
 REPORT = "report"
@@ -40,9 +34,6 @@ RESULTS_FILE, REPORT_FILE = "results.jsonl", "report.html"
 #: Files that MLflow stores, in addition to the pictures.
 _STORED = {SETTINGS_FILE, FINDINGS_FILE, DATA_FILE, REPORT_FILE, RUNS_FILE, RESULTS_FILE}
 
-#: Packages that results may depend on.
-_PACKAGES = ("numpy", "numba", "scipy", "torch", "gymnasium", "ray", "mlflow", "matplotlib")
-
 
 @dataclass(frozen=True, kw_only=True)
 class ExperimentSettings(Settings):
@@ -51,10 +42,7 @@ class ExperimentSettings(Settings):
     experiment: str
     kinds: dict[str, dict[str, Any]]  # hyperparameters by the agent's name
 
-    @classmethod
-    def read(cls, folder: Path) -> Self:
-        """Read the settings in a folder. Raises InvalidInput."""
-        return decode(cls, read_settings(folder), f"{str(folder)!r} holds no experiment")
+    noun = "experiment"
 
 
 @dataclass(frozen=True)
@@ -106,31 +94,18 @@ class AgentResults:
                 self.add(key, found[key])
 
 
-class ExperimentViews:
-    """The MLflow run of an experiment; `live` while this process works on it.
+class ExperimentViews(Views):
+    """The MLflow run of an experiment."""
 
-    Raises InvalidInput if its settings are damaged.
-    """
-
-    def __init__(self, folder: Path, live: bool = False) -> None:
-        self.folder, self.live = folder, live
-        self.settings = ExperimentSettings.read(folder)
-        self.task_id = self.settings.task.id
-
-    def keys(self) -> list[str]:
-        """Return the experiment's identity."""
-        return [self.settings.uuid]
+    kind = "experiment"
 
     def view(self, key: str) -> RunView:
         """Read the run from disk. Raises InvalidInput."""
-        settings, found = self.settings, StoredFindings.read(self.folder)
-        lifetime = Lifetime.of(self.folder, settings.began, self.live)
+        settings = ExperimentSettings.read(self.folder)
+        found, ended = StoredFindings.read(self.folder), self.lifetime.ended is not None
         experiment = EXPERIMENTS.get(settings.experiment)  # None for the report
         files = [p for p in self.folder.glob("*") if p.name in _STORED or p.suffix == ".svg"]
-        return RunView(
-            key,
-            self.folder.name,
-            lifetime,
+        return self.own_run(
             {
                 "experiment": settings.experiment,
                 "task": self.task_id,
@@ -138,25 +113,15 @@ class ExperimentViews:
                 "agents": settings.kinds,
             },
             # The size is a tag because it may change, and MLflow's parameters cannot.
-            {"bilevel.kind": KIND, **({"bilevel.size": found.size.name} if found else {})},
-            tuple(Point.of_final(end) for end in finals(self.folder)),
-            tuple(Document.of_file(path) for path in sorted(files) if lifetime.over),
-            identity=settings,
+            tags={"bilevel.size": found.size.name} if found else {},
+            documents=[Document.of_file(path) for path in sorted(files) if ended],
             description=experiment.explanation if experiment else "",
         )
 
-
-def experiment_progress(folder: Path, runs: int) -> Progress:
-    """Return the number of finished NES runs, of `runs`, and of trained agents. Raises
-    InvalidInput."""
-    if ExperimentSettings.read(folder).experiment == REPORT:
-        return Progress("1 page")
-    finished = len(JsonlLog(folder / RUNS_FILE).values)
-    agents = len(JsonlLog(folder / RESULTS_FILE).values)
-    return Progress(f"{min(finished, runs)}/{runs} SEs, {agents} agents")
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of Python and of the packages that results may depend on."""
-    packages = {package: version(package) for package in _PACKAGES}
-    return {"bilevel": __version__, "python": platform.python_version(), **packages}
+    def progress(self) -> tuple[str, str]:
+        """Return the number of finished NES runs, of `target`, and of trained agents."""
+        if ExperimentSettings.read(self.folder).experiment == REPORT:
+            return "1 page", ""
+        finished, runs = len(JsonlLog(self.folder / RUNS_FILE).values), self.lifetime.target
+        agents = len(JsonlLog(self.folder / RESULTS_FILE).values)
+        return f"{min(finished, runs)}/{runs} SEs, {agents} agents", ""

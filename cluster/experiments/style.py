@@ -1,7 +1,6 @@
 """Style of the experiments' pictures: vector graphics as wide as one column of the paper."""
 
 import contextlib
-import io
 from collections.abc import Iterator, Mapping
 from typing import Any
 
@@ -10,9 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from cluster.experiments.conditions import title_of
-
-#: Width in inches of a column of the paper.
-COLUMN = 3.4
+from cluster.pictures import image
 
 #: Colours of sources and conditions, which also differ in grey.
 COLOURS = {
@@ -45,8 +42,8 @@ def styled() -> Iterator[None]:
 
 
 def column(height: float) -> Figure:
-    """Return a figure of one column's width and that height in inches."""
-    return Figure(figsize=(COLUMN, height), layout="constrained")
+    """Return a figure of the width of a column of the paper and that height, in inches."""
+    return Figure(figsize=(3.4, height), layout="constrained")
 
 
 def panels(number: int, height: float, **options: Any) -> tuple[Figure, list[Axes]]:
@@ -77,7 +74,5 @@ def solved_line(axes: Axes, solved_reward: float) -> None:
 
 def svg(figure: Figure) -> bytes:
     """Return the content of the figure's SVG file, which depends only on the figure."""
-    buffer = io.BytesIO()
     with styled():
-        figure.savefig(buffer, format="svg", metadata={"Date": None})
-    return buffer.getvalue()
+        return image(figure, "svg", metadata={"Date": None})

@@ -19,52 +19,40 @@ from cluster.nes.selection import (
     export_best,
 )
 from cluster.nes.view import CURVE_FILE, NESViews
-from cluster.pictures import png
+from cluster.pictures import image
 from cluster.ray.pool import EvaluationPool
-from cluster.session.context import Driver, RunContext
-from cluster.session.session import Session
-from cluster.session.terminal import count, duration
+from cluster.session.context import Driver, RunContext, Session
+from cluster.session.terminal import Terminal, count, duration
 from cluster.storage.run_folder import LAST_FILE
 from cluster.tracking import Point
 from cluster.tracking.registry import model_address
 
 
-@dataclass(frozen=True)
-class NESCommand:
-    """An NES run, and where this command runs it."""
-
-    run: NESRun
-    context: RunContext
-    workers: int | None = None  # actors; None selects one per core of the cluster
-
-
-def run_nes(command: NESCommand) -> NESState:
-    """Run or resume until the SE is confirmed or generations run out; return the last state.
+def run_nes(run: NESRun, context: RunContext, workers: int | None = None) -> None:
+    """Run or resume until the SE is confirmed or generations run out, by default with one worker
+    per core of the cluster.
 
     Raises InvalidInput before anything is written, and StorageFailure if the disk is full.
     Ctrl-C loses at most the current generation.
     """
-    with (
-        command.context.connected(command.workers or 1) as driver,
-        EvaluationPool.on_cluster(command.workers) as pool,
-    ):
-        return run_on(command.run, driver, pool)
+    with context.connected(workers or 1) as driver, EvaluationPool(workers) as pool:
+        run_on(run, driver, pool)
 
 
-def run_on(run: NESRun, driver: Driver, pool: EvaluationPool) -> NESState:
+def run_on(run: NESRun, driver: Driver, pool: EvaluationPool) -> None:
     """Do the same over an existing connection and pool, so that runs can follow one another."""
     with driver.session(run.folder, run.task.id, run.settings()) as session:
-        return _Runner(run, session, pool).run_to_the_end()
+        _Runner(run, session, driver.terminal, pool).run_to_the_end()
 
 
+@dataclass(frozen=True)
 class _Runner:
-    def __init__(self, run: NESRun, session: Session, pool: EvaluationPool) -> None:
-        self.run = run
-        self.session = session
-        self.terminal = session.terminal
-        self.pool = pool
+    run: NESRun
+    session: Session
+    terminal: Terminal
+    pool: EvaluationPool
 
-    def run_to_the_end(self) -> NESState:
+    def run_to_the_end(self) -> None:
         """Run from the last checkpoint to the end."""
         run, nes = self.run, self.run.hp.nes
         self.session.introduce(
@@ -72,7 +60,7 @@ class _Runner:
             f"SE family {run.hp.se.family}, population {nes.population_size}, at most "
             f"{nes.generations} generations, {count(self.pool.size, 'worker')}, seed {run.seed}"
         )
-        views = NESViews(run, self.session.identity, live=True)
+        views = NESViews(run.folder, live=True)
         resume_hint = "run the same command again to resume after the last finished generation"
         with self.session.live(views, nes.generations, resume_hint) as mirror:
             state = run.open(self.terminal.log)
@@ -84,7 +72,6 @@ class _Runner:
                 if state.generation > before.generation:
                     mirror.append(self.session.identity.uuid, [Point.of(state.records[-1])])
             self._finish(state)
-            return state
 
     def _advance(self, state: NESState) -> NESState:
         """Run a generation, or a round of another phase, and log its result."""
@@ -116,32 +103,33 @@ class _Runner:
             )
         return after
 
-    def _best(self, state: NESState) -> Contender:
-        """Return the confirmed SE, or test the best SEs again."""
-        run, nes = self.run, self.run.nes
-        if state.confirmed:
-            return Contender(nes.best(state), run.hp)
-        contenders = [Contender(se, run.hp) for se in (nes.current(state), *nes.candidates(state))]
-        self.terminal.log(f"retesting the {len(contenders)} best SEs with fresh agents")
-        self.terminal.bar("retesting", 0, agents_needed(len(contenders), RETEST), "tests")
-        seed = (run.seed, state.generation)
-        return choose_best(run.task, contenders, seed, self.pool, self.terminal.step)
-
     def _finish(self, state: NESState) -> None:
-        run, log = self.run, self.terminal.log
-        solved = state.solved(run.hp.nes, run.task.solved_reward)
-        reason = "solved" if solved else "all generations done"
+        """Score the confirmed SE, or the best one of a retest, with fresh agents."""
+        run, nes, log = self.run, self.run.nes, self.terminal.log
+        reason = "all generations done"
         if state.confirmed:
             reason = "solved and confirmed"
+        elif state.solved(run.hp.nes, run.task.solved_reward):
+            reason = "solved"
         elapsed = duration(time.monotonic() - self.terminal.started)
         log(f"{reason}: {count(state.generation, 'generation')} in {elapsed}")
         steps_before = self.pool.real_env_steps
-        best = self._best(state)
+        if state.confirmed:
+            best = Contender(nes.best(state), run.hp)
+        else:
+            ses = nes.current(state), *nes.candidates(state)
+            log(f"retesting the {len(ses)} best SEs with fresh agents")
+            self.terminal.bar("retesting", 0, agents_needed(len(ses), RETEST), "tests")
+            contenders, seed = [Contender(se, run.hp) for se in ses], (run.seed, state.generation)
+            best = choose_best(run.task, contenders, seed, self.pool, self.terminal.step)
         score = evaluate_holdout(run.task, best, FINAL_AGENTS, (run.seed,), self.pool)
         tests = self.pool.real_env_steps - steps_before
-        self._save_last(state)
+        last, last_file = nes.current(state), run.folder / LAST_FILE
+        last_file.unlink(missing_ok=True)
+        if last.se.finite:
+            save_se(last, last_file)
         figure = learning_curve(state.records, run.task, f"{run.folder.name} on {run.task.id}")
-        write_aside(run.folder / CURVE_FILE, png(figure))
+        write_aside(run.folder / CURVE_FILE, image(figure))
         path, real_steps = export_best(
             best.se, score, run.folder, state.generation, state.real_env_steps, tests
         )
@@ -149,15 +137,8 @@ class _Runner:
         log(f"{real_steps} steps on the real task, including the scale of observations")
         model = model_address(run.task.id, "newest")
         log(f"best SE: {path}  ({model} in MLflow's model registry)")
-        log(f"learning curve: {self.session.shown_at(self.session.identity.uuid)}")
+        log(f"learning curve: {self.session.address}")
         log(f'use the SE with `gymnasium.make("bilevel/SyntheticEnv-v0", path="{path}")`')
-
-    def _save_last(self, state: NESState) -> None:
-        """Save the SE after the last step, unless its parameters have diverged."""
-        last, path = self.run.nes.current(state), self.run.folder / LAST_FILE
-        path.unlink(missing_ok=True)
-        if last.se.finite:
-            save_se(last, path)
 
 
 def generation_line(record: GenerationRecord, best: float) -> str:

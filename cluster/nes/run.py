@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Protocol
 
-from bilevel.decode import decode
 from bilevel.errors import InvalidInput, OtherVersion, StorageFailure
 from bilevel.evaluation import EvaluationRequest, EvaluationResult, SESource
 from bilevel.hyperparameters import Hyperparameters, NESHyperparameters, StoredHyperparameters
 from bilevel.nes import NES, NESState
 from bilevel.tasks import Task
-from cluster.storage.run_folder import RunStatus, Settings, read_settings, settings_of
+from cluster.storage.run_folder import RunStatus, Settings, settings_of
 
 STATE_FILE = "state.safetensors"
 
@@ -23,9 +22,7 @@ KIND = "nes"
 class Pool(Protocol):
     """Evaluates requests, such as the actors of `cluster.ray.pool.EvaluationPool`."""
 
-    @property
-    def size(self) -> int:
-        """Number of cores."""
+    size: int  # number of cores
 
     def run(
         self,
@@ -47,6 +44,8 @@ def start_of(nes: NESHyperparameters) -> str:
 @dataclass(frozen=True, kw_only=True)
 class NESSettings(Settings, StoredHyperparameters):
     """Settings of an NES run: its hyperparameters without `nes.generations`."""
+
+    noun = "NES run"
 
 
 @dataclass(frozen=True)
@@ -73,14 +72,13 @@ class NESRun:
     @classmethod
     def read(cls, folder: Path) -> "NESRun":
         """Read the run in a folder. Raises InvalidInput."""
-        wrong = f"{str(folder)!r} holds no NES run"
-        settings, status = decode(NESSettings, read_settings(folder), wrong), RunStatus.load(folder)
+        settings, status = NESSettings.read(folder), RunStatus.load(folder)
         generations = 1 if status is None else status.target
         whole = replace(settings, nes={**settings.nes, "generations": generations})
         try:
             return cls(settings.task, whole.checked(), settings.seed, folder)
         except InvalidInput as error:
-            raise InvalidInput(f"{wrong}: {error}") from None
+            raise InvalidInput(f"{str(folder)!r} holds no NES run: {error}") from None
 
     @property
     def nes(self) -> NES:
@@ -100,14 +98,9 @@ class NESRun:
         """The checkpoint."""
         return self.folder / STATE_FILE
 
-    @property
-    def begun(self) -> bool:
-        """A checkpoint exists; it may be damaged."""
-        return self.state_file.exists()
-
     def load(self) -> NESState | None:
         """Return the state on disk, if there is one. Raises InvalidInput if it is damaged."""
-        return self.nes.load(self.state_file) if self.begun else None
+        return self.nes.load(self.state_file) if self.state_file.exists() else None
 
     def load_if_sound(self) -> NESState | None:
         """Return the state on disk, or None if it is missing or damaged. Raises StorageFailure if

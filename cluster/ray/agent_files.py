@@ -40,14 +40,12 @@ class AgentFile:
 LOADED: list[AgentFile] = []
 
 
-def load_agent_file(file: Path) -> tuple[str, ...]:
-    """Import a file that registers agents, also in actors that start later.
-
-    Return the names of its agents, or nothing if it is already imported. Raises InvalidInput.
-    """
+def load_agent_file(file: Path) -> None:
+    """Import a file that registers agents, once, also in actors that start later. Raises
+    InvalidInput."""
     path, known = file.resolve(), registered_agents()
     if any(agent_file.path == path for agent_file in LOADED):
-        return ()
+        return
     if file.stem in {*sys.modules, *sys.stdlib_module_names}:
         raise InvalidInput(
             f"agent file {str(file)!r} has the name of another module, {file.stem}: rename it"
@@ -58,12 +56,10 @@ def load_agent_file(file: Path) -> tuple[str, ...]:
     except (Exception, SystemExit) as error:
         raise InvalidInput(f"agent file {str(file)!r}: {type(error).__name__}: {error}") from None
     LOADED.append(agent_file)
-    registered = tuple(name for name in registered_agents() if name not in known)
-    if not registered:
+    if {*registered_agents()} <= {*known}:
         raise InvalidInput(
             f"agent file {str(file)!r} registers no agent: end it with register_agent(...)"
         )
-    return registered
 
 
 def runtime_env(local: bool) -> dict[str, Any] | None:

@@ -6,8 +6,6 @@ import signal
 import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
-from typing import Self
 
 import ray
 from loky import cpu_count
@@ -93,28 +91,17 @@ def _require_reachable(address: str) -> None:
         raise InvalidInput(f"no Ray cluster at {address!r}: {error}") from None
 
 
-@dataclass(frozen=True)
-class Capacity:
-    """Cores of a cluster."""
+def cluster_cores() -> int:
+    """Return the current number of cores of the connected cluster, at least 1."""
+    return max(int(ray.cluster_resources().get("CPU", 0)), 1)
 
-    cores: int
 
-    @classmethod
-    def of_cluster(cls) -> Self:
-        """Return the current capacity of the connected cluster."""
-        return cls(int(ray.cluster_resources().get("CPU", 0)))
-
-    def trials(self, workers: int) -> int:
-        """Return how many trials of `workers` cores run at a time, at least 1."""
-        return max(self.cores // workers, 1)
-
-    def require(self, workers: int, trials: int = 1) -> None:
-        """Raise InvalidInput if the cluster has fewer cores than `trials` trials need."""
-        if workers * trials > self.cores:
-            raise InvalidInput(
-                f"{trials} x {workers} workers need {trials * workers} cores: the cluster has "
-                f"{self.cores}"
-            )
+def require_cores(cores: int, workers: int, trials: int = 1) -> None:
+    """Raise InvalidInput if a cluster of `cores` cores has fewer than `trials` trials need."""
+    if workers * trials > cores:
+        raise InvalidInput(
+            f"{trials} x {workers} workers need {trials * workers} cores: the cluster has {cores}"
+        )
 
 
 def require_server_for_nodes(tracking_uri: str) -> None:

@@ -15,7 +15,7 @@ from ray.exceptions import RayError, RayTaskError
 from bilevel.errors import InvalidInput, first_line
 from bilevel.evaluation import Centre, EvaluationRequest, EvaluationResult, SESource, evaluate
 from bilevel.tasks import Task
-from cluster.ray.connection import Capacity
+from cluster.ray.connection import cluster_cores
 
 #: Requests that an actor evaluates in one call.
 Batch = tuple[EvaluationRequest, ...]
@@ -45,31 +45,24 @@ class NoActorStarts(ActorsDied):
 class _Worker:
     """Actor that evaluates requests one after the other."""
 
-    def ready(self) -> None:
-        """Return once the actor has started."""
-
     def evaluate(self, task: Task, se: SESource, batch: Batch) -> list[EvaluationResult]:
         return [evaluate(task, se, request) for request in batch]
 
 
 class EvaluationPool:
-    """A pool of `workers` actors with one core each, of which those with a core do all the work."""
+    """A pool of `workers` actors with one core each, by default one per core of the cluster. Those
+    with a core do all the work."""
 
-    def __init__(self, workers: int) -> None:
+    def __init__(self, workers: int | None = None) -> None:
         #: Number of actors.
-        self.size = workers
+        self.size = cluster_cores() if workers is None else workers
         self._started: list[Any] = []
-        self._starting: dict[Any, Any] = {}  # actors by the reference of their call of `ready`
+        self._starting: dict[Any, Any] = {}  # actors by a reference that is ready once they start
         self._deaths_at_start = 0
-        for _ in range(workers):
+        for _ in range(self.size):
             self._start_actor()
         #: Steps on the real task that the evaluations have made.
         self.real_env_steps = 0
-
-    @classmethod
-    def on_cluster(cls, workers: int | None) -> Self:
-        """Return a pool of `workers` actors, by default one per core of the cluster."""
-        return cls(workers or Capacity.of_cluster().trials(1))
 
     def __enter__(self) -> Self:
         return self
@@ -128,7 +121,7 @@ class EvaluationPool:
 
     def _start_actor(self) -> None:
         actor = ray.remote(_Worker).options(num_cpus=1).remote()
-        self._starting[actor.ready.remote()] = actor
+        self._starting[actor.__ray_ready__.remote()] = actor
 
     def _register_start(self, reference: Any) -> None:
         """Register an actor that has started, or replace an actor that died at start."""

@@ -1,6 +1,5 @@
 """Progress output: one line per event and, on a terminal, a live bar."""
 
-import math
 import time
 from contextlib import suppress
 from typing import Self
@@ -74,12 +73,8 @@ class Terminal:
         with suppress(OSError):
             self.console.print(text, markup=False)
 
-    def bar(
-        self, title: str, done: float, total: float, unit: str, note: str = "", eta: float = 0.0
-    ) -> None:
-        """Update the bar. An `eta` (remaining seconds) of 0 or infinity is not shown."""
-        remaining = f"ETA {duration(eta)}" if 0 < eta < math.inf else ""
-        note = ", ".join(filter(None, (remaining, note)))
+    def bar(self, title: str, done: float, total: float, unit: str, note: str = "") -> None:
+        """Update the bar."""
         with suppress(OSError):
             self._bar.update(
                 self._task, description=title, completed=done, total=total, unit=unit, note=note

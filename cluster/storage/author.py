@@ -5,6 +5,7 @@ import re
 import shlex
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Self
@@ -28,14 +29,10 @@ class Author:
         """Return the author of runs that this process creates."""
         program, *arguments = sys.argv
         words = [Path(program).name, *map(without_password, arguments)]
-        return cls(_user(), shlex.join(words), commit())
-
-
-def _user() -> str:
-    try:
-        return getpass.getuser()
-    except (KeyError, OSError):  # a container's user without a name
-        return ""
+        user = ""
+        with suppress(KeyError, OSError):  # a container's user without a name
+            user = getpass.getuser()
+        return cls(user, shlex.join(words), commit())
 
 
 def without_password(text: str) -> str:

@@ -28,27 +28,16 @@ class Home:
         self.folder = folder.resolve()
         if set("?%") & set(str(self.folder)):
             raise InvalidInput(f"home {str(folder)!r}: its path must not contain '?' or '%'")
+        #: MLflow's database, its tracking URI, which is the default one, and its artifacts.
+        self.database = self.folder / "mlflow.db"
+        self.database_uri = f"sqlite:///{self.database}"
+        self.artifacts = self.folder / "artifacts"
 
     def hint(self, command: str) -> str:
         """Return how users call `bilevel COMMAND` on this home, for messages."""
         default = self.folder == DEFAULT_HOME.resolve()
         option = "" if default else f" --home {shlex.quote(str(self.folder))}"
         return f"`bilevel {command}{option}`"
-
-    @property
-    def database(self) -> Path:
-        """The file of the home's MLflow database."""
-        return self.folder / "mlflow.db"
-
-    @property
-    def database_uri(self) -> str:
-        """The default tracking URI: the home's SQLite database."""
-        return f"sqlite:///{self.database}"
-
-    @property
-    def artifacts(self) -> Path:
-        """The folder of the artifacts of that database."""
-        return self.folder / "artifacts"
 
     def run_folder(self, task_id: str, name: str) -> Path:
         """Return the folder of a named run. Raises InvalidInput for a name that is not allowed."""

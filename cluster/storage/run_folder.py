@@ -15,7 +15,7 @@ import uuid
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from filelock import FileLock, Timeout
 from pydantic import Field, FiniteFloat, NonNegativeInt, PlainValidator
@@ -65,12 +65,12 @@ class RunIdentity:
     author: Author | None = None
 
     @classmethod
-    def read(cls, folder: Path) -> "RunIdentity":
+    def read(cls, folder: Path) -> Self:
         """Read the identity from a run's folder. Raises InvalidInput."""
         settings = read_settings(folder)
-        names = {spec.name for spec in fields(RunIdentity)} & settings.keys()
+        names = {spec.name for spec in fields(cls)} & settings.keys()
         where = f"damaged settings {str(folder / SETTINGS_FILE)!r}"
-        return decode(RunIdentity, {name: settings[name] for name in names}, where)
+        return decode(cls, {name: settings[name] for name in names}, where)
 
 
 @dataclass(frozen=True)
@@ -86,16 +86,10 @@ class Lifetime:
     def of(cls, folder: Path, began: float, live: bool) -> "Lifetime":
         """Return the lifetime of a run. `live`: this process works on it. Raises InvalidInput."""
         stored = RunStatus.load(folder) or RunStatus("KILLED", began, 0)
-        if stored.status != "RUNNING":
-            return cls(stored.status, began, stored.since, stored.target)
-        if live:
-            return cls("RUNNING", began, None, stored.target)
-        return cls("KILLED", began, stored.since, stored.target)
-
-    @property
-    def over(self) -> bool:
-        """True once the run has ended."""
-        return self.ended is not None
+        if stored.status == "RUNNING":
+            ended = None if live else stored.since
+            return cls("RUNNING" if live else "KILLED", began, ended, stored.target)
+        return cls(stored.status, began, stored.since, stored.target)
 
 
 @dataclass(frozen=True)
@@ -139,9 +133,8 @@ def locked_settings(folder: Path, settings: dict[str, Any]) -> Iterator[RunIdent
     """
     path = folder / SETTINGS_FILE
     with held(folder):
-        if path.exists():
-            check_settings(folder, settings)
-        else:
+        check_settings(folder, settings)
+        if not path.exists():
             identity = RunIdentity(uuid.uuid4().hex, time.time(), Author.of_this_process())
             new = {**asdict(identity), "format": RUN_FORMAT, **settings}
             write_aside(path, json.dumps(new, indent=2).encode())
@@ -223,3 +216,11 @@ class Settings(RunIdentity):
     kind: str
     task: Annotated[Task, PlainValidator(stored_task)]
     seed: NonNegativeInt
+
+    #: The kind of run in messages.
+    noun: ClassVar[str]
+
+    @classmethod
+    def read(cls, folder: Path) -> Self:
+        """Read the settings in a run's folder. Raises InvalidInput."""
+        return decode(cls, read_settings(folder), f"{str(folder)!r} holds no {cls.noun}")

@@ -2,6 +2,6 @@
 
 from cluster.tracking.mirror import Mirror
 from cluster.tracking.tracker import Tracker
-from cluster.tracking.view import Document, Point, Progress, RegisteredSE, RunView, Views
+from cluster.tracking.view import Document, Point, RegisteredSE, RunView, Views
 
-__all__ = ["Document", "Mirror", "Point", "Progress", "RegisteredSE", "RunView", "Tracker", "Views"]
+__all__ = ["Document", "Mirror", "Point", "RegisteredSE", "RunView", "Tracker", "Views"]

@@ -110,9 +110,9 @@ class Mirror:
         """Return the view of a run. Raises InvalidInput, because an error is one of the run."""
         try:
             return self._view_of(key)
-        except InvalidInput:
-            raise
         except Exception as error:
+            if isinstance(error, InvalidInput):
+                raise
             raise InvalidInput(f"cannot show a run: {type(error).__name__}: {error}") from None
 
     def _retry_later(self, key: str, error: Exception, delay: float) -> None:

@@ -44,42 +44,39 @@ def register_se(client: Any, run_id: str, se: RegisteredSE) -> None:
     if not versions:
         versions = [client.create_model_version(name, source, run_id, tags=tags)]
     holders = client.get_registered_model(name).aliases
-    for alias, rank in (("best", _quality), ("newest", _age)):
+    for alias, rank in _ranks(tags).items():
         holder = holders.get(alias)
-        if holder is None or rank(client.get_model_version(name, holder).tags) < rank(tags):
+        if holder is None or _ranks(client.get_model_version(name, holder).tags)[alias] < rank:
             client.set_registered_model_alias(name, alias, versions[0].version)
 
 
 def _upload(client: Any, run_id: str, se: RegisteredSE, folder: str) -> StoredSE:
     """Upload an SE as an MLflow model, and return it."""
     import mlflow.pyfunc
+    from mlflow.models import ModelSignature
+    from mlflow.types import ColSpec, DataType, Schema
 
     with tempfile.TemporaryDirectory() as temporary, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         model, file = Path(temporary) / "model", Path(temporary) / se.file.path
         file.write_bytes(se.file.content())
         stored = load_se(file)
+        # MLflow shows and checks the columns of the model's input and output.
+        states = [f"state_{i}" for i in range(stored.se.architecture.state_size)]
+        inputs = [ColSpec(DataType.double, name) for name in states]
+        outputs = [f"next_{name}" for name in states] + ["reward", "done"]
         mlflow.pyfunc.save_model(
             model,
             loader_module="cluster.tracking.se_model",
             data_path=str(file),
-            signature=_signature(stored),
+            signature=ModelSignature(
+                Schema([*inputs, ColSpec(DataType.long, "action")]),
+                Schema([ColSpec(DataType.float, name) for name in outputs]),
+            ),
             pip_requirements=[],  # loading needs this package anyway
         )
         client.log_artifacts(run_id, str(model), folder)
     return stored
-
-
-def _signature(se: StoredSE) -> Any:
-    """Columns of the model's input and output, which MLflow shows and checks."""
-    from mlflow.models import ModelSignature
-    from mlflow.types import ColSpec, DataType, Schema
-
-    states = [f"state_{i}" for i in range(se.se.architecture.state_size)]
-    inputs = [ColSpec(DataType.double, name) for name in states]
-    outputs = [ColSpec(DataType.float, f"next_{name}") for name in states]
-    outputs += [ColSpec(DataType.float, name) for name in ("reward", "done")]
-    return ModelSignature(Schema([*inputs, ColSpec(DataType.long, "action")]), Schema(outputs))
 
 
 def _variant(se: StoredSE) -> dict[str, str]:
@@ -89,14 +86,11 @@ def _variant(se: StoredSE) -> dict[str, str]:
     return {_VARIANT: f"{limit} steps, solved at {solved:g}"}
 
 
-def _age(tags: Mapping[str, str]) -> tuple[float, ...]:
-    return (float(tags.get(_TIME, "-inf")),)
-
-
-def _quality(tags: Mapping[str, str]) -> tuple[float, ...]:
-    score = float(tags.get("final_score_mean", "-inf"))
+def _ranks(tags: Mapping[str, str]) -> dict[str, tuple[float, ...]]:
+    """Return the rank of a version by alias; the highest one has the alias."""
+    saved, score = float(tags.get(_TIME, "-inf")), float(tags.get("final_score_mean", "-inf"))
     steps = float(tags.get("final_train_steps_mean", "inf"))
-    return _VARIANT not in tags, score, -steps, *_age(tags)
+    return {"best": (_VARIANT not in tags, score, -steps, saved), "newest": (saved,)}
 
 
 def _model_name(task_id: str) -> str:

@@ -10,17 +10,17 @@ Repeating a write changes nothing. A point carries the time of its event, and ML
 keeps one row per metric, step, time and value.
 """
 
-import copy
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from bilevel.errors import InvalidInput, first_line
 from cluster.storage.author import without_password
+from cluster.storage.home import Home
 from cluster.tracking.connection import connected
 from cluster.tracking.registry import register_se
 from cluster.tracking.view import Document, Point, RunView
@@ -29,8 +29,6 @@ from cluster.tracking.view import Document, Point, RunView
 KEY, _DOCUMENTS = "bilevel.key", "bilevel.documents"
 #: MLflow's documented tag for the description of a run.
 _NOTE = "mlflow.note.content"
-#: Points per request: a generation has about 20 metrics, and MLflow accepts 1000.
-_BATCH = 40
 _WORKFLOW = "workflowType=machine_learning"
 #: Page of all experiments. Without the workflow type, the UI opens its pages for language models.
 HOME_PAGE = f"/#/experiments?{_WORKFLOW}"
@@ -52,38 +50,33 @@ class _Run:
 
 
 class Tracker:
-    """Writes the runs of one task to an MLflow server or database.
+    """Writes the runs of one task to an MLflow server or database. Several threads may share it.
 
-    `artifacts` is the folder of artifacts if `uri` is a database, which stores no files. Raises
-    InvalidInput if MLflow cannot be reached.
+    Artifacts are files in `home` if `uri` is a database, which stores no files. Raises InvalidInput
+    if MLflow cannot be reached.
     """
 
-    def __init__(self, uri: str, task_id: str, artifacts: Path) -> None:
-        self.uri = uri
+    def __init__(self, uri: str, task_id: str, home: Home) -> None:
+        self.uri, self.home = uri, home
         self._runs: dict[str, _Run] = {}
-        location = (artifacts / task_id).resolve().as_uri() if self.server is None else None
+        self._served = uri.startswith("http")
+        location = None if self._served else (home.artifacts / task_id).as_uri()
         with connected(uri) as self._client:
             self.experiment_id = _experiment(self._client, task_id, location)
 
-    def another(self) -> Self:
-        """Return a tracker of the same task and MLflow for another thread. It does not connect, so
-        MLflow may be unreachable."""
-        other = copy.copy(self)
-        other._runs = {}
-        return other
-
-    @property
-    def server(self) -> str | None:
-        """Address of the MLflow server; None for a database."""
-        return self.uri.rstrip("/") if self.uri.startswith("http") else None
-
-    def page(self, key: str | None = None) -> str:
-        """Path of the UI's page of the run with that key, or of all runs of the task."""
+    def address(self, key: str | None = None) -> str:
+        """Address of the run with that key, or of all runs of the task; for the home's database
+        with the command that serves it."""
         run_id = None
         if key is not None:
             with suppress(Exception):  # MLflow is unreachable
                 run_id = self._run_id(key)
-        return runs_page(self.experiment_id, run_id)
+        page, uri = runs_page(self.experiment_id, run_id), without_password(self.uri)
+        if self._served:
+            return uri.rstrip("/") + page
+        if self.uri != self.home.database_uri:
+            return f"{uri}, experiment {self.experiment_id}"
+        return f"http://127.0.0.1:5000{page} (after {self.home.hint('ui')})"
 
     def show(self, view: RunView) -> None:
         """Write the parts of the view that MLflow lacks.
@@ -99,8 +92,8 @@ class Tracker:
             self._runs[view.key] = run
             self._write_documents(run, view)
         except MlflowException as error:
-            if not _rejected(error):
-                raise
+            if error.error_code not in ("INVALID_PARAMETER_VALUE", "RESOURCE_DOES_NOT_EXIST"):
+                raise  # MLflow is unreachable
             reason = without_password(first_line(error))
             raise InvalidInput(f"{view.name}: MLflow rejects the run ({reason})") from None
 
@@ -161,7 +154,7 @@ class Tracker:
 
         self._client.log_batch(
             run.id,
-            params=[Param(name, str(value)) for name, value in _flatten(view.params).items()],
+            params=[Param(name, str(value)) for name, value in _flatten(view.params)],
             tags=[RunTag(*tag) for tag in {**view.tags, _NOTE: view.note}.items()],
         )
         self._add(run, view.points)
@@ -176,15 +169,13 @@ class Tracker:
         from mlflow.entities import Metric
 
         missing = [point for point in points if point.key not in run.points]
-        for first in range(0, len(missing), _BATCH):
-            batch = missing[first : first + _BATCH]
-            metrics = [
-                Metric(name, float(value), point.milliseconds, point.step)
-                for point in batch
-                for name, value in point.values.items()
-            ]
-            self._client.log_batch(run.id, metrics=metrics)
-            run.points.update(point.key for point in batch)
+        metrics = [
+            Metric(name, float(value), int(point.time * 1000), point.step)
+            for point in missing
+            for name, value in point.values.items()
+        ]
+        self._client.log_batch(run.id, metrics=metrics)  # in several requests if necessary
+        run.points.update(point.key for point in missing)
 
     def _write_documents(self, run: _Run, view: RunView) -> None:
         """Upload the documents and the model that the run lacks, or has in another version."""
@@ -232,17 +223,10 @@ def _experiment(client: Any, task_id: str, location: str | None) -> str:
     return str(found.experiment_id)
 
 
-def _rejected(error: Any) -> bool:
-    """Return whether MLflow rejects a value or a run. Other errors are temporary."""
-    return error.error_code in ("INVALID_PARAMETER_VALUE", "RESOURCE_DOES_NOT_EXIST")
-
-
-def _flatten(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def _flatten(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
     """Flatten nested dictionaries and join their keys by dots."""
-    flat: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
-            flat |= _flatten(value, f"{prefix}{name}.")
+            yield from _flatten(value, f"{prefix}{name}.")
         else:
-            flat[prefix + name] = value
-    return flat
+            yield prefix + name, value

@@ -5,14 +5,15 @@ earlier writes reached MLflow.
 """
 
 import hashlib
-from collections.abc import Callable, Mapping
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any, ClassVar
 
 from bilevel.errors import InvalidInput
 from bilevel.nes import GenerationRecord
-from cluster.storage.run_folder import Final, Lifetime, RunIdentity
+from cluster.storage.run_folder import Lifetime, RunIdentity, finals, read_settings, stored_task
 
 
 @dataclass(frozen=True)
@@ -24,14 +25,10 @@ class Point:
     time: float  # of the event, unix seconds; not of the write, which may be repeated
 
     @property
-    def milliseconds(self) -> int:
-        """Time of the event as MLflow stores it."""
-        return int(self.time * 1000)
-
-    @property
     def key(self) -> tuple[str, int, int]:
-        """Name of the first metric, step, and time in milliseconds."""
-        return next(iter(self.values)), self.step, self.milliseconds
+        """Name of the last metric, which is written after the others, step, and time in
+        milliseconds."""
+        return [*self.values][-1], self.step, int(self.time * 1000)
 
     @classmethod
     def of(cls, record: GenerationRecord, before: int = 0, **more: float) -> "Point":
@@ -40,19 +37,6 @@ class Point:
         values = asdict(record) | more
         time, step = values.pop("finished"), values.pop("generation")
         return cls(values, before + step, time)
-
-    @classmethod
-    def of_final(cls, final: Final) -> "Point":
-        """Return the point of the scores of fresh agents on the best SE."""
-        return cls(final.metrics, final.step, final.time)
-
-
-@dataclass(frozen=True)
-class Progress:
-    """Progress of a run, formatted for `bilevel runs`."""
-
-    done: str
-    best: str = ""  # best objective of a study, or best score of an NES run, so far
 
 
 @dataclass(frozen=True)
@@ -73,14 +57,10 @@ class Document:
             raise InvalidInput(f"cannot read {str(path)!r}: {error.strerror}") from None
 
     @classmethod
-    def of(cls, path: str, content: bytes) -> "Document":
+    def of(cls, path: str, content: str | bytes) -> "Document":
         """Return a document with that content."""
-        return cls(path, hashlib.sha256(content).hexdigest(), lambda: content)
-
-    @classmethod
-    def of_text(cls, path: str, text: str) -> "Document":
-        """Return a document with that text."""
-        return cls.of(path, text.encode())
+        data = content.encode() if isinstance(content, str) else content
+        return cls(path, hashlib.sha256(data).hexdigest(), lambda: data)
 
 
 @dataclass(frozen=True)
@@ -121,15 +101,55 @@ class RunView:
         return "\n\n".join(paragraphs)
 
 
-class Views(Protocol):
-    """The MLflow runs of one run folder."""
+class Views(ABC):
+    """The MLflow runs of a run folder; `live` while this process works on it.
+
+    Raises InvalidInput if its settings are damaged.
+    """
+
+    #: The kind of run in the settings.
+    kind: ClassVar[str]
+
+    def __init__(self, folder: Path, live: bool = False) -> None:
+        self.folder, self.live = folder, live
+        self.identity = RunIdentity.read(folder)
+        self.task_id = stored_task(read_settings(folder).get("task")).id
 
     @property
-    def task_id(self) -> str:
-        """Task of the run and name of the MLflow experiment."""
+    def lifetime(self) -> Lifetime:
+        """Start, end, status and target of the run. Raises InvalidInput."""
+        return Lifetime.of(self.folder, self.identity.began, self.live)
 
     def keys(self) -> list[str]:
-        """Keys of the MLflow runs, parents first."""
+        """Keys of the MLflow runs, the folder's own run first. Raises InvalidInput."""
+        return [self.identity.uuid]
 
+    @abstractmethod
     def view(self, key: str) -> RunView:
         """View of the run with that key, from the current files. Raises InvalidInput."""
+
+    @abstractmethod
+    def progress(self) -> tuple[str, str]:
+        """Progress towards the target, and the best objective or score so far, as text. Custom
+        agents need not be installed. Raises InvalidInput."""
+
+    def own_run(
+        self,
+        params: Mapping[str, Any],
+        points: Iterable[Point] = (),
+        tags: Mapping[str, str] = {},
+        **content: Any,
+    ) -> RunView:
+        """Return the view of the folder's own run: its ends follow `points`. `content` are other
+        fields of the view."""
+        ends = (Point(end.metrics, end.step, end.time) for end in finals(self.folder))
+        return RunView(
+            self.identity.uuid,
+            self.folder.name,
+            self.lifetime,
+            params,
+            {"bilevel.kind": self.kind, **tags},
+            (*points, *ends),
+            identity=self.identity,
+            **content,
+        )

@@ -54,7 +54,7 @@ def test_a_search_in_one_process_is_validated_and_resumes(tmp_path: Path) -> Non
     found = run_in_process(study, 2, MadeUpPool(), ignore)
     assert len(found.finalists) == 2
     assert found.incumbent == found.finalists[0]
-    _, results = Journal(study.folder).paths
+    results = study.folder / "results.json"
     results.write_text("".join(results.read_text().splitlines(keepends=True)[:-1]))
     (study.folder / VALIDATION_FILE).unlink()
     again = run_in_process(study, 2, MadeUpPool(), ignore)

@@ -90,7 +90,7 @@ def test_the_default_is_the_incumbent_of_a_committed_study(task: str) -> None:
     )
     assert study.incumbent is not None
     assert study.incumbent.loss == min(line.objective for line in study.finalists)
-    found = study.configuration(study.incumbent.id)
+    found = study.journal.proposals[study.incumbent.id].configuration
     default = load_recipe("default", task)
     assert of_hyperparameters(default, found) == pytest.approx(found, rel=0.02)
 

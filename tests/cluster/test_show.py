@@ -13,28 +13,28 @@ from bilevel.synthetic_env import SE, load_se, save_se
 from bilevel.tasks import Task, get_task
 from bilevel.zoo import zoo_file
 from cluster.cli.program import cli
-from cluster.show import GRID, Portrait, answers, picture
+from cluster.show import GRID, SEPlot, answers, picture
 from tests.commands import run_bilevel
 from tests.ses import make_se
 
 
-@pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"])
+@pytest.mark.parametrize("task_id", ["CartPole-v0", "Pendulum-v1", "FrozenLake-v1"])
 def test_answers_and_episodes_follow_the_se(task_id: str) -> None:
     task = get_task(task_id)
     se = make_se(task)
-    portrait = Portrait.of(se)
-    assert len(portrait.actions) == task.action_size
-    assert portrait.answers.next_states.shape == (task.action_size * GRID**2, task.state_size)
-    (across, up), indices = portrait.axes, portrait.indices
-    assert portrait.answers.states[-1, indices].tolist() == [across[-1], up[-1]]
-    for episode in portrait.episodes:
+    plot = SEPlot.of(se)
+    assert len(plot.positions) == len(plot.labels.actions) == task.action_size
+    assert plot.answers.next_states.shape == (task.action_size * GRID**2, task.state_size)
+    (across, up), indices = plot.axes, plot.labels.axes
+    assert plot.answers.states[-1, indices].tolist() == [across[-1], up[-1]]
+    for episode in plot.episodes:
         assert len(episode.states) == len(episode.actions) + 1 <= task.step_limit + 1
         assert answers(se, episode.states[3:4]).rewards.argmax() == episode.actions[3]
-    assert len(picture(portrait, "title").axes) == 2
+    assert len(picture(plot, "title").axes) == 2
 
 
 def test_episodes_follow_gymnasium(cartpole: Task) -> None:
-    episode = Portrait.of(make_se(cartpole)).episodes[1]
+    episode = SEPlot.of(make_se(cartpole)).episodes[1]
     env = cartpole.make()
     states = [env.reset(seed=1)[0]]
     rewards = []
@@ -53,7 +53,7 @@ def test_states_in_which_episodes_end_are_hatched(kind: str, cartpole: Task) -> 
         psi = se.psi.copy()
         psi[-1] = 50.0  # the last bias, of done
         se = replace(se, se=SE(se.architecture, psi))
-    on_se = picture(Portrait.of(se), "title").axes[0]
+    on_se = picture(SEPlot.of(se), "title").axes[0]
     assert any(isinstance(one, ContourSet) for one in on_se.collections) is (kind != "never")
 
 

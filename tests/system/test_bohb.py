@@ -63,7 +63,9 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     study = Study.read(home / "CartPole-v0" / "smoke")
     assert (study.folder / SPACE_FILE).exists()
     journal = Journal(study.folder)
-    runs = [ConfigurationRuns.read(study, line.id, line.configuration) for line in journal.configs]
+    runs = [
+        ConfigurationRuns(study, line.id, line.configuration).read() for line in journal.configs
+    ]
     assert sorted(round(each.tally.cost) for each in runs) == [1, 1, 3]
     learned = sum(state.real_env_steps for each in runs for state in each.states)
     counted = load_se(study.folder / BEST_FILE).info["real_env_steps"]
@@ -119,11 +121,11 @@ def test_the_same_command_adds_brackets(
     validation = Validation.load(study.folder)
     assert validation is not None
     assert validation.results == 6
-    winner = configuration_name(validation.winner.id)
+    winner = configuration_name(validation.finalists[0].id)
     assert f"incumbent {winner} (" in output
     assert f"configuration {winner}\n" in (study.folder / RECIPE_FILE).read_text()
     (parent,) = [r for r in tracked_runs(home) if "mlflow.parentRunId" not in r.data.tags]
-    assert parent.data.metrics["validated_objective"] == validation.winner.loss
+    assert parent.data.metrics["validated_objective"] == validation.finalists[0].loss
     assert parent.data.tags["bilevel.incumbent"] == winner
     files = {file.path for file in client(home).list_artifacts(parent.info.run_id)}
     assert "validation.csv" in files

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 import ray
 
-from cluster.ray.connection import Capacity
+from cluster.ray.connection import cluster_cores
 from cluster.session.context import RunContext
 from cluster.storage.home import Home
 from tests.commands import run_bilevel, start_bilevel
@@ -38,7 +38,7 @@ def test_trials_wait_for_cores_of_a_joined_cluster(
     home = Home(tmp_path / "home")
     context = RunContext(home, home.database_uri, address)
     with context.connected(3, 3):
-        assert Capacity.of_cluster().cores == 2
+        assert cluster_cores() == 2
     assert "9 cores requested, 2 of the cluster's cores are free" in capsys.readouterr().out
 
 

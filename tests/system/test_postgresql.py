@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from cluster.catalog.sync import sync
+from cluster.catalog import sync
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
 from tests.commands import free_port

@@ -16,8 +16,7 @@ import pytest
 
 from bilevel import InvalidInput
 from cluster.bohb.view import StudyViews
-from cluster.catalog.kinds import views_of
-from cluster.catalog.sync import sync
+from cluster.catalog import sync, views_of
 from cluster.session.context import RunContext
 from cluster.session.terminal import Terminal
 from cluster.storage.home import Home
@@ -59,8 +58,8 @@ def client_of(home: Home) -> mlflow.MlflowClient:
 
 def mirror_of(folder: Path, uri: str, log: Callable[[str], None]) -> tuple[Mirror, list[str]]:
     """A mirror of a study, and the keys of its runs."""
-    views = StudyViews.of(folder)
-    tracker = Tracker(uri, "CartPole-v0", folder.parents[1] / "artifacts")
+    views = StudyViews(folder)
+    tracker = Tracker(uri, "CartPole-v0", Home(folder.parents[1]))
     return Mirror(tracker, views.view, log), views.keys()
 
 
@@ -93,7 +92,7 @@ def test_four_runs_may_start_at_once_in_a_new_home(tmp_path: Path) -> None:
         "from cluster.storage.home import Home; from cluster.tracking import Tracker;"
         "home = Home(pathlib.Path(sys.argv[1]) / 'home'); print('ready', flush=True);"
         "[time.sleep(0.001) for _ in iter(pathlib.Path(sys.argv[1], 'go').exists, True)];"
-        "Tracker(home.database_uri, 'CartPole-v0', home.artifacts)"
+        "Tracker(home.database_uri, 'CartPole-v0', home)"
     )
     command = [sys.executable, "-W", "ignore", "-c", code, str(tmp_path)]
     pipe = subprocess.PIPE
@@ -111,7 +110,7 @@ def test_sync_completes_a_run(home: Home, folder: Path) -> None:
     """It was created twice after a timeout, and a damaged checkpoint was computed again."""
     views = views_of(folder)
     parent, child, *_ = views.keys()
-    tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
+    tracker = Tracker(home.database_uri, "CartPole-v0", home)
     tracker.show(views.view(parent))
     view = views.view(child)
     earlier = tuple(replace(point, time=point.time - 9) for point in view.points)
@@ -177,7 +176,7 @@ def test_sync_writes_the_runs_that_an_unreachable_server_missed(
     context = RunContext(home, server.uri)
     with context.offline() as driver, driver.session(folder, "CartPole-v0", settings) as session:
         server.kill()
-        with session.live(StudyViews.of(folder), 1, "resume it"):
+        with session.live(StudyViews(folder), 1, "resume it"):
             pass
     server.start()
     out = " ".join(capsys.readouterr().out.split())
@@ -197,8 +196,7 @@ def test_later_runs_of_a_command_start_while_mlflow_is_unreachable(
         with driver.session(folder, "CartPole-v0", settings) as first:
             server.kill()
             with driver.session(later, "CartPole-v0", {}) as second:
-                assert second.tracker.experiment_id == first.tracker.experiment_id
-                assert second.tracker is not first.tracker
+                assert second.tracker is first.tracker
         missing = pytest.raises(InvalidInput, match="no MLflow server")
         with missing, driver.session(other, "Acrobot-v0", {}):
             pass
@@ -214,8 +212,8 @@ def test_an_interruption_is_logged_once(
         driver.session(home.run_folder("CartPole-v0", "outer"), "CartPole-v0", {}) as outer,
         driver.session(folder, "CartPole-v0", {}) as inner,
         pytest.raises(KeyboardInterrupt),
-        outer.live(StudyViews.of(folder), 1, "resume the outer run"),
-        inner.live(StudyViews.of(folder), 1, "resume the inner run"),
+        outer.live(StudyViews(folder), 1, "resume the outer run"),
+        inner.live(StudyViews(folder), 1, "resume the inner run"),
     ):
         raise KeyboardInterrupt
     lines = re.findall("interrupted; .*", capsys.readouterr().out)

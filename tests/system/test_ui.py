@@ -23,7 +23,7 @@ def answers(url: str) -> bool:
 
 def test_ui_prints_its_pages_and_serves_until_ctrl_c(tmp_home: Path) -> None:
     home, port = Home(tmp_home), free_port()
-    Tracker(home.database_uri, "CartPole-v0", home.artifacts)
+    Tracker(home.database_uri, "CartPole-v0", home)
     process = subprocess.Popen(
         [BILEVEL, "ui", "--home", tmp_home, "--port", str(port)],
         stdout=subprocess.PIPE,

@@ -11,7 +11,7 @@ from bilevel.synthetic_env import load_se
 from bilevel.zoo import ENTRIES, Entry, env_id
 from cluster.session.context import RunContext
 from cluster.storage.home import Home
-from cluster.zoo.build import build
+from cluster.zoo import build
 from tests.commands import run_bilevel
 
 pytestmark = pytest.mark.timeout(200)
@@ -29,8 +29,8 @@ def test_building_an_se_and_its_card(
     tmp_home: Path, address: str, small_hp: Hyperparameters, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The recipe and the agents are small; a second call resumes."""
-    monkeypatch.setattr("cluster.zoo.build.load_recipe", lambda name, task: small_hp)
-    monkeypatch.setattr("cluster.zoo.build.default_agents", lambda names: small_hp.agents)
+    monkeypatch.setattr("cluster.zoo.load_recipe", lambda name, task: small_hp)
+    monkeypatch.setattr("cluster.zoo.default_agents", lambda names: small_hp.agents)
     home, folder = Home(tmp_home), tmp_home / "made"
     context = RunContext(home, home.database_uri, address)
     entry = Entry("tiny", "CartPole-v0", 7)

@@ -45,13 +45,7 @@ def importance(space: CS.ConfigurationSpace, journal: Journal) -> Importance | N
         return None
     proposals = journal.proposals
     inputs = np.array([unit_values(space, proposals[line.id].configuration) for line in lines])
-    mean, std, explained = _fitted(inputs, ranks)
-    return Importance(mean, std, budget, len(lines), explained) if explained > 0 else None
 
-
-def _fitted(inputs: Floats, ranks: Floats) -> tuple[Floats, Floats, float]:
-    """Fit forests to inputs (n, d) and ranks (n,); return mean (d,) and standard deviation (d,) of
-    the importances, and R^2 on held-out ranks."""
     # Imported here because they take a second, for pandas among others.
     from sklearn.ensemble import RandomForestRegressor
     from sklearn.inspection import permutation_importance
@@ -69,10 +63,13 @@ def _fitted(inputs: Floats, ranks: Floats) -> tuple[Floats, Floats, float]:
             predicted[unseen] = forest.predict(values[unseen])
         return float(r2_score(ranks, predicted))
 
+    score = explained(None, inputs, ranks)
+    if score <= 0:
+        return None
     found = permutation_importance(
         forest, inputs, ranks, scoring=explained, n_repeats=_PERMUTATIONS, random_state=0
     )
-    return found.importances_mean, found.importances_std, explained(None, inputs, ranks)
+    return Importance(found.importances_mean, found.importances_std, budget, len(lines), score)
 
 
 def unit_values(space: CS.ConfigurationSpace, configuration: dict[str, object]) -> Floats:

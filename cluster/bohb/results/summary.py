@@ -6,7 +6,7 @@ from typing import Self
 
 from cluster.bohb.search.validation import Validation
 from cluster.bohb.study.brackets import Rung, core_seconds_to_run
-from cluster.bohb.study.journal import ConfigId, Configuration, Journal, Origin, ResultLine
+from cluster.bohb.study.journal import ConfigId, Journal, Origin, ResultLine
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,7 @@ class StudySummary:
     @property
     def incumbent(self) -> ResultLine | None:
         """The winner of the validation, or else the leader."""
-        return self.leader if self.validation is None else self.validation.winner
+        return self.leader if self.validation is None else self.validation.finalists[0]
 
     @property
     def finalists(self) -> tuple[ResultLine, ...]:
@@ -57,10 +57,6 @@ class StudySummary:
         """Number of configurations that the model proposed."""
         return sum(line.origin is Origin.MODEL for line in self.journal.configs)
 
-    def configuration(self, config_id: ConfigId) -> Configuration:
-        """Return the configuration with that id."""
-        return self.journal.proposals[config_id].configuration
-
     def points(self) -> list[tuple[int, ResultLine]]:
         """Return all successes with the core seconds that the search had spent, by budgets."""
         reached: dict[ConfigId, int] = {}
@@ -73,8 +69,7 @@ class StudySummary:
 
     def core_seconds_left(self) -> int:
         """Return the core seconds until all brackets are complete, by budgets."""
-        reached = {line.id: line.budget for line in self.journal.results}
-        return max(core_seconds_to_run(self.rungs) - sum(reached.values()), 0)
+        return max(core_seconds_to_run(self.rungs) - sum(self.journal.reached.values()), 0)
 
 
 def _key(line: ResultLine) -> tuple[int, float]:

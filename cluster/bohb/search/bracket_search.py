@@ -50,25 +50,27 @@ class BracketSearch:
 
     def __init__(self, study: Study, journal: Journal, brackets: int) -> None:
         self._space = study.space.build(study.agents)
-        self._schedule = study.schedule
-        self._journal = journal
+        self.journal = journal
         self._generator = ConfigGenerator(
             self._space, study.seed, study.method == "bohb", study.prior_configuration()
         )
         self._recorded = journal.proposals
         started = max((bracket for bracket, _, _ in self._recorded), default=-1) + 1
-        self._brackets = [self._bracket(number) for number in range(max(brackets, started))]
+        self._brackets = [
+            SuccessiveHalving(
+                HPB_iter=number,
+                num_configs=[rung.configurations for rung in study.schedule.bracket(number)],
+                budgets=[rung.budget for rung in study.schedule.bracket(number)],
+                config_sampler=partial(self._sample, number),
+            )
+            for number in range(max(brackets, started))
+        ]
         self._interrupted = self._replay()
 
     @property
     def finished(self) -> bool:
         """True once every bracket has all results."""
         return not self._interrupted and all(bracket.is_finished for bracket in self._brackets)
-
-    @property
-    def succeeded(self) -> bool:
-        """True once a job has succeeded."""
-        return bool(self._journal.successes)
 
     def next_job(self) -> Job | None:
         """Return the next job; None while all open rungs wait for results."""
@@ -88,21 +90,12 @@ class BracketSearch:
         times = {"submitted": job.submitted, "started": job.submitted, "finished": time.time()}
         number = None if loss is None else float(loss)
         line = ResultLine(job.id, job.budget, number, info or {}, times, exception)
-        self._journal.add_result(line)
+        self.journal.add_result(line)
         self._apply(line, job.configuration)
 
     def put_back(self, job: Job) -> None:
         """Return an interrupted job, which becomes the next one."""
         self._interrupted.appendleft(job)
-
-    def _bracket(self, number: int) -> SuccessiveHalving:
-        rungs = self._schedule.bracket(number)
-        return SuccessiveHalving(
-            HPB_iter=number,
-            num_configs=[rung.configurations for rung in rungs],
-            budgets=[rung.budget for rung in rungs],
-            config_sampler=partial(self._sample, number),
-        )
 
     def _sample(self, number: int, budget: float) -> tuple[Configuration, dict[str, Any]]:
         """Return the next configuration of a bracket. hpbandster calls this on the lowest rung, and
@@ -111,8 +104,8 @@ class BracketSearch:
         place = number, bracket.stage, bracket.actual_num_configs[bracket.stage]
         line = self._recorded.get(place)
         if line is None:
-            line = ConfigLine(place, *self._generator.propose(len(self._journal.configs), budget))
-            self._journal.add_config(line)
+            line = ConfigLine(place, *self._generator.propose(len(self.journal.configs), budget))
+            self.journal.add_config(line)
             return line.configuration, line.info
         try:
             CS.Configuration(self._space, values=line.configuration)
@@ -135,7 +128,7 @@ class BracketSearch:
     def _replay(self) -> deque[Job]:
         """Apply the journal to brackets and model; return the started jobs without results."""
         open_jobs: dict[tuple[ConfigId, int], Job] = {}
-        for line in self._journal.results:
+        for line in self.journal.results:
             key = line.id, line.budget
             while key not in open_jobs:
                 job = self._next_job(self._brackets[line.id[0]])
@@ -147,5 +140,5 @@ class BracketSearch:
 
     def _damaged(self, reason: str) -> InvalidInput:
         return InvalidInput(
-            f"damaged journal in {str(self._journal.folder)!r}: {' '.join(reason.split())}"
+            f"damaged journal in {str(self.journal.folder)!r}: {' '.join(reason.split())}"
         )

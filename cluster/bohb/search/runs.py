@@ -26,21 +26,12 @@ class ConfigurationRuns:
     log: Callable[[str], None] = lambda line: None
     states: list[NESState] = field(default_factory=list)
 
-    @classmethod
-    def read(
-        cls,
-        study: Study,
-        config_id: ConfigId,
-        configuration: Configuration,
-        validation: bool = False,
-        log: Callable[[str], None] = lambda line: None,
-    ) -> Self:
+    def read(self) -> Self:
         """Read the runs on disk up to the first damaged one, which restarts in `advance`. Raises
         InvalidInput for an invalid configuration."""
-        runs = cls(study, config_id, configuration, validation, log)
-        while (state := runs.run(len(runs.states)).load_if_sound()) is not None:
-            runs.states.append(state)
-        return runs
+        while (state := self.run(len(self.states)).load_if_sound()) is not None:
+            self.states.append(state)
+        return self
 
     @property
     def tally(self) -> Tally:
@@ -87,7 +78,7 @@ class ConfigurationRuns:
         number = next(unfinished, len(self.states))
         run = self.run(number)
         if number == len(self.states):
-            on_disk = run.begun  # after a damaged run, or damaged itself
+            on_disk = run.state_file.exists()  # after a damaged run, or damaged itself
             self.states.append(run.open(self.log))
             if on_disk:  # possibly finished
                 return self.states[number]

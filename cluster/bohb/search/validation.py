@@ -62,23 +62,9 @@ class Validation:
     def of(cls, journal: Journal, finalists: Iterable[ConfigurationRuns], started: float) -> Self:
         """Rank finalists, whose runs were started at `started` (unix time, seconds)."""
         times = {"submitted": started, "started": started, "finished": time.time()}
-        ranked = sorted(finalists, key=lambda runs: runs.tally.objective)
-        lines = (
-            ResultLine(runs.id, round(tally.cost), tally.objective, tally.info, times)
-            for runs in ranked
-            for tally in (runs.tally,)
-        )
-        return cls(len(journal.results), tuple(lines))
-
-    def completes(self, results: int, core_seconds: int) -> bool:
-        """Return whether the finalists of that many results have spent those core seconds."""
-        spent = min(line.info["core_seconds"] for line in self.finalists)
-        return self.results == results and bool(spent >= core_seconds)
-
-    @property
-    def winner(self) -> ResultLine:
-        """The finalist with the lowest objective."""
-        return self.finalists[0]
+        tallies = ((runs.id, runs.tally) for runs in finalists)
+        lines = [ResultLine(id, round(t.cost), t.objective, t.info, times) for id, t in tallies]
+        return cls(len(journal.results), tuple(sorted(lines, key=lambda line: line.objective)))
 
 
 def finalists_of(journal: Journal, largest: int) -> list[ConfigId]:
@@ -90,7 +76,7 @@ def finalists_of(journal: Journal, largest: int) -> list[ConfigId]:
     core_seconds = validation_seconds(sum(journal.reached.values()))
     number = min(max(int(core_seconds / largest), 2), FINALISTS)
     recipe = {line.id for line in journal.configs if line.origin is Origin.RECIPE}
-    chosen = recipe & journal.reached.keys()
+    chosen = recipe & {line.id for line in journal.successes}
     for line in sorted(journal.successes, key=lambda line: (-line.budget, line.objective)):
         if len(chosen) < number:
             chosen.add(line.id)
@@ -123,12 +109,13 @@ def validate(
         return None
     each = math.ceil(validation_seconds(sum(journal.reached.values())) / len(chosen))
     before = Validation.load(study.folder)
-    if before is not None and before.completes(len(journal.results), each):
+    costs = [] if before is None else [line.info["core_seconds"] for line in before.finalists]
+    if before is not None and before.results == len(journal.results) and min(costs) >= each:
         return before
     log(f"validating {len(chosen)} configurations with new seeds")
     started, proposals = time.time(), journal.proposals
     finalists = [
-        ConfigurationRuns.read(study, id, proposals[id].configuration, validation=True, log=log)
+        ConfigurationRuns(study, id, proposals[id].configuration, validation=True, log=log).read()
         for id in chosen
     ]
     while (unfinished := [runs for runs in finalists if not runs.spent(each)]) and not is_over():

@@ -6,7 +6,6 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from bilevel.decode import decode
 from bilevel.durable import write_aside
 from bilevel.hyperparameters import Hyperparameters, StoredHyperparameters
 from bilevel.recipes import recipe_text
@@ -14,7 +13,7 @@ from bilevel.tasks import Task
 from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.journal import ConfigId, Configuration
 from cluster.bohb.study.profiles import METHODS
-from cluster.storage.run_folder import Settings, read_settings, settings_of
+from cluster.storage.run_folder import Settings, settings_of
 from search_spaces.space import Space
 from search_spaces.translation import of_hyperparameters, to_hyperparameters
 
@@ -35,13 +34,22 @@ def configuration_name(config_id: ConfigId) -> str:
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Settings(Settings):
+class StudySettings(Settings):
+    """Settings of a study."""
+
     space: str | Space
     method: str
     prior: str
     budgets: tuple[int, ...]
     cycle: int
     base: StoredHyperparameters
+
+    noun = "study"
+
+    @property
+    def schedule(self) -> Schedule:
+        """The budgets of the study and the order of its brackets."""
+        return Schedule(self.budgets, self.cycle)
 
 
 @dataclass(frozen=True)
@@ -63,9 +71,9 @@ class Study:
         return self.folder.name
 
     @property
-    def method_name(self) -> str:
-        """Title of the method."""
-        return METHODS[self.method]
+    def title(self) -> str:
+        """Method, task and name of the study."""
+        return f"{METHODS[self.method]} on {self.task.id}: study {self.name!r}"
 
     @property
     def agents(self) -> tuple[str, ...]:
@@ -73,7 +81,7 @@ class Study:
         return tuple(hp.agent for hp in self.base.agents)
 
     @cached_property
-    def of_recipe(self) -> Configuration:
+    def recipe_values(self) -> Configuration:
         """The recipe's values in the dimensions of the space, which may lie outside their range."""
         values = of_hyperparameters(self.base, self.space.build(self.agents))
         if values.get("se.step_limit") == 0:  # the task's
@@ -87,7 +95,7 @@ class Study:
             return None
         from search_spaces.prior import nearest  # imports ConfigSpace, which trials do not need
 
-        return nearest(self.space.build(self.agents), self.of_recipe)
+        return nearest(self.space.build(self.agents), self.recipe_values)
 
     def recipe_text(self, config_id: ConfigId, configuration: Configuration) -> str:
         """Return the recipe file of a configuration."""
@@ -112,27 +120,16 @@ class Study:
         }
 
     @classmethod
-    def schedule_in(cls, folder: Path) -> Schedule:
-        """Return the schedule of the study in a folder, whose agents may be unknown here. Raises
-        InvalidInput."""
-        settings = _read(folder)
-        return Schedule(settings.budgets, settings.cycle)
-
-    @classmethod
     def read(cls, folder: Path) -> "Study":
         """Read the study in a folder. Raises InvalidInput."""
-        settings = _read(folder)
+        settings = StudySettings.read(folder)
         return cls(
             folder,
             settings.task,
             settings.seed,
             settings.space if isinstance(settings.space, Space) else Space(settings.space),
-            Schedule(settings.budgets, settings.cycle),
+            settings.schedule,
             settings.base.checked(),
             settings.method,
             settings.prior,
         )
-
-
-def _read(folder: Path) -> _Settings:
-    return decode(_Settings, read_settings(folder), f"{str(folder)!r} holds no study")

@@ -17,6 +17,9 @@ _Number = Annotated[int, Field(ge=0, lt=10**6)]
 ConfigId = tuple[_Number, _Number, _Number]  # bracket, rung of its first job, number in that rung
 Configuration = dict[str, Any]
 
+#: Files of proposals and results.
+JOURNAL_FILES = "configs.json", "results.json"
+
 
 class Origin(StrEnum):
     """Source of a configuration."""
@@ -95,19 +98,13 @@ class Journal:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._config_file = JsonlLog(folder / "configs.json")
-        self._result_file = JsonlLog(folder / "results.json")
+        self._config_file, self._result_file = (JsonlLog(folder / name) for name in JOURNAL_FILES)
         self.configs = self._config_file.decoded(ConfigLine)
         self.results = [row.to_line() for row in self._result_file.decoded(_ResultRow)]
         proposed = self.proposals
         for index, line in enumerate(self.results):
             if line.id not in proposed:
                 raise self._result_file.damaged(index, f"{line.id} was never proposed")
-
-    @property
-    def paths(self) -> list[Path]:
-        """The files: proposals, results."""
-        return [self._config_file.path, self._result_file.path]
 
     @property
     def proposals(self) -> dict[ConfigId, ConfigLine]:
@@ -126,8 +123,8 @@ class Journal:
 
     @property
     def reached(self) -> dict[ConfigId, int]:
-        """Core seconds that each configuration has spent: the budget of its last success."""
-        return {line.id: line.budget for line in self.successes}
+        """Core seconds that each configuration has spent: the budget of its last result."""
+        return {line.id: line.budget for line in self.results}
 
     def add_config(self, line: ConfigLine) -> None:
         """Append a proposal durably. Raises StorageFailure."""

@@ -1,6 +1,6 @@
 """Sizes of searches, and the adaptation of recipes and search spaces to them."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -109,18 +109,18 @@ def searched_space(
     space: Space,
     task: Task,
     base: Hyperparameters,
-    replaced: Sequence[tuple[str, Any]] = (),
+    given: Mapping[str, Any] = {},
     prior: str = "none",
 ) -> Space:
     """Return the space of a study on `task`; `core` is adapted to the task and to `base`.
 
-    `replaced` has the hyperparameters of `base` that the user has set. Raises InvalidInput if one
+    `given` has the hyperparameters of `base` that the user has set. Raises InvalidInput if one
     of them has no effect, or if NES rejects a configuration.
     """
     if space == Space("core"):
         space = _adapted_core(task, base)
     agents = [agent.agent for agent in base.agents]
-    searched, given = space.searched(agents), dict(replaced)
+    searched = space.searched(agents)
     for name in _SET_BY_SEARCH:
         if name in searched or name in given:
             raise InvalidInput(f"{name} cannot be set in a search: all runs end in the same way")
@@ -135,7 +135,13 @@ def searched_space(
             f"the space {space.name!r} searches {', '.join(sorted(varied))}, but runs draw these "
             f"for each agent (--vary-hp {base.vary_agent}): give --recipe authors or --vary-hp no"
         )
-    _check_samples(space, task, base)
+    built = space.build(agents, seed=0)
+    default = built.get_default_configuration()
+    for configuration in (default, *built.sample_configuration(_SAMPLES)):
+        try:
+            NES(task, to_hyperparameters(base, dict(configuration)))
+        except InvalidInput as error:
+            raise InvalidInput(f"search space {space.name!r}: {error}") from None
     return space
 
 
@@ -157,14 +163,3 @@ def _adapted_core(task: Task, base: Hyperparameters) -> Space:
         dimensions[size.name] = CS.Integer(size.name, ends, log=size.log)
     space = CS.ConfigurationSpace(name="core", space=list(dimensions.values()))
     return Space("core", dict(space.to_serialized_dict()))
-
-
-def _check_samples(space: Space, task: Task, base: Hyperparameters) -> None:
-    """Raise InvalidInput if NES rejects the default configuration or a random one."""
-    built = space.build([agent.agent for agent in base.agents], seed=0)
-    default = built.get_default_configuration()
-    for configuration in (default, *built.sample_configuration(_SAMPLES)):
-        try:
-            NES(task, to_hyperparameters(base, dict(configuration)))
-        except InvalidInput as error:
-            raise InvalidInput(f"search space {space.name!r}: {error}") from None

@@ -1,127 +1,87 @@
 """Progress of a running study: lines in the terminal, and changes for MLflow.
 
-The report is a Ray Tune callback in the driver. Everything that it shows is already on disk.
+Everything that the report shows is already on disk.
 """
 
 import math
 import time
-from typing import Any
-
-from ray.tune import Callback
+from dataclasses import dataclass
 
 from cluster.bohb.results.summary import StudySummary
 from cluster.bohb.search.bracket_search import Job
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.study.definition import configuration_name
-from cluster.bohb.study.journal import Journal
-from cluster.bohb.tune.searcher import BohbSearcher, DriverOnly
-from cluster.bohb.tune.trial import REPORT, TrialReport
+from cluster.bohb.tune.trial import TrialReport
 from cluster.bohb.view import StudyViews, study_points
-from cluster.session.terminal import Terminal, count, last_line
-from cluster.tracking import Mirror, Point
+from cluster.session.terminal import Terminal, count, duration, last_line
+from cluster.tracking import Mirror
 
 
-class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
-    """Follows the trials of one study."""
+@dataclass
+class StudyReport:
+    """Follows the jobs of one study."""
+
+    brackets: int
+    deadline: float  # of the search, seconds of time.monotonic
+    views: StudyViews
+    mirror: Mirror
+    terminal: Terminal
 
     #: Seconds, and relative growth of the number of results, between updates of the study's
     #: pictures and tables. Updates take longer the more results there are.
     PICTURES_EVERY, PICTURES_GROWTH = 20.0, 1.1
 
-    def __init__(
-        self,
-        brackets: int,
-        deadline: float,
-        journal: Journal,
-        searcher: BohbSearcher,
-        views: StudyViews,
-        mirror: Mirror,
-        terminal: Terminal,
-    ) -> None:
-        self._deadline = deadline  # of the search, seconds of time.monotonic
-        self._journal = journal
-        self._searcher = searcher
-        self._views = views
-        self._mirror = mirror
-        self._terminal = terminal
-        self._summary = StudySummary(journal, views.study.schedule.brackets(brackets))
-        self._jobs: dict[str, Job] = {}  # by trial
-        self._pictures = (0.0, len(journal.results))  # time and number of results of the last ones
+    def __post_init__(self) -> None:
+        rungs = self.views.study.schedule.brackets(self.brackets)
+        self._journal = self.views.journal
+        self._summary = StudySummary(self._journal, rungs)
+        #: Time and number of results of the last pictures.
+        self._pictures = (0.0, len(self._journal.results))
         self._started = time.monotonic()
         self._left_before = self._summary.core_seconds_left()
 
-    # -- called by Ray Tune ------------------------------------------------------
-
-    def on_trial_start(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
+    def started(self, job: Job) -> None:
         """Show that a job starts, or restarts after a crash."""
-        job = self._searcher.jobs[trial.trial_id]
-        self._jobs[trial.trial_id] = job
         name = configuration_name(job.id)
-        self._views.running.add(name)
-        self._mirror.mark([self._views.key(name)])
+        self.views.running.add(name)
+        self.mirror.mark([self.views.key(name)])
         self._bar(f"{name} begins")
 
-    def on_trial_result(
-        self, iteration: int, trials: list[Any], trial: Any, result: dict[str, Any], **info: Any
-    ) -> None:
+    def stepped(self, job: Job, report: TrialReport) -> None:
         """Show a finished generation."""
-        report: TrialReport = result[REPORT]
-        if report.record is not None and report.tally is not None:
-            job = self._jobs[trial.trial_id]
-            name = configuration_name(job.id)
-            point = Point.of(report.record, report.before, run=report.run)
-            self._mirror.append(self._views.key(name), [point])
-            score = report.record.score_mean
+        if report.point is not None and report.tally is not None:
+            name, score = configuration_name(job.id), report.point.values["score_mean"]
+            self.mirror.append(self.views.key(name), [report.point])
             self._bar(f"{name} {report.tally.cost:.0f}/{job.budget}s: {score:.1f}")
 
-    def on_trial_complete(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
-        """Show a job that is complete, stopped or failed; the journal already has its result."""
-        job = self._close(trial.trial_id)
-        report: TrialReport = (trial.last_result or {}).get(REPORT, TrialReport())
-        if job is None:
-            return
-        if report.error is not None:
-            name = configuration_name(job.id)
-            self._terminal.log(f"{name} failed: {last_line(str(report.error))}")
+    def ended(self, job: Job, report: TrialReport, died: bool = False) -> None:
+        """Show a job that is complete, stopped or failed, after the journal has its result. If its
+        process has died, it runs again, or failed after many crashes."""
+        name = configuration_name(job.id)
+        self.views.running.discard(name)
+        self.mirror.mark([self.views.key(name)])
+        if died:
+            self.terminal.log(f"{name}: the trial's process died")
+        elif report.error is not None:
+            self.terminal.log(f"{name} failed: {last_line(str(report.error))}")
         elif report.tally is not None and report.budget_reached:
             self._log_result(job, report.tally)
-        self._show_result()
-
-    def on_trial_error(self, iteration: int, trials: list[Any], trial: Any, **info: Any) -> None:
-        """Show that a trial's process died: its job runs again, or failed after many crashes."""
-        job = self._close(trial.trial_id)
-        if job is not None:
-            self._terminal.log(f"{configuration_name(job.id)}: the trial's process died")
-
-    # -- MLflow ------------------------------------------------------------------
-
-    def _close(self, trial_id: str) -> Job | None:
-        job = self._jobs.pop(trial_id, None)
-        if job is not None:
-            name = configuration_name(job.id)
-            self._views.running.discard(name)
-            self._mirror.mark([self._views.key(name)])
-        return job
-
-    def _show_result(self) -> None:
-        """Add the last result to the study's own run, and sometimes update its pictures."""
+        # Add the last result to the study's own run, and sometimes update its pictures.
         number, now = len(self._journal.results), time.monotonic()
         drawn_at, drawn = self._pictures
         if now - drawn_at >= self.PICTURES_EVERY and number >= self.PICTURES_GROWTH * drawn:
             self._pictures = now, number
-            self._mirror.mark([self._views.parent])
+            self.mirror.mark([self.views.parent])
         else:
             points = [point for point in study_points(self._summary) if point.step == number]
-            self._mirror.append(self._views.parent, points)
-
-    # -- terminal ----------------------------------------------------------------
+            self.mirror.append(self.views.parent, points)
 
     def _log_result(self, job: Job, tally: Tally) -> None:
         """Log the result in a line of 80 columns, and the configuration in another one."""
         leader = self._summary.leader
         # Results compete at the largest budget that has any.
         best = "" if leader is None else f" (best at {leader.budget}: {leader.loss:.0f})"
-        self._terminal.log(
+        self.terminal.log(
             f"{configuration_name(job.id)} {Tally.describe(tally.info)}; "
             f"objective {tally.objective:.0f}{best}"
         )
@@ -129,18 +89,18 @@ class StudyReport(DriverOnly, Callback):  # type: ignore[misc]
             f"{name} {value:.3g}" if isinstance(value, float) else f"{name} {value}"
             for name, value in job.configuration.items()
         )
-        self._terminal.log(f"    {job.origin}: {', '.join(values)}")
+        self.terminal.log(f"    {job.origin}: {', '.join(values)}")
 
     def _bar(self, now: str) -> None:
         """Show progress in minutes of the time budget, or else in results."""
         results, elapsed = len(self._journal.results), time.monotonic() - self._started
-        if math.isfinite(self._deadline):
-            end = (self._deadline - self._started) / 60
+        if math.isfinite(self.deadline):
+            end = (self.deadline - self._started) / 60
             note = f"{count(results, 'result')}, {now}"
-            self._terminal.bar("searching", elapsed / 60, end, "min", note)
+            self.terminal.bar("searching", elapsed / 60, end, "min", note)
         else:
             total = sum(rung.configurations for rung in self._summary.rungs)
             left = self._summary.core_seconds_left()
             done = self._left_before - left
-            seconds = left * elapsed / done if done else math.inf
-            self._terminal.bar("searching", results, total, "results", now, seconds)
+            eta = f"ETA {duration(left * elapsed / done)}, " if done and left else ""
+            self.terminal.bar("searching", results, total, "results", eta + now)

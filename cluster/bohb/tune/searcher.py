@@ -1,22 +1,39 @@
-"""The search as Ray Tune sees it: a `Searcher` under Tune's FIFO scheduler.
+"""The search as Ray Tune sees it: a `Searcher` under Tune's FIFO scheduler, and its trials.
 
 A Tune trial is one job (configuration, budget). A promoted configuration is a new trial that
 continues from the checkpoints of its lower rung.
 """
 
+import logging
 import math
+import os
+import shutil
 import time
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
 
+from ray import tune
 from ray.tune.search import Searcher
 
 from bilevel.errors import InvalidInput, StorageFailure
 from bilevel.user_code import UserCodeError
 from cluster.bohb.search.bracket_search import BracketSearch, Job
+from cluster.bohb.study.definition import Study
 from cluster.bohb.study.journal import ConfigId
-from cluster.bohb.tune.trial import JOB, REPORT, TrialReport
+from cluster.bohb.tune.report import StudyReport
+from cluster.bohb.tune.trial import JOB, REPORT, NESTrial, TrialReport
+from cluster.ray.connection import environment_kept
+from cluster.session.interrupts import InterruptGuard
+
+#: Folder of Tune's own files within the study's folder; the study never reads them.
+_FOLDER = "ray"
+#: Settings of Tune that have no parameter (see the package's docstring for the reasons).
+_ENVIRONMENT = {
+    "TUNE_DISABLE_AUTO_CALLBACK_LOGGERS": "1",
+    "TUNE_DISABLE_SIGINT_HANDLER": "1",
+    "TUNE_GLOBAL_CHECKPOINT_S": "3600",
+}
 
 #: Crashes of a job's process or node after which the configuration counts as failed.
 MAX_CRASHES = 20
@@ -39,11 +56,13 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         search: BracketSearch,
         concurrent: Callable[[], int],
         deadline: float,
+        report: StudyReport,
     ) -> None:
         super().__init__()
         self._search = search
         self._concurrent = concurrent
         self._deadline = deadline
+        self._report = report
         self.jobs: dict[str, Job] = {}  # of the live trials
         self._crashes: Counter[tuple[ConfigId, int]] = Counter()  # by job
         self.stopped_by: InvalidInput | None = None
@@ -65,7 +84,12 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         if job is None:
             return None
         self.jobs[trial_id] = job
+        self._report.started(job)
         return {JOB: {"id": list(job.id), "configuration": job.configuration, "budget": job.budget}}
+
+    def on_trial_result(self, trial_id: str, result: dict[str, Any]) -> None:
+        """Report a step after which the trial continues."""
+        self._report.stepped(self.jobs[trial_id], result[REPORT])
 
     def on_trial_complete(
         self, trial_id: str, result: dict[str, Any] | None = None, error: bool = False
@@ -78,29 +102,25 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
         job = self.jobs.pop(trial_id, None)
         if job is None:
             return
+        report = (result or {}).get(REPORT, TrialReport())
         try:
-            if error:
-                self._crashed(job)
-            elif result is None or REPORT not in result:
+            if not error:
+                self._register(job, report)
+            elif self._crashes[job.id, job.budget] + 1 < MAX_CRASHES:
+                self._crashes[job.id, job.budget] += 1
                 self._search.put_back(job)
             else:
-                self._register(job, result[REPORT])
+                crashed = f"the trial's process died {MAX_CRASHES} times"
+                self._search.register(job, None, exception=crashed)
         except InvalidInput as reason:
             self.stopped_by = reason
             self._search.put_back(job)
-
-    def _crashed(self, job: Job) -> None:
-        self._crashes[job.id, job.budget] += 1
-        if self._crashes[job.id, job.budget] < MAX_CRASHES:
-            self._search.put_back(job)
-        else:
-            crashed = f"the trial's process died {MAX_CRASHES} times"
-            self._search.register(job, None, exception=crashed)
+        self._report.ended(job, report, error)
 
     def _register(self, job: Job, report: TrialReport) -> None:
         if isinstance(report.error, StorageFailure):
             raise report.error
-        if isinstance(report.error, UserCodeError) and not self._search.succeeded:
+        if isinstance(report.error, UserCodeError) and not self._search.journal.successes:
             raise report.error  # after a success, the hyperparameters are the cause
         if report.error is not None:
             self._search.register(job, None, exception=str(report.error))
@@ -113,3 +133,44 @@ class BohbSearcher(DriverOnly, Searcher):  # type: ignore[misc]
 
     def save(self, checkpoint_path: str) -> None:
         """Do nothing: the journal is the search's state."""
+
+
+class _Stopper(DriverOnly, tune.Stopper):  # type: ignore[misc]
+    """Stops all trials at the deadline, after an error such as a full disk, or after Ctrl-C."""
+
+    def __init__(self, searcher: BohbSearcher, guard: InterruptGuard) -> None:
+        self._searcher = searcher
+        self._guard = guard
+
+    def __call__(self, trial_id: str, result: dict[str, Any]) -> bool:
+        return False  # never stop a single trial
+
+    def stop_all(self) -> bool:
+        searcher = self._searcher
+        return self._guard.interrupted or searcher.time_is_up or searcher.stopped_by is not None
+
+
+def run_trials(
+    study: Study, workers_per_trial: int, searcher: BohbSearcher, guard: InterruptGuard
+) -> None:
+    """Run the searcher's jobs until it has no more, its deadline, an error, or Ctrl-C."""
+    trainable = tune.with_parameters(NESTrial, study=study, workers=workers_per_trial)
+    bundles: list[dict[str, float]] = [{}, *({"CPU": 1.0} for _ in range(workers_per_trial))]
+    shutil.rmtree(study.folder / _FOLDER, ignore_errors=True)
+    for name in ("ray.tune", "hpbandster"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    with environment_kept(*_ENVIRONMENT):
+        os.environ.update(_ENVIRONMENT)
+        tune.Tuner(
+            tune.with_resources(trainable, tune.PlacementGroupFactory(bundles)),
+            tune_config=tune.TuneConfig(search_alg=searcher, num_samples=-1, reuse_actors=True),
+            run_config=tune.RunConfig(
+                name=_FOLDER,
+                storage_path=str(study.folder),
+                stop=_Stopper(searcher, guard),
+                checkpoint_config=tune.CheckpointConfig(checkpoint_at_end=False),
+                failure_config=tune.FailureConfig(max_failures=0),
+                verbose=0,
+            ),
+        ).fit()
+    shutil.rmtree(study.folder / _FOLDER, ignore_errors=True)

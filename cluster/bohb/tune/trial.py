@@ -14,20 +14,16 @@ from typing import Any
 from ray import tune
 
 from bilevel.errors import StorageFailure
-from bilevel.nes import GenerationRecord
 from bilevel.user_code import UserCodeError
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import Study
 from cluster.ray.pool import EvaluationPool, NoActorStarts
 from cluster.storage.run_folder import SETTINGS_FILE
+from cluster.tracking import Point
 
 #: Key of a trial's job in its configuration, and of the `TrialReport` in its results.
 JOB, REPORT = "job", "report"
-
-
-class StepFailed(Exception):
-    """The step of a trial failed; the message is the traceback."""
 
 
 @dataclass(frozen=True)
@@ -36,10 +32,8 @@ class TrialReport:
 
     tally: Tally | None = None  # None if the step failed
     budget_reached: bool = False
-    record: GenerationRecord | None = None  # of the generation that the step completed
-    run: int = 0  # number of the record's NES run
-    before: int = 0  # generations of earlier NES runs
-    error: StorageFailure | UserCodeError | StepFailed | None = None  # ends the job
+    point: Point | None = None  # of the generation that the step completed
+    error: Exception | None = None  # ends the job; of an unknown kind: RuntimeError(traceback)
 
 
 class NESTrial(tune.Trainable):  # type: ignore[misc]
@@ -66,7 +60,7 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
         except NoActorStarts:  # ends this process like a crash, so that the job runs elsewhere
             raise
         except Exception:
-            report = TrialReport(error=StepFailed(traceback.format_exc()))
+            report = TrialReport(error=RuntimeError(traceback.format_exc()))
         return {REPORT: report, "done": report.budget_reached or report.error is not None}
 
     def _generation(self) -> TrialReport:
@@ -75,17 +69,17 @@ class NESTrial(tune.Trainable):  # type: ignore[misc]
             node = socket.gethostname()
             raise StorageFailure(f"node {node} does not see the folder {str(study.folder)!r}")
         if self._runs is None:
-            self._runs = ConfigurationRuns.read(study, tuple(job["id"]), job["configuration"])
+            self._runs = ConfigurationRuns(study, tuple(job["id"]), job["configuration"]).read()
         runs = self._runs
-        record, run, before = None, 0, 0
-        while record is None and not runs.spent(job["budget"]):
+        point = None
+        while point is None and not runs.spent(job["budget"]):
             generations = runs.generations
             state = runs.advance(self._pool)  # a generation, or a round before or after one
             if runs.generations > generations:
-                record = state.records[-1]
                 run = next(i for i, other in enumerate(runs.states) if other is state)
                 before = sum(earlier.generation for earlier in runs.states[:run])
-        return TrialReport(runs.tally, runs.spent(job["budget"]), record, run, before)
+                point = Point.of(state.records[-1], before, run=run)
+        return TrialReport(runs.tally, runs.spent(job["budget"]), point)
 
     def cleanup(self) -> None:
         """Stop the pool."""

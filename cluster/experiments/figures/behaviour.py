@@ -14,7 +14,7 @@ from bilevel.errors import InvalidInput
 from bilevel.evaluation import record
 from bilevel.synthetic_env import StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
-from cluster.evaluate.table import Row, Value
+from cluster.evaluate.report import Row, Value
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan
 from cluster.experiments.style import SERIES, panels
 

@@ -7,12 +7,13 @@ costs about three and a half times the training.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.hyperparameters import AgentHyperparameters
-from cluster.evaluate.table import Row
+from cluster.evaluate.report import Row
 from cluster.experiments.conditions import REAL
 from cluster.experiments.experiment import Evaluation, Experiment, Findings, Found, Material, Plan
 from cluster.experiments.style import line_chart, solved_line
@@ -41,7 +42,8 @@ def shorter_trainings(evaluation: Evaluation, found: Found) -> list[Evaluation]:
     first missing result."""
     trainings: list[Evaluation] = []
     for episodes in episode_limits(evaluation.hp):
-        trainings.append(evaluation.shorter(episodes))
+        shorter = replace(evaluation.hp, max_episodes=episodes)
+        trainings.append(replace(evaluation, hp=shorter))
         result = found.get(trainings[-1].key)
         if result is None or result.train_episodes < episodes:
             break

@@ -7,7 +7,7 @@ from scipy.stats import spearmanr
 
 from bilevel.agents.variation import VARIED
 from bilevel.tasks import Task
-from cluster.evaluate.table import Row
+from cluster.evaluate.report import Row
 from cluster.experiments.experiment import Evaluation, Experiment, Findings, Material, Plan
 from cluster.experiments.style import SERIES, panels, solved_line
 

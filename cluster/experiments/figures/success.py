@@ -8,7 +8,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from bilevel.tasks import Task
-from cluster.evaluate.table import Row
+from cluster.evaluate.report import Row
 from cluster.experiments.conditions import title_of
 from cluster.experiments.experiment import Experiment, Findings, Material, Plan
 from cluster.experiments.style import COLOURS, column, line_chart, solved_line
@@ -63,7 +63,7 @@ def findings_of(data: pd.DataFrame, ends: pd.DataFrame, task: Task) -> Findings:
         {"curves": _curves(scores, task), "share": _shares(scores, task)},
         {f"share_solved/{row['condition']}": float(row["ever_solved"] or 0) for row in summary},
         (
-            "A run that stops early keeps its last score in means and shares. Handed over solved: "
+            "A run that stops early keeps its last score in means and shares. Best SE solves: "
             "fresh agents solve the task on the SE that the run exports.",
             "Core seconds are medians over all runs and include the last confirmation. First "
             "solved: medians over the runs that solve the task. Update norm: median length of the "
@@ -85,7 +85,7 @@ def _summary(name: str, curves: pd.DataFrame, ends: pd.DataFrame, solved_reward:
         "score_at_end_std": float(last.std()),
         "ever_solved": len(first) / len(ends),
         "solved_at_end": float(np.mean(last >= solved_reward)),
-        "handed_over_solved": float(np.mean(ends["final_score"] >= solved_reward)),
+        "best_se_solves": float(np.mean(ends["final_score"] >= solved_reward)),
         "median_first_solved": float(first["generation"].median()) if len(first) else None,
         "core_seconds_first_solved": float(first["core_seconds"].median()) if len(first) else None,
         "update_norm": float(curves["update_norm"].median()),

@@ -9,18 +9,13 @@ from matplotlib.figure import Figure
 from scipy.stats import sem
 
 from bilevel.tasks import Task
-from cluster.evaluate.report import Group
-from cluster.evaluate.table import Row
+from cluster.evaluate.report import Group, Row
 from cluster.experiments.conditions import REAL, title_of
 from cluster.experiments.experiment import Evaluation, Experiment, Findings, Material, Plan
 from cluster.experiments.style import COLOURS, column, solved_line
 
 #: SEs that the authors chose for their best result of TD3.
 PICKED = 5
-
-
-def _agents(task_id: str) -> tuple[str, ...]:
-    return ("ddqn", "dueling-ddqn", *(["td3"] if task_id == "CartPole-v0" else []))
 
 
 def _evaluations(plan: Plan, material: Material) -> list[Evaluation]:
@@ -105,5 +100,5 @@ TRANSFER = Experiment(
     lambda size: dict.fromkeys(("varied", "fixed", "default"), size.ses),
     _findings,
     _evaluations,
-    agents=_agents,
+    lambda task_id: ("ddqn", "dueling-ddqn", *(["td3"] if task_id == "CartPole-v0" else [])),
 )

@@ -10,7 +10,7 @@ import pytest
 import torch
 
 from bilevel import InvalidInput
-from bilevel.agents import get_agent, register_agent
+from bilevel.agents import get_agent, register_agent, registered_agents
 from bilevel.agents.environments import environment_in_python
 from bilevel.agents.variation import draw_agent
 from bilevel.durable import checksum
@@ -39,7 +39,8 @@ def write_agent(file: Path, name: str) -> str:
     """Write the documented agent to a file under another name, and load it; return its code."""
     code = documented_agent().replace('agent="reinforce"', f'agent="{name}"')
     file.write_text(code)
-    assert load_agent_file(file) == (name,)
+    load_agent_file(file)
+    assert name in registered_agents()
     return code
 
 

@@ -116,5 +116,5 @@ def test_initial_states_and_actions_of_a_task_in_gymnasium(
     many.step(np.array([5, 6]))
     for wrong in (0, 4, 7):
         for take in (env.unwrapped.step, lambda action: many.step([5, action])):
-            with pytest.raises(InvalidInput, match=r"are 5 to 6|must be in MultiDiscrete"):
+            with pytest.raises(InvalidInput, match=r"are 5 to 6|must be 2 elements of Discrete"):
                 take(wrong)

@@ -51,6 +51,6 @@ def test_the_window_shows_the_current_state(se_file: Path) -> None:
 def test_unavailable_modes(se_file: Path, tmp_path: Path) -> None:
     with pytest.raises(InvalidInput, match="mode 'ansi' is not available"):
         gymnasium.make("bilevel/SyntheticEnv-v0", path=se_file, render_mode="ansi")
-    save_se(make_se(get_task("MountainCar-v0")), tmp_path / "se")
-    with pytest.raises(InvalidInput, match="is not available for MountainCar-v0"):
+    save_se(make_se(get_task("FrozenLake-v1")), tmp_path / "se")
+    with pytest.raises(InvalidInput, match="is not available for FrozenLake-v1"):
         gymnasium.make("bilevel/SyntheticEnv-v0", path=tmp_path / "se", render_mode="rgb_array")

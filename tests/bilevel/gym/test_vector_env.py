@@ -69,8 +69,8 @@ def test_equals_a_loop_over_single_environments(path: Path, step_limit: int, see
     ("call", "message"),
     [
         (lambda env: env.reset(seed=[1, 2]), "2 seeds for 3 copies"),
-        (lambda env: env.step([0, 1]), r"actions must be in MultiDiscrete"),
-        (lambda env: env.step(0), r"actions must be in MultiDiscrete"),
+        (lambda env: env.step([0, 1]), r"actions must be 3 elements of Discrete"),
+        (lambda env: env.step(0), r"actions must be 3 elements of Discrete"),
     ],
 )
 def test_other_numbers_of_seeds_and_actions(call: Any, message: str, se_file: Path) -> None:
@@ -90,5 +90,5 @@ def test_actions_are_integers_of_any_type(se_file: Path) -> None:
     batched.step(torch.tensor([0, 1]))
     for wrong in (-1, 2, 0.5, "left"):
         for take in (single.step, lambda action: batched.step([0, action])):
-            with pytest.raises(InvalidInput, match=r"are 0 to 1$|must be in MultiDiscrete"):
+            with pytest.raises(InvalidInput, match=r"are 0 to 1$|must be 2 elements of Discrete"):
                 take(wrong)

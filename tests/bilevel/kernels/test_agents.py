@@ -18,13 +18,14 @@ from bilevel.hyperparameters import (
     AgentHyperparameters,
     default_agents,
 )
-from bilevel.kernels import ddqn, td3, training
+from bilevel.kernels import ddqn, td3, td3_discrete, training
 from bilevel.kernels.environment import Environment
 from bilevel.kernels.training import NOT_FINITE, converged, solved
-from bilevel.tasks import Task
+from bilevel.tasks import Task, get_task
 from tests.ses import make_se
 
-BUILT_IN = ("ddqn", "dueling-ddqn", "td3")
+#: Agents with compiled twins, by name and whether their actions are continuous.
+BUILT_IN = (("ddqn", False), ("dueling-ddqn", False), ("td3", False), ("td3", True))
 STEP = {"ddqn": ddqn.gradient_step, "dueling-ddqn": ddqn.gradient_step, "td3": td3.gradient_step}
 GRADIENT_STEPS = 300
 SEED = 3
@@ -37,9 +38,11 @@ def small(agent: str, **changes: Any) -> Any:
     return replace(hp, **(sizes | {"learning_rate": 1e-3, "test_episodes": 2} | changes))
 
 
-def twins(hp: AgentHyperparameters, n_states: int, action_size: int) -> tuple[Any, Any, Any]:
+def twins(
+    hp: AgentHyperparameters, n_states: int, action_size: int, continuous: bool = False
+) -> tuple[Any, Any, Any]:
     """The definition, the kernel, and the kernel's random state."""
-    registered = get_agent(hp.agent)
+    registered = get_agent(hp.agent, continuous)
     initial, loop = agent_seeds(SEED)
     assert registered.build_kernel is not None
     kernel = registered.build_kernel(hp, n_states, action_size, np.random.default_rng(initial))
@@ -52,23 +55,23 @@ def largest_difference(definition: Any, kernel: Any) -> float:
     return float(max(abs(k - d).max() for k, d in pairs))
 
 
-def difference_after_gradient_steps(agent: str, hp: Any, data_seed: int) -> float:
+def difference_after_gradient_steps(hp: Any, continuous: bool, data_seed: int) -> float:
     """The largest difference of the twins' parameters after the same minibatches."""
-    definition, kernel, rng = twins(hp, 5, 3)
+    definition, kernel, rng = twins(hp, 5, 3, continuous)
     start = [p.copy() for p in kernel.parameters()]
     data, size = np.random.default_rng(data_seed), hp.batch_size
     for step in range(1, GRADIENT_STEPS + 1):
         states, next_states = data.normal(0, 1, (2, size, 5)).astype(np.float32)
         rewards = data.normal(0, 1, size).astype(np.float32)
         dones = data.normal(0, 0.3, size).astype(np.float32)  # raw, not only 0 and 1
-        if agent == "td3":
+        if hp.agent == "td3":
             actions = data.normal(0.3, 0.4, (size, 3)).astype(np.float32)
         else:
             actions = data.integers(0, 3, (size, 1)).astype(np.float32)
         batch = kernel.batch
         batch.states[:, :size], batch.next_states[:, :size] = states.T, next_states.T
         batch.rewards[:], batch.dones[:], batch.actions[:, :size] = rewards, dones, actions.T
-        loss = STEP[agent](kernel, rng)
+        loss = STEP[hp.agent](kernel, rng)
         arrays = (states, actions, rewards, next_states, dones)
         expected = definition.gradient_step(*map(torch.from_numpy, arrays))
         if step < 10:
@@ -79,23 +82,24 @@ def difference_after_gradient_steps(agent: str, hp: Any, data_seed: int) -> floa
 
 
 @pytest.mark.parametrize(
-    ("agent", "activation", "hidden_layers"),
+    ("agent", "continuous", "activation", "hidden_layers"),
     # Each case compiles again, so not all combinations of agent, activation and depth are tested.
     [
-        (agent, activation, 1 + (i + j) % 3)
+        (*agent, activation, 1 + (i + j) % 3)
         for i, agent in enumerate(BUILT_IN)
         for j, activation in enumerate(ACTIVATIONS)
         if (i + j) % 2 == 0
     ],
 )
 def test_parameters_agree_after_hundreds_of_gradient_steps(
-    agent: str, activation: str, hidden_layers: int
+    agent: str, continuous: bool, activation: str, hidden_layers: int
 ) -> None:
     """A rounding error at a kink, or at a tie between actions, separates two runs permanently. This
     is rare, so most of three runs must agree."""
     sizes = {"hidden_layers": hidden_layers, "hidden_size": 31, "batch_size": 24}
     hp = small(agent, activation=activation, **sizes)
-    differences = sorted(difference_after_gradient_steps(agent, hp, seed) for seed in (9, 10, 11))
+    seeds = (9, 10, 11)
+    differences = sorted(difference_after_gradient_steps(hp, continuous, seed) for seed in seeds)
     assert differences[1] < 1e-4
     assert differences[2] < 0.05
 
@@ -107,7 +111,7 @@ def test_hard_draws_follow_the_softmax(rho: float) -> None:
     logits = np.array([0.0, 1.0, -0.5], np.float32)
     columns = np.repeat(logits[:, np.newaxis], 20_000, axis=1)
     soft = np.zeros_like(columns)
-    td3.relax(columns, np.float32(rho), 20_000, np.array([7], np.uint64), soft)
+    td3_discrete.relax(columns, np.float32(rho), 20_000, np.array([7], np.uint64), soft)
     np.testing.assert_allclose(soft.sum(axis=0), 1.0, atol=1e-5)
     frequencies = np.bincount(soft.argmax(axis=0), minlength=3) / 20_000
     np.testing.assert_allclose(frequencies, np.exp(logits) / np.exp(logits).sum(), atol=0.015)
@@ -119,15 +123,15 @@ def se_environment(task: Task, seed: int, episodes: int, step_limit: int) -> Env
 
 
 @pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize("agent", BUILT_IN)
-def test_whole_training_runs_agree(seed: int, agent: str, cartpole: Task) -> None:
+@pytest.mark.parametrize(("agent", "continuous"), BUILT_IN)
+def test_whole_training_runs_agree(seed: int, agent: str, continuous: bool) -> None:
     """Exploration, replay, minibatches, updates, episode ends and stopping."""
     hp = small(agent, max_episodes=20, replay_capacity=200)
-    env = se_environment(cartpole, seed, hp.max_episodes, 25)
-    definition, kernel, rng = twins(hp, 4, 2)
-    steps, episodes, finite = train_in_python(
-        definition, hp, KernelEnvironment(env, 2), returns_converged(hp)
-    )
+    task = get_task("Pendulum-v1" if continuous else "CartPole-v0")
+    env = se_environment(task, seed, hp.max_episodes, 25)
+    definition, kernel, rng = twins(hp, task.state_size, task.action_size, continuous)
+    in_python = KernelEnvironment(env, task.action_size, continuous)
+    steps, episodes, finite = train_in_python(definition, hp, in_python, returns_converged(hp))
     compiled = training.train(kernel, env, schedule(hp), rng)
     assert finite
     assert compiled[:2] == (steps, episodes)
@@ -135,7 +139,7 @@ def test_whole_training_runs_agree(seed: int, agent: str, cartpole: Task) -> Non
     assert largest_difference(definition, kernel) < 2e-4
 
 
-@pytest.mark.parametrize("agent", BUILT_IN)
+@pytest.mark.parametrize("agent", ["ddqn", "dueling-ddqn", "td3"])
 def test_non_finite_numbers_end_training(agent: str, cartpole: Task) -> None:
     hp = small(agent, learning_rate=1.0)
     env = se_environment(cartpole, 0, hp.max_episodes, 50)

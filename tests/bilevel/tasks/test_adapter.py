@@ -6,6 +6,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -31,7 +32,7 @@ def returning(state: Any = (0.0, 0.0), reward: Any = -1.0) -> Callable[[], Any]:
             {"step": returning((np.nan, 0.0))},
             r"returns \[nan  0.\] and the reward -1.0",
         ),
-        ({"step": returning((1.0, 2.0, 3.0))}, r"the shape \(3,\) instead of \(2,\)"),
+        ({"step": returning((1.0, 2.0, 3.0))}, r"the shape \(3,\), not \(2,\)"),
         ({"step": returning(reward=np.inf)}, "the reward inf: not finite"),
         ({"step": returning(reward=None)}, "when it takes a step: TypeError"),
         ({"observe": lambda _: np.full(2, np.nan)}, "returns .nan nan."),
@@ -62,8 +63,8 @@ def test_observations_are_copied(monkeypatch: pytest.MonkeyPatch) -> None:
         return observation, -1.0, False, False, {}
 
     env_id = register_env(monkeypatch, lambda **_: CustomEnv(lambda _: observation, step))
-    with closing(get_task(env_id).make()) as env:
-        states = [env.reset(seed=0)[0], env.step(np.int64(0))[0], env.step(np.int64(0))[0]]
+    with closing(get_task(env_id).real_env()) as env:
+        states = [env.reset(seed=0), env.step(0)[0], env.step(0)[0]]
     assert [state[0] for state in states] == [0.0, 1.0, 2.0]
 
 
@@ -76,4 +77,15 @@ def test_only_user_code_has_a_digest(tmp_path: Path, monkeypatch: pytest.MonkeyP
     assert get_task(f"registers_nothing:{task_id}").code_digest == digest
     assert get_task(register_env(monkeypatch, partial(CustomEnv))).code_digest == digest
     assert get_task("CartPole-v0").code_digest is None
+
+
+def test_observations_that_float32_cannot_resolve(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = iter(range(1_700_000_000, 1_800_000_000))
+    space = gymnasium.spaces.Box(-np.inf, np.inf, (2,), np.float64)
+    env = partial(CustomEnv, observe=lambda rng: np.array([0.5, next(clock)]), space=space)
+    with pytest.raises(UserCodeError, match=r"observation 1 is near 1.7e.09 and changes by 1, whi"):
+        get_task(register_env(monkeypatch, env)).try_out()
+    env = partial(CustomEnv, observe=lambda rng: np.array([0.5, 1e39]), space=space)
+    with pytest.raises(UserCodeError, match="not finite in float32"):
+        get_task(register_env(monkeypatch, env)).try_out()
     assert get_task("MountainCar-v0").code_digest is None

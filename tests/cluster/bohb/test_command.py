@@ -8,7 +8,7 @@ import pytest
 
 from cluster.bohb.command import StudyCommand, brackets_to_reach, deadlines
 from cluster.bohb.study.journal import Journal
-from cluster.ray.connection import Capacity
+from cluster.bohb.study.profiles import PROFILES
 from cluster.session.context import RunContext
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus, Status
@@ -19,22 +19,21 @@ from tests.studies import make_study, new_study
 def command(tmp_path: Path) -> StudyCommand:
     """Two brackets, which start 3 and 2 configurations, without a number of workers."""
     context = RunContext(Home(tmp_path), "sqlite:///none.db")
-    return StudyCommand(new_study(tmp_path), context, 2, None, 4, workers_per_trial=0)
+    return StudyCommand(new_study(tmp_path), context, PROFILES["smoke"], workers_per_trial=0)
 
 
 @pytest.mark.parametrize(
     ("cores", "workers", "trials"),
-    [(2, 1, 2), (5, 1, 5), (20, 4, 5), (10_000, 98, 102)],
+    [(1, 1, 1), (2, 1, 2), (5, 1, 5), (20, 4, 5), (10_000, 98, 102)],
 )
 def test_workers_per_trial_grow_with_the_cluster(
     command: StudyCommand, cores: int, workers: int, trials: int
 ) -> None:
     """Up to one for each evaluation of a generation."""
-    capacity = Capacity(cores)
     nes = replace(command.study.base.nes, population_size=48, centre_agents=2)
     study = replace(command.study, base=replace(command.study.base, nes=nes))
-    placed = replace(command, study=study).placed(capacity)
-    assert (placed.workers_per_trial, placed.trials_on(capacity)) == (workers, trials)
+    placed = replace(command, study=study).with_workers(cores)
+    assert (placed.workers_per_trial, placed.trials_on(cores)) == (workers, trials)
 
 
 @pytest.mark.parametrize(

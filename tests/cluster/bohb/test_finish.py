@@ -15,7 +15,7 @@ from tests.studies import MadeUpPool, make_study
 def test_confirmed_ses_come_before_those_with_the_highest_scores(tmp_path: Path) -> None:
     study = make_study(tmp_path, brackets=6)
     every = [
-        ConfigurationRuns.read(study, line.id, line.configuration)
+        ConfigurationRuns(study, line.id, line.configuration).read()
         for line in Journal(tmp_path).configs
     ]
     evolved = [runs for runs in every if runs.states and runs.states[0].finalists]

@@ -20,7 +20,7 @@ def running(tmp_path: Path) -> StudyViews:
     make_study(tmp_path, 1)
     (tmp_path / "finals.jsonl").unlink()
     RunStatus("RUNNING", 0.0, 2).save(tmp_path)
-    return replace(StudyViews.of(tmp_path), live=True)
+    return StudyViews(tmp_path, live=True)
 
 
 def test_only_running_configurations_have_the_status_running(running: StudyViews) -> None:
@@ -66,7 +66,7 @@ def test_an_invalid_configuration_is_shown_with_its_error(tmp_path: Path) -> Non
     make_study(tmp_path, brackets=1)
     journal = Journal(tmp_path)
     journal.add_config(ConfigLine((7, 0, 0), {"nes.averaging": 0.9999}, {}))
-    views = StudyViews.of(tmp_path)
+    views = StudyViews(tmp_path)
     key = views.keys()[-1]
     with pytest.raises(InvalidInput, match=r"nes\.averaging: must be"):
         views.view(key)

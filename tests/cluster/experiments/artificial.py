@@ -8,6 +8,7 @@ import numpy as np
 
 from bilevel.evaluation import EvaluationRequest, EvaluationResult
 from bilevel.hyperparameters import default_agents
+from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
 from cluster.experiments.experiment import (
     Evaluation,
@@ -21,7 +22,7 @@ from cluster.experiments.sizes import SIZES
 from cluster.nes.run import NESRun
 from cluster.nes.selection import FinalScore, export_best
 from cluster.storage.home import Home
-from cluster.storage.run_folder import RunStatus, locked_settings
+from cluster.storage.run_folder import BEST_FILE, RunStatus, locked_settings
 from tests.studies import MadeUpPool, made_up
 
 
@@ -58,7 +59,8 @@ def material_of(experiment: Experiment, plan: Plan, home: Path) -> Material:
     for run in runs.values():
         if not run.ended:
             finish(run)
-    material = Material([Source.of_run(*place, run) for place, run in runs.items()], {})
+    sources = [Source(*place, load_se(run.folder / BEST_FILE), run) for place, run in runs.items()]
+    material = Material(sources, {})
     while missing := [
         one for one in experiment.evaluations(plan, material) if one.key not in material.found
     ]:

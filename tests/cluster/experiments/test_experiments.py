@@ -8,11 +8,11 @@ import pytest
 
 from cluster.experiments.experiment import Experiment
 from cluster.experiments.figures import EXPERIMENTS
-from cluster.experiments.style import COLUMN, svg
+from cluster.experiments.style import column, svg
 from tests.cluster.experiments.artificial import findings_of, material_of, smoke_plan
 
-#: Acrobot has no TD3 agents, MountainCar runs in gymnasium.
-TASKS = ("CartPole-v0", "Acrobot-v1", "MountainCar-v0")
+#: Acrobot has no TD3 agents, FrozenLake runs in gymnasium.
+TASKS = ("CartPole-v0", "Acrobot-v1", "FrozenLake-v1")
 
 experiments = pytest.mark.parametrize("experiment", EXPERIMENTS.values(), ids=list(EXPERIMENTS))
 
@@ -35,7 +35,7 @@ def test_findings_are_complete(experiment: Experiment, task_id: str, home: Path)
     for figure in found.figures.values():
         picture = svg(figure)
         root = ElementTree.fromstring(picture)
-        assert root.attrib["width"] == f"{72 * COLUMN:g}pt"
+        assert root.attrib["width"] == f"{72 * column(1).get_figwidth():g}pt"
         assert picture.count(b"<path") > 10
 
 

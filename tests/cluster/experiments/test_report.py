@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from bilevel.tasks import BUILT_IN_TASKS
-from cluster.evaluate.table import Row, shown, table
+from cluster.evaluate.report import Row, shown, table
 from cluster.experiments.authors import authors_figures, comparison
 from cluster.experiments.figures import EXPERIMENTS
 from tests.cluster.experiments.artificial import findings_of
@@ -14,7 +14,7 @@ def test_every_figure_of_the_authors_has_a_source() -> None:
         assert figure.source in ("paper", "repository", "curves in the repository")
         assert figure.task in BUILT_IN_TASKS
         assert figure.experiment in EXPERIMENTS
-        assert figure.behind
+        assert figure.evaluations
 
 
 def test_every_figure_of_the_authors_has_one_of_ours(tmp_path: Path) -> None:

@@ -10,7 +10,8 @@ from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NESState
 from bilevel.tasks import Task
 from cluster.nes.run import STATE_FILE, NESRun
-from cluster.nes.view import nes_progress
+from cluster.nes.view import NESViews
+from cluster.storage.run_folder import RunStatus, locked_settings
 from tests.studies import MadeUpPool
 
 
@@ -52,7 +53,14 @@ def test_an_unreadable_checkpoint_is_not_renamed(run: NESRun) -> None:
 
 def test_progress_never_exceeds_the_total(run: NESRun) -> None:
     """A later call may ask for fewer generations than exist."""
-    assert nes_progress(run.folder, 3).done == "0/3 generations"
+    with locked_settings(run.folder, run.settings()):
+        pass
+
+    def progress(target: int) -> str:
+        RunStatus("KILLED", 0.0, target).save(run.folder)
+        return NESViews(run.folder).progress()[0]
+
+    assert progress(3) == "0/3 generations"
     advanced(run, [])
-    done = [nes_progress(run.folder, generations).done for generations in (1, 2, 9)]
+    done = [progress(generations) for generations in (1, 2, 9)]
     assert done == ["2/2 generations", "2/2 generations", "2/9 generations"]

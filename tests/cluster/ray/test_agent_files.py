@@ -5,6 +5,7 @@ from pathlib import Path
 
 import pytest
 
+from bilevel.agents import registered_agents
 from cluster.ray.agent_files import load_agent_file, runtime_env
 from tests.agent_files import forgotten_afterwards
 from tests.documents import documented_agent
@@ -29,8 +30,9 @@ def test_actors_import_agent_files_as_the_driver_has_read_them(tmp_path: Path) -
     file = tmp_path / "sent_agent.py"
     file.write_text(documented_agent().replace('"reinforce"', '"sent"'))
     with forgotten_afterwards():
-        assert load_agent_file(file) == ("sent",)
-        assert load_agent_file(file) == ()
+        for _ in range(2):  # the second call changes nothing
+            load_agent_file(file)
+            assert "sent" in registered_agents()
         environment = runtime_env(local=True)
         assert environment is not None
         file.unlink()

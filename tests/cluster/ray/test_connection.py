@@ -3,7 +3,7 @@
 import pytest
 
 from bilevel import InvalidInput
-from cluster.ray.connection import Capacity, ray_cluster
+from cluster.ray.connection import ray_cluster, require_cores
 
 
 @pytest.mark.parametrize("address", ["127.0.0.1:1", "auto"])
@@ -16,8 +16,6 @@ def test_unreachable_cluster_is_reported_at_once(
 
 
 def test_trials_that_fit() -> None:
-    capacity = Capacity(12)
-    assert [capacity.trials(workers) for workers in (1, 5, 24)] == [12, 2, 1]
-    capacity.require(4, 3)
+    require_cores(12, 4, 3)
     with pytest.raises(InvalidInput, match="3 x 5 workers need 15 cores: the cluster has 12"):
-        capacity.require(5, 3)
+        require_cores(12, 5, 3)

@@ -6,6 +6,7 @@ import mlflow
 import pytest
 
 from bilevel import InvalidInput
+from cluster.storage.home import Home
 from cluster.storage.run_folder import Lifetime
 from cluster.tracking import Document, Mirror, Point, RunView, Tracker
 
@@ -15,7 +16,7 @@ def fail() -> bytes:
 
 
 OVER = Lifetime("FINISHED", 1.0, 2.0)
-GOOD = Document.of_text("good.txt", "content")
+GOOD = Document.of("good.txt", "content")
 BAD = Document("bad.png", "1", fail)
 VIEWS = {
     "good": RunView("good", "good", OVER, {}, {}, documents=(GOOD,)),
@@ -32,7 +33,7 @@ def view_of(key: str) -> RunView:
 
 @pytest.fixture
 def tracker(tmp_path: Path) -> Tracker:
-    return Tracker(f"sqlite:///{tmp_path}/mlflow.db", "task", tmp_path / "artifacts")
+    return Tracker(f"sqlite:///{tmp_path}/mlflow.db", "task", Home(tmp_path))
 
 
 def runs_of(tracker: Tracker) -> dict[str, mlflow.entities.Run]:
@@ -70,6 +71,6 @@ def test_a_deleted_experiment_is_reported(tracker: Tracker) -> None:
     client = mlflow.MlflowClient(tracker.uri)
     client.delete_experiment(tracker.experiment_id)
     with pytest.raises(InvalidInput, match=r"experiment 'task' was deleted; restore it"):
-        Tracker(tracker.uri, "task", Path())
+        Tracker(tracker.uri, "task", tracker.home)
     client.restore_experiment(tracker.experiment_id)
-    assert Tracker(tracker.uri, "task", Path()).experiment_id == tracker.experiment_id
+    assert Tracker(tracker.uri, "task", tracker.home).experiment_id == tracker.experiment_id

@@ -40,7 +40,7 @@ def register(home: Home, content: bytes, time: float, score: str) -> None:
     """Show a run with that SE."""
     file = Document.of("best_se.safetensors", content)
     model = RegisteredSE(file, "CartPole-v0", time, {"final_score_mean": score})
-    tracker = Tracker(home.database_uri, "CartPole-v0", home.artifacts)
+    tracker = Tracker(home.database_uri, "CartPole-v0", home)
     tracker.show(RunView(score, score, Lifetime("FINISHED", 1.0, 2.0), {}, {}, model=model))
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from bilevel import InvalidInput
-from cluster.catalog.kinds import views_of
+from cluster.catalog import views_of
 from cluster.storage.run_folder import BEST_FILE, RunIdentity, RunStatus
 from cluster.tracking import RunView
 from tests.studies import make_study

@@ -8,7 +8,7 @@ from cluster.bohb.results.importance import Importance, importance, unit_values
 from cluster.bohb.results.pictures import hyperparameters
 from cluster.bohb.study.brackets import Schedule
 from cluster.bohb.study.journal import Journal
-from cluster.pictures import png
+from cluster.pictures import image
 from tests.searches import search_of
 
 SPACE = CS.ConfigurationSpace(
@@ -60,7 +60,7 @@ def test_hyperparameters_are_drawn_with_and_without_importances(bars: int) -> No
     found = Importance(mean, mean / 2, 3, 40, 0.5) if bars else None
     figure = hyperparameters(tried, tried[0], np.array([0.5, np.nan]), ("a", "b"), found, "study")
     assert len(figure.axes[1].patches) == bars
-    assert png(figure)
+    assert image(figure)
 
 
 def test_values_are_scaled_to_their_ranges() -> None:

@@ -13,7 +13,7 @@ from tests.studies import MadeUpPool, new_study
 @pytest.fixture(scope="module")
 def state(tmp_path_factory: pytest.TempPathFactory) -> NESState:
     """An unfinished run after some generations."""
-    runs = ConfigurationRuns.read(new_study(tmp_path_factory.mktemp("study")), (0, 0, 0), {})
+    runs = ConfigurationRuns(new_study(tmp_path_factory.mktemp("study")), (0, 0, 0), {}).read()
     runs.spend(2, MadeUpPool())
     (state,) = runs.states
     assert state.generation > 4

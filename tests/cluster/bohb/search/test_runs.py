@@ -20,7 +20,7 @@ def study(tmp_path: Path) -> Study:
 
 
 def opened(study: Study, budget: float = 0.0) -> ConfigurationRuns:
-    runs = ConfigurationRuns.read(study, ID, CONFIGURATION)
+    runs = ConfigurationRuns(study, ID, CONFIGURATION).read()
     runs.spend(budget, MadeUpPool())
     return runs
 
@@ -42,7 +42,7 @@ def test_seeds_run_one_after_another_until_the_budget_is_spent(
     whole = opened(replace(study, folder=tmp_path / "other"), 4)
     assert runs.tally == whole.tally
     assert runs.tally.cost == pytest.approx(4.0, abs=0.5)
-    assert ConfigurationRuns.read(study, ID, CONFIGURATION).tally == runs.tally
+    assert ConfigurationRuns(study, ID, CONFIGURATION).read().tally == runs.tally
     assert len(runs.states) > 3
     assert all(state.finished for state in runs.states[:-1])
     starts = {state.search.mean.tobytes() for state in runs.states}
@@ -55,7 +55,7 @@ def test_a_damaged_or_lost_run_is_repeated_and_the_others_stay(damage: bool, stu
     assert len(before.states) > 2
     path = before.run(0).folder / "state.safetensors"
     path.write_bytes(b"damaged") if damage else path.unlink()
-    assert not ConfigurationRuns.read(study, ID, CONFIGURATION).states
+    assert not ConfigurationRuns(study, ID, CONFIGURATION).read().states
     again = opened(study, 3)
     assert again.tally == before.tally
     for state, expected in zip(again.states, before.states, strict=True):

@@ -99,8 +99,8 @@ def test_finalists_run_with_new_seeds_for_equal_core_time(study: Study) -> None:
     for line in found.finalists:
         assert line.info["core_seconds"] >= each
         configuration = journal.proposals[line.id].configuration
-        searched = ConfigurationRuns.read(study, line.id, configuration)
-        validated = ConfigurationRuns.read(study, line.id, configuration, validation=True)
+        searched = ConfigurationRuns(study, line.id, configuration).read()
+        validated = ConfigurationRuns(study, line.id, configuration, validation=True).read()
         assert searched.run(0).seed != validated.run(0).seed
         assert (line.loss, line.info) == (validated.tally.objective, validated.tally.info)
 

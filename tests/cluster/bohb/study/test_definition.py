@@ -48,7 +48,7 @@ def test_the_space_file_contains_all_configurations(tmp_path: Path) -> None:
 
 def test_the_first_configuration_is_the_recipe_within_the_space(tmp_path: Path) -> None:
     study = replace(new_study(tmp_path), prior="recipe", base=load_recipe("paper", "CartPole-v0"))
-    recipe, first = study.of_recipe, study.prior_configuration()
+    recipe, first = study.recipe_values, study.prior_configuration()
     assert first is not None
     assert (recipe["nes.std_dev"], first["nes.std_dev"]) == (0.0124, 0.03)
     assert first["nes.population_size"] == recipe["nes.population_size"]

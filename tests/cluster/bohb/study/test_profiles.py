@@ -21,8 +21,8 @@ def mine(*dimensions: CS.hyperparameters.Hyperparameter) -> Space:  # type: igno
 
 
 def test_hyperparameters_with_an_effect_can_be_set() -> None:
-    assert searched_space(CORE, TASK, BASE, [("nes.generations", 9)]) == CORE
-    assert searched_space(CORE, TASK, BASE, [("nes.std_dev", 0.2)], "recipe") == CORE
+    assert searched_space(CORE, TASK, BASE, {"nes.generations": 9}) == CORE
+    assert searched_space(CORE, TASK, BASE, {"nes.std_dev": 0.2}, "recipe") == CORE
 
 
 @pytest.mark.parametrize(
@@ -35,7 +35,7 @@ def test_hyperparameters_with_an_effect_can_be_set() -> None:
 )
 def test_hyperparameters_without_an_effect_are_refused(name: str, message: str) -> None:
     with pytest.raises(InvalidInput, match=message):
-        searched_space(CORE, TASK, BASE, [(name, 1)])
+        searched_space(CORE, TASK, BASE, {name: 1})
 
 
 @pytest.mark.parametrize(

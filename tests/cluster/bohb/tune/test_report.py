@@ -1,4 +1,4 @@
-"""The report of a study, called as Ray Tune calls it."""
+"""The report of a study."""
 
 import io
 import math
@@ -7,8 +7,6 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import SimpleNamespace
-from typing import Any
 
 import mlflow
 import pytest
@@ -21,11 +19,12 @@ from cluster.bohb.search.runs import ConfigurationRuns
 from cluster.bohb.study.definition import configuration_name
 from cluster.bohb.study.journal import Journal, Origin
 from cluster.bohb.tune.report import StudyReport
-from cluster.bohb.tune.trial import REPORT, TrialReport
+from cluster.bohb.tune.trial import TrialReport
 from cluster.bohb.view import StudyViews
 from cluster.session.terminal import Terminal
+from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus
-from cluster.tracking import Mirror, RunView, Tracker
+from cluster.tracking import Mirror, Point, RunView, Tracker
 from cluster.tracking.tracker import KEY
 from tests.studies import make_study
 
@@ -41,23 +40,19 @@ class Trial:
         self.journal = Journal(folder)
         self.records: list[GenerationRecord] = []
         for line in self.journal.configs:
-            states = ConfigurationRuns.read(self.study, line.id, line.configuration).states
+            states = ConfigurationRuns(self.study, line.id, line.configuration).read().states
             if records := [record for state in states for record in state.records]:
                 self.records, self.job = records, Job(line.id, line.configuration, 3, *_DRAWN)
         RunStatus("RUNNING", 0.0, 2).save(folder)
-        self.views = replace(StudyViews.of(folder), live=True, journal=self.journal)
+        self.views = StudyViews(folder, live=True, journal=self.journal)
         self.key = self.views.key(configuration_name(self.job.id))
-        self.tracker = Tracker(f"sqlite:///{folder}/mlflow.db", "task", folder / "artifacts")
+        self.tracker = Tracker(f"sqlite:///{folder}/mlflow.db", "task", Home(folder))
         self.out = io.StringIO()
         self.built: list[str] = []
         terminal = Terminal(Console(file=self.out, width=200, soft_wrap=True))
         self.mirror = Mirror(self.tracker, self._view, terminal.log)
-        searcher: Any = SimpleNamespace(jobs={"trial": self.job})
         deadline = time.monotonic() + time_budget
-        self.report = StudyReport(
-            4, deadline, self.journal, searcher, self.views, self.mirror, terminal
-        )
-        self.trial = SimpleNamespace(trial_id="trial", last_result=None)
+        self.report = StudyReport(4, deadline, self.views, self.mirror, terminal)
 
     def _view(self, key: str) -> RunView:
         self.built.append(key)
@@ -66,12 +61,7 @@ class Trial:
     def start(self) -> None:
         """Start the trial, with the study's run in MLflow."""
         self.mirror.mark([self.views.parent])
-        self.report.on_trial_start(0, [], self.trial)
-
-    def step(self, report: TrialReport) -> None:
-        """Report a step."""
-        self.trial.last_result = {REPORT: report}
-        self.report.on_trial_result(0, [], self.trial, self.trial.last_result)
+        self.report.started(self.job)
 
     def history(self, name: str) -> dict[int, float]:
         """A metric of the configuration by step."""
@@ -95,7 +85,7 @@ def test_a_generation_costs_as_much_however_many_there_were(tmp_path: Path) -> N
     template, before = trial.records[-1], len(trial.records)
     for number in range(50):
         record = replace(template, generation=number, finished=template.finished + 1 + number)
-        trial.step(TrialReport(TALLY, False, record, run=9, before=before))
+        trial.report.stepped(trial.job, TrialReport(TALLY, False, Point.of(record, before, run=9)))
         if number % 10 == 0:  # otherwise the mirror would write all of them at once
             wait_for(lambda: not trial.mirror.waiting)
     assert trial.mirror.close() == 0
@@ -109,8 +99,7 @@ def test_a_result_is_logged_with_the_best_one(time_budget: float, tmp_path: Path
     trial = Trial(tmp_path, time_budget)
     trial.start()
     assert trial.views.running
-    trial.step(TrialReport(TALLY, budget_reached=True))
-    trial.report.on_trial_complete(0, [], trial.trial)
+    trial.report.ended(trial.job, TrialReport(TALLY, budget_reached=True))
     assert not trial.views.running
     assert trial.mirror.close() == 0
     (line,) = [text for text in trial.out.getvalue().splitlines() if "objective 3" in text]

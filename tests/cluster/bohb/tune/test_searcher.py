@@ -5,6 +5,7 @@ import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -14,7 +15,7 @@ from cluster.bohb.search.bracket_search import BracketSearch
 from cluster.bohb.search.objective import Tally
 from cluster.bohb.study.journal import Journal
 from cluster.bohb.tune.searcher import MAX_CRASHES, BohbSearcher
-from cluster.bohb.tune.trial import JOB, REPORT, StepFailed, TrialReport
+from cluster.bohb.tune.trial import JOB, REPORT, TrialReport
 from tests.studies import new_study
 
 
@@ -35,7 +36,7 @@ def journal(tmp_path: Path) -> Journal:
 @pytest.fixture
 def searcher(journal: Journal) -> BohbSearcher:
     search = BracketSearch(new_study(journal.folder), journal, 1)
-    return BohbSearcher(search, lambda: 2, math.inf)
+    return BohbSearcher(search, lambda: 2, math.inf, Mock())
 
 
 def suggested(searcher: BohbSearcher, trial_id: str) -> Any:
@@ -70,7 +71,7 @@ def test_the_job_of_a_crashed_process_is_suggested_again_until_it_fails(
 @pytest.mark.parametrize(
     ("last", "message"),
     [
-        ({REPORT: TrialReport(error=StepFailed("Traceback\nValueError: no"))}, "ValueError: no"),
+        ({REPORT: TrialReport(error=RuntimeError("Traceback\nValueError: no"))}, "ValueError: no"),
         (result(math.nan, budget_reached=True), "the objective is nan"),
         (result(math.inf, budget_reached=True), "the objective is inf"),
     ],
@@ -125,7 +126,7 @@ def test_a_full_disk_under_the_journal_stops_the_study(
     searcher: BohbSearcher, journal: Journal
 ) -> None:
     suggested(searcher, "a")
-    journal.paths[1].symlink_to("/dev/full")
+    (journal.folder / "results.json").symlink_to("/dev/full")
     searcher.on_trial_complete("a", DONE)
     assert isinstance(searcher.stopped_by, StorageFailure)
     assert journal.results == []

@@ -45,7 +45,7 @@ def test_a_longer_training_passes_through_the_agent_of_a_shorter_one(
     source: str, small_agent: DDQNHyperparameters
 ) -> None:
     """An agent that stops by its rule after n episodes equals one with the limit n."""
-    task = get_task("MountainCar-v0" if source == "gymnasium" else "CartPole-v0")
+    task = get_task("FrozenLake-v1" if source == "gymnasium" else "CartPole-v0")
     task = replace(task, step_limit=min(task.step_limit, 60))
     se = Source("default", 0, make_se(task)) if source == "SE" else Source(REAL)
     unlimited = replace(small_agent, init_episodes=2, early_out_episodes=4, max_episodes=40)

@@ -53,7 +53,7 @@ def test_shares_of_runs(cartpole: Task) -> None:
     assert row["runs"] == 4
     assert row["ever_solved"] == 0.75
     assert row["solved_at_end"] == 0.25
-    assert row["handed_over_solved"] == 0.5
+    assert row["best_se_solves"] == 0.5
     assert row["median_first_solved"] == 1.0
     assert row["core_seconds_first_solved"] == 2.0
     assert row["core_seconds"] == 4 + 7

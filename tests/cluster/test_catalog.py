@@ -9,7 +9,7 @@ import pytest
 from rich.console import Console
 
 from cluster.bohb.study.profiles import ENDLESS
-from cluster.catalog.overview import overview, print_overview
+from cluster.catalog import overview, print_overview
 from cluster.storage.home import Home
 from cluster.storage.run_folder import RunStatus, held
 from tests.studies import make_study

@@ -12,7 +12,7 @@ from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
 from bilevel.zoo import AgentScores, Card, Entry
 from cluster.evaluate.command import EvaluateCommand, run_evaluate
-from cluster.nes.command import NESCommand, run_nes
+from cluster.nes.command import run_nes
 from cluster.nes.run import NESRun
 from cluster.session.context import RunContext
 from cluster.storage.home import require_writable
@@ -30,7 +30,7 @@ def build(
     task, hp = get_task(entry.task), load_recipe(entry.recipe, entry.task)
     require_writable(folder)
     run_folder = context.home.run_folder(task.id, f"zoo-{entry.name}")
-    run_nes(NESCommand(NESRun(task, hp, entry.seed, run_folder), context, workers))
+    run_nes(NESRun(task, hp, entry.seed, run_folder), context, workers)
     content = (run_folder / BEST_FILE).read_bytes()
     se = load_se(run_folder / BEST_FILE)
     name, kinds = f"zoo-{entry.name}-agents", default_agents(KINDS)

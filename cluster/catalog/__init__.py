@@ -1,1 +1,0 @@
-"""Kinds of runs, the list of all runs, and `bilevel sync`."""

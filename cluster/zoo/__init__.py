@@ -1,1 +1,0 @@
-"""Building the SEs of the zoo."""
