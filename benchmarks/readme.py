@@ -57,7 +57,7 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
     },
     DOCS / "experiments.md": paper.TABLES,
     DOCS / "nes.md": nes.TABLES | {"nes-rewards": rewards},
-    DOCS / "other-tasks.md": {"nes-others": nes.others},
+    DOCS / "tasks.md": {"nes-others": nes.others},
     DOCS / "tuning.md": {
         "search": comparison.methods,
         "searches": studies.searches,

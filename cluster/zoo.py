@@ -27,7 +27,8 @@ def build(
 ) -> Card:
     """Build an SE and its card with `agents` agents of each kind, and write both to `folder`.
     The same call resumes. Raises InvalidInput before anything is written."""
-    task, hp = get_task(entry.task), load_recipe(entry.recipe, entry.task)
+    task = get_task(entry.task)
+    hp = load_recipe(entry.recipe, task)
     require_writable(folder)
     run_folder = context.home.run_folder(task.id, f"zoo-{entry.name}")
     run_nes(NESRun(task, hp, entry.seed, run_folder), context, workers)

@@ -2,10 +2,11 @@
 
     python -m benchmarks.nes.seeds CartPole-v0 --seeds 0-2 --agents 6 --sb3 3 --home FOLDER
 
-Each seed is one `bilevel nes TASK --seed SEED` on all cores, and its time is the command's. Fresh
-agents of every kind, with hyperparameters from the paper's full ranges, are trained
-on the best SEs of the first `--taught` seeds; `--sb3` adds agents of Stable-Baselines3. Results are
-written seed by seed to `results/nes_seeds_TASK.json`; the same command resumes.
+Each seed is one `bilevel nes TASK --seed SEED` on all cores, and its time is the command's. For
+tasks with discrete actions, fresh agents of every kind, with hyperparameters from the paper's full
+ranges, are trained on the best SEs of the first `--taught` seeds; `--sb3` adds agents of
+Stable-Baselines3. Results are written seed by seed to `results/nes_seeds_TASK.json`; the same
+command resumes.
 """
 
 import argparse
@@ -57,6 +58,8 @@ def run_seed(options: argparse.Namespace, seed: int, folder: Path) -> dict[str, 
     command = [str(Path(sys.executable).with_name("bilevel")), "nes", options.task]
     command += ["--seed", str(seed), "--recipe", options.recipe]
     command += ["--home", str(options.home), "--name", folder.name]
+    if options.solved_reward is not None:
+        command += ["--solved-reward", str(options.solved_reward)]
     for change in options.set:
         command += ["--set", change]
     if options.generations is not None:
@@ -83,6 +86,7 @@ def run_seed(options: argparse.Namespace, seed: int, folder: Path) -> dict[str, 
         "first_solved_generation": solved[0] if solved else None,
         "final_score": round(final["final_score_mean"], 1),
         "final_train_steps": round(final["final_train_steps_mean"]),
+        "solved_reward": run.task.solved_reward,
         "solved": bool(final["final_score_mean"] >= run.task.solved_reward),
         "real_env_steps": load_se(folder / BEST_FILE).info["real_env_steps"],
         "core_utilisation": round(float(np.median([r.core_utilisation for r in records])), 3),
@@ -130,6 +134,7 @@ def parse_options() -> argparse.Namespace:
     parser.add_argument("--agents", type=int, default=6, help="fresh agents of each kind per SE")
     parser.add_argument("--sb3", type=int, default=0, help="SB3 agents of each kind per SE")
     parser.add_argument("--generations", type=int, help="maximum; default: the recipe's")
+    parser.add_argument("--solved-reward", type=float, help="default: the task's")
     parser.add_argument("--home", type=Path, required=True)
     return parser.parse_args()
 
@@ -138,6 +143,8 @@ def command_of(options: argparse.Namespace) -> str:
     """Return the command with these options."""
     more = f"--set {' '.join(options.set)} " if options.set else ""
     more += f"--generations {options.generations} " if options.generations else ""
+    if options.solved_reward is not None:
+        more += f"--solved-reward {options.solved_reward:g} "
     return (
         f"python -m benchmarks.nes.seeds {options.task} --recipe {options.recipe} --seeds "
         f"{format_seeds(options.seeds)} --taught {options.taught} --agents "

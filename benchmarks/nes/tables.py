@@ -12,10 +12,13 @@ from benchmarks.markdown import mean_and_range, median_and_range, number_and_int
 TARGETS: dict[str, dict[str, float]] = {
     "CartPole-v0": {"ddqn": 195, "dueling-ddqn": 195, "td3": 170, "sb3": 190},
     "Acrobot-v1": {"ddqn": -90, "dueling-ddqn": -90, "td3": -100, "sb3": -100},
-    "MountainCar-v0": {"ddqn": -110, "dueling-ddqn": -110, "td3": -110, "sb3": -110},
 }
 
-PAPER_TASKS, OTHER_TASKS = ("CartPole-v0", "Acrobot-v1"), ("MountainCar-v0",)
+PAPER_TASKS = ("CartPole-v0", "Acrobot-v1")
+OTHER_TASKS = (
+    *("CartPole-v1", "MountainCar-v0", "FrozenLake-v1", "LunarLander-v3"),
+    *("MountainCarContinuous-v0", "Pendulum-v1", "Swimmer-v5", "HalfCheetah-v5", "Hopper-v5"),
+)
 
 
 def seeds(suffix: str = "", tasks: Sequence[str] = PAPER_TASKS) -> str:
@@ -52,8 +55,24 @@ def taught(suffix: str = "", tasks: Sequence[str] = PAPER_TASKS) -> str:
 
 
 def others() -> str:
-    """Return both tables for a task outside the paper."""
-    return f"{seeds('', OTHER_TASKS)}\n\n{taught('', OTHER_TASKS)}"
+    """Return the table of tasks outside the paper, one row per task."""
+    results = complete_results("", OTHER_TASKS)
+    head = "task", "solved", "score", "confirmed", "seconds in all", "million real steps"
+    rows = []
+    for task, result in results.items():
+        runs = result["runs"]
+        target = next((run["solved_reward"] for run in runs if "solved_reward" in run), None)
+        rows.append(
+            (
+                task if target is None else f"{task} (target {target:g})",
+                number_and_interval(sum(run["solved"] for run in runs), len(runs)),
+                median_and_range([run["final_score"] for run in runs], ".1f"),
+                f"{sum(run['confirmed'] for run in runs)} of {len(runs)}",
+                median_and_range([run["seconds"] for run in runs]),
+                median_and_range([run["real_env_steps"] / 1e6 for run in runs], ".1f"),
+            )
+        )
+    return table(head, rows, *results.values())
 
 
 def complete_results(suffix: str, tasks: Sequence[str]) -> dict[str, dict[str, Any]]:

@@ -24,9 +24,9 @@ from bilevel.nes.start import ChoosingStart
 from bilevel.nes.state import NESState
 from bilevel.seeds import Purpose, derive
 
-#: Maximum number of training episodes in the choice of a start, or twice the agent's
+#: Maximum number of training episodes in the choice of a start, or this multiple of the agent's
 #: `init_episodes`, in which it does not learn, if that is more.
-BRIEF_EPISODES = 40
+BRIEF_EPISODES, BRIEF_INIT = 40, 4
 
 #: Seed and hyperparameters of an agent.
 Trial = tuple[int, AgentHyperparameters]
@@ -99,7 +99,7 @@ def fresh_agent(
 
 def brief(agent: AgentHyperparameters) -> AgentHyperparameters:
     """Shorten the training of an agent in the choice of a start."""
-    episodes = max(BRIEF_EPISODES, 2 * agent.init_episodes)
+    episodes = max(BRIEF_EPISODES, BRIEF_INIT * agent.init_episodes)
     episodes = within_range(type(agent), "max_episodes", episodes)
     return replace(agent, max_episodes=min(agent.max_episodes, episodes))
 

@@ -1,7 +1,7 @@
 """Synthetic environments (SEs): three networks that replace a real task in training."""
 
 from bilevel.synthetic_env.architecture import NETWORKS, SE, Architecture, Psi
-from bilevel.synthetic_env.families import Family, SEDistribution, family_of, smallest_hidden_size
+from bilevel.synthetic_env.families import Family, SEDistribution, family_of
 from bilevel.synthetic_env.storage import StoredSE, load_se, save_se, se_bytes
 
 __all__ = [
@@ -16,5 +16,4 @@ __all__ = [
     "load_se",
     "save_se",
     "se_bytes",
-    "smallest_hidden_size",
 ]

@@ -63,7 +63,10 @@ class Architecture:
     def of(cls, task: Task, hp: SEHyperparameters) -> "Architecture":
         """Return the architecture of an SE for `task`."""
         one_step = hp.family == "one-step"
-        smallest = 2 * task.action_size if one_step else 1
+        smallest = {
+            "exogenous": 2 * max(task.state_size, task.action_size),  # units of done, of the reward
+            "one-step": 2 * task.action_size,
+        }.get(hp.family, 1)
         sizes = task.state_size, task.action_size, hp.hidden_layers, max(hp.hidden_size, smallest)
         limit = 1 if one_step else hp.step_limit or task.step_limit
         return cls(*sizes, hp.activation, limit, task.continuous, one_step)

@@ -105,12 +105,21 @@ def _default_worst_score(solved_reward: float, step_limit: int) -> float:
 
 def _inspect(task_id: str) -> tuple[EnvSpec, Observations, Actions]:
     """Return spec, observations and actions of a task. Raises InvalidInput."""
-    unknown = env = None
+    unknown = env = extra = None
     with user_code_errors(f"task {task_id!r}", "is created"):
         try:
             env = make_env(task_id)
+        except (gymnasium.error.DependencyNotInstalled, ImportError):
+            extra = _extra(task_id)
+            if extra is None:
+                raise
         except gymnasium.error.Error as error:
             unknown = first_line(error)
+    if extra is not None:
+        raise InvalidInput(
+            f'{task_id} needs the extra {extra}: pip install ".[{extra}]", or make setup '
+            f"EXTRAS={extra}"
+        )
     if env is None or env.spec is None:
         raise InvalidInput(
             f"unknown task {task_id!r}: allowed are {', '.join(BUILT_IN_TASKS)} "
@@ -124,3 +133,11 @@ def _inspect(task_id: str) -> tuple[EnvSpec, Observations, Actions]:
             Observations(env.observation_space, task_id),
             Actions(env.action_space, task_id),
         )
+
+
+def _extra(task_id: str) -> str | None:
+    """Return the extra of this package that installs the dependencies of a gymnasium task."""
+    if task_id not in gymnasium.registry:
+        return None
+    entry = str(gymnasium.spec(task_id).entry_point)
+    return next((name for name in ("mujoco", "box2d") if f"gymnasium.envs.{name}." in entry), None)

@@ -48,6 +48,7 @@ def evaluate(
     An SE is a file, a name in the zoo, or an address in MLflow (runs:/..., models:/...). Each of
     several kinds (--agent ddqn,td3) is trained --agents times.
     """
+    from bilevel.agents import get_agent
     from bilevel.hyperparameters import default_agents
     from bilevel.recipes import load_recipe
     from search_spaces.translation import changed
@@ -55,14 +56,15 @@ def evaluate(
     task, sources = _sources(given, real, se_task, options)
     common = RunOptions(task=task.id, recipe=recipe, **options)
     names = common.the_agents()
-    if recipe is None:
+    if recipe is None and not task.continuous:
         kinds = default_agents(names or ("ddqn",))
     else:
-        kinds = load_recipe(recipe, task.id, names).agents
+        kinds = load_recipe(recipe or "default", task, names).agents
     own = {f"{hp.agent}.max_episodes": max_episodes for hp in kinds if max_episodes is not None}
     kinds = tuple(changed({hp.agent: hp for hp in kinds}, own | dict(settings)).values())
     for hp in kinds:
         hp.require_learning()
+        get_agent(hp.agent, task.continuous)
     vary = vary or "no"
     varied = "" if vary == "no" else f"-{vary}"
     suffix = f"-{'-'.join(hp.agent for hp in kinds)}{varied}-seed{common.seed}"
@@ -152,6 +154,8 @@ def experiment(
     size = SIZES[size_name].changed(ses, per_se, real_agents)
     common = RunOptions(task=task, **options)
     the_task, agents = common.the_task(), common.the_agents()
+    if the_task.continuous:
+        raise InvalidInput(f"experiments need discrete actions; {task} has continuous ones")
     context = the_context(**options)
 
     from cluster.experiments.command import ExperimentCommand, run_experiments

@@ -71,7 +71,7 @@ class RunOptions:
         if given not in RECIPES and not given.endswith(".toml"):  # a study's incumbent
             file = Home(self.home).run_folder(task.id, given) / RECIPE_FILE
             source = str(file) if file.exists() else given
-        loaded = load_recipe(source, task.id, self.the_agents())
+        loaded = load_recipe(source, task, self.the_agents())
         hp = sized(replace(loaded, recipe=Path(given).name.removesuffix(".toml")))
         vary: Any = self.vary or hp.vary_agent
         own = {f"nes.{field}": value for field, value in nes.items() if value is not None}

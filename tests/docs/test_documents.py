@@ -105,7 +105,7 @@ def test_recipe_that_extends_another(tmp_path: Path) -> None:
 
 
 def test_policy_on_another_task(tmp_path: Path) -> None:
-    (code,) = python_blocks("docs/other-tasks.md")
+    (code,) = python_blocks("docs/tasks.md")
     (tmp_path / "policy.py").write_text(code)
     assert -125 < float(output_of("policy.py", tmp_path)) < -115
 

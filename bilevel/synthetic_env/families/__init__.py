@@ -21,11 +21,11 @@ import numpy as np
 from bilevel.evolution import Genotype, SearchDistribution
 from bilevel.hyperparameters import SEHyperparameters
 from bilevel.synthetic_env.architecture import SE, Architecture, Psi
-from bilevel.synthetic_env.families.exogenous import ExogenousFamily, smallest_hidden_size
+from bilevel.synthetic_env.families.exogenous import ExogenousFamily
 from bilevel.synthetic_env.families.one_step import OneStepFamily
 from bilevel.tasks import ObservationScale, Task
 
-__all__ = ["Family", "SEDistribution", "family_of", "smallest_hidden_size"]
+__all__ = ["Family", "SEDistribution", "family_of"]
 
 
 class Family(Protocol):

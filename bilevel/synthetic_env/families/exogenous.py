@@ -72,11 +72,6 @@ MIN_ANGLE = math.radians(20)
 _Tensors = dict[str, Genotype]
 
 
-def smallest_hidden_size(state_size: int, action_size: int) -> int:
-    """Return the smallest hidden size: two units for each action and for each observation."""
-    return 2 * max(action_size, state_size)
-
-
 @dataclass(frozen=True)
 class ExogenousFamily:
     """See the module."""
@@ -95,12 +90,6 @@ class ExogenousFamily:
             raise InvalidInput("se.family 'exogenous' needs discrete actions")
         if (architecture.hidden_layers, architecture.activation) != (1, "tanh"):
             raise InvalidInput("se.family 'exogenous' needs se.hidden_layers 1, se.activation tanh")
-        smallest = smallest_hidden_size(architecture.state_size, architecture.action_size)
-        if architecture.hidden_size < smallest:
-            raise InvalidInput(
-                f"se.family 'exogenous' needs se.hidden_size of at least {smallest}; "
-                f"got {architecture.hidden_size}"
-            )
         return cls(architecture, scale, hp.spread)
 
     @cached_property

@@ -8,7 +8,6 @@ from bilevel.agents.variation import VARIED
 from bilevel.errors import InvalidInput
 from bilevel.hyperparameters import CONFIRMING_AGENTS, Hyperparameters
 from bilevel.nes import NES
-from bilevel.synthetic_env import smallest_hidden_size
 from bilevel.tasks import Task
 from search_spaces import SPACES
 from search_spaces.space import Space
@@ -118,7 +117,7 @@ def searched_space(
     of them has no effect, or if NES rejects a configuration.
     """
     if space == Space("core"):
-        space = _adapted_core(task, base)
+        space = _adapted_core(base)
     agents = [agent.agent for agent in base.agents]
     searched = space.searched(agents)
     for name in _SET_BY_SEARCH:
@@ -145,21 +144,12 @@ def searched_space(
     return space
 
 
-def _adapted_core(task: Task, base: Hyperparameters) -> Space:
-    """Return `core` without the spread of plain SEs, or with exogenous SEs large enough for the
-    task."""
+def _adapted_core(base: Hyperparameters) -> Space:
+    """Return `core` without the dimensions that the family of SEs does not have."""
     import ConfigSpace as CS
 
-    dimensions = dict(Space("core").build())
-    if base.se.family == "plain":
-        del dimensions["se.spread"]
-    else:
-        size = dimensions["se.hidden_size"]
-        units = smallest_hidden_size(task.state_size, task.action_size)
-        assert isinstance(size, CS.UniformIntegerHyperparameter)
-        if units <= size.lower:
-            return Space("core")
-        ends = units, max(size.upper, 2 * units)
-        dimensions[size.name] = CS.Integer(size.name, ends, log=size.log)
-    space = CS.ConfigurationSpace(name="core", space=list(dimensions.values()))
-    return Space("core", dict(space.to_serialized_dict()))
+    unused = {"plain": "se.spread", "one-step": "se.step_limit"}.get(base.se.family)
+    if unused is None:
+        return Space("core")
+    dimensions = [d for name, d in Space("core").build().items() if name != unused]
+    return Space("core", CS.ConfigurationSpace("core", space=dimensions).to_serialized_dict())

@@ -138,3 +138,34 @@ def test_agents_learn_the_action_values_of_probes(name: str, probe: str, compile
         at = np.array([state], np.float32)
         action = training.greedy_action(agent, at) if compiled else agent.greedy(at)
         assert values[state, action] == max(values[state, 0], values[state, 1])
+
+
+@pytest.mark.parametrize("compiled", [False, True], ids=["definition", "compiled"])
+def test_continuous_td3_learns_a_probe(compiled: bool) -> None:
+    """The reward of action a in state s, which is -1 or 1, is -|a - s / 2|."""
+    hp = replace(hyperparameters("td3"), max_episodes=1500, action_noise=0.3, learning_rate=0.005)
+    architecture = Architecture(1, 1, 1, 2, "relu", 1, continuous=True)
+    psi = np.zeros(architecture.parameter_count, np.float32)
+    tensors = architecture.tensors(psi)
+    tensors["reward.0.weight"][...] = [[1, -0.5], [-1, 0.5]]
+    tensors["reward.1.weight"][...] = -1
+    tensors["done.1.bias"][...] = 1
+    se = SE(architecture, psi)
+    task = Task("probe", 1, 1, 2, 0.0, 0.0, CARTPOLE, continuous=True)
+    env = compiled_environment(task, se, episodes=1, seed=0)
+    states = np.array([[-1.0], [1.0]])
+    env = env._replace(dynamics=OBSERVED, initial_physics=states, physics=np.zeros(1))
+    registered = get_agent("td3", continuous=True)
+    agent: Any
+    if compiled:
+        assert registered.build_kernel is not None
+        initial, loop = agent_seeds(0)
+        agent = registered.build_kernel(hp, 1, 1, np.random.default_rng(initial))
+        training.train(agent, env, schedule(hp), np.array([loop], np.uint64))
+    else:
+        agent = registered.build(hp, 1, 1, 0)
+        train_in_python(agent, hp, KernelEnvironment(env, 1, True), returns_converged(hp))
+    for state in (-1.0, 1.0):
+        at = np.array([state], np.float32)
+        action = training.greedy_action(agent, at) if compiled else agent.greedy(at)
+        assert action == pytest.approx(state / 2, abs=TOLERANCE)

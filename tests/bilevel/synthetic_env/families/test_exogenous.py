@@ -136,7 +136,6 @@ def test_plain_genotypes_are_psi() -> None:
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"hidden_size": 7}, "hidden_size of at least 8"),
         ({"activation": "relu"}, "activation tanh"),
         ({"hidden_layers": 2}, "hidden_layers 1"),
     ],

@@ -5,7 +5,6 @@ import pytest
 
 from bilevel.errors import InvalidInput
 from bilevel.recipes import RECIPES, load_recipe
-from bilevel.synthetic_env import smallest_hidden_size
 from bilevel.tasks import get_task
 from cluster.bohb.study.profiles import PROFILES, searched_space, sized
 from search_spaces.space import Space
@@ -80,22 +79,18 @@ def test_the_space_full_needs_constant_agents_and_the_paper_profile(recipe: str)
         searched_space(FULL, TASK, sized(base, PROFILES["smoke"]))
 
 
-def test_core_without_the_spread_of_plain_ses() -> None:
-    adapted = searched_space(CORE, TASK, load_recipe("paper", TASK)).build()
-    assert set(CORE.build()) - set(adapted) == {"se.spread"}
-
-
-@pytest.mark.parametrize("state_size", [20, 80])
-def test_core_has_ses_large_enough_for_the_task(state_size: int) -> None:
-    wide = replace(TASK, state_size=state_size)
-    adapted = searched_space(CORE, wide, load_recipe("default", "")).build()
-    size = adapted["se.hidden_size"]
-    assert isinstance(size, CS.UniformIntegerHyperparameter)
-    assert size.lower == smallest_hidden_size(wide.state_size, wide.action_size) > 12
-    assert size.upper == max(64, 2 * size.lower)
-    assert size.log
-    others = set(adapted) - {"se.hidden_size"}
-    assert all(adapted[name] == CORE.build()[name] for name in others)
+@pytest.mark.parametrize(
+    ("recipe", "task_id", "unused"),
+    [
+        ("default", "CartPole-v0", set()),
+        ("paper", "CartPole-v0", {"se.spread"}),
+        ("default", "Pendulum-v1", {"se.step_limit"}),
+    ],
+)
+def test_core_without_unused_dimensions(recipe: str, task_id: str, unused: set[str]) -> None:
+    task = get_task(task_id)
+    adapted = searched_space(CORE, task, load_recipe(recipe, task)).build()
+    assert set(CORE.build()) - set(adapted) == unused
 
 
 @pytest.mark.parametrize("recipe", RECIPES)
