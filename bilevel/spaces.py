@@ -4,6 +4,7 @@ An observation becomes a state (S,), flattened as gymnasium does: a discrete val
 discrete action becomes an index from 0, and an action of a Box a vector (M,) in [-1, 1].
 """
 
+import math
 import operator
 from typing import Any
 
@@ -135,9 +136,11 @@ class Actions:
         """Invert `inward`. Raises InvalidInput for invalid actions."""
         if not self.continuous:
             return self.first + checked_index(action, self.size)
-        vector = checked_vector(action, (self.size,)).clip(-1, 1)
-        values = self._middle + vector * self._half
-        return values.reshape(self.space.shape).astype(self.space.dtype)
+        vector = checked_vector(action, (self.size,))
+        values = (self._middle + vector * self._half).reshape(self.space.shape)
+        if values.dtype != self.space.dtype:
+            values = values.astype(self.space.dtype)
+        return values if np.abs(vector).max() <= 1 else values.clip(self.space.low, self.space.high)
 
 
 def checked_action(action: Any, size: int, continuous: bool) -> Action:
@@ -170,6 +173,6 @@ def checked_vector(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
         vector = np.asarray(action, np.float32)
     except (TypeError, ValueError):
         vector = np.full(0, np.nan, np.float32)
-    if vector.shape != shape or not np.isfinite(vector).all():
+    if vector.shape != shape or not math.isfinite(vector.sum()):
         raise InvalidInput(f"action {action!r} is not allowed: allowed are finite values {shape}")
     return vector

@@ -1,7 +1,7 @@
 """Environments that agents train and are tested on: SEs and real tasks."""
 
 from collections.abc import Iterator
-from contextlib import closing, contextmanager
+from contextlib import contextmanager
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +11,7 @@ from bilevel.kernels import dynamics, synthetic_env
 from bilevel.kernels.environment import Environment, reset, step
 from bilevel.spaces import Action, checked_action
 from bilevel.synthetic_env import SE, Architecture
-from bilevel.tasks import RealEnv, Task
+from bilevel.tasks import Task
 
 #: Maximum number of learned initial states that a training draws; its episodes cycle through them.
 INITIAL_STATES = 10_000
@@ -51,8 +51,7 @@ def environment_in_python(
 ) -> Iterator[TrainingEnvironment]:
     """Context with the environment, compiled or in gymnasium, for agents in Python."""
     if se is None and not task.compiled:
-        with closing(GymnasiumEnvironment(task, seed)) as real:
-            yield real
+        yield GymnasiumEnvironment(task, seed)
     else:
         env = compiled_environment(task, se, episodes, seed)
         yield KernelEnvironment(env, task.action_size, task.continuous)
@@ -86,12 +85,7 @@ class GymnasiumEnvironment:
 
     def __init__(self, task: Task, seed: int) -> None:
         self.step_limit = task.step_limit
-        self._env: RealEnv = task.real_env()
-        self._seed = seed
-
-    def close(self) -> None:
-        """Close the simulator, which may hold processes or sockets."""
-        self._env.close()
+        self._env, self._seed = task.shared_env(), seed
 
     def reset(self, episode: int) -> NDArray[np.float32]:
         """See `TrainingEnvironment`."""

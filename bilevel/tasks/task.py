@@ -4,9 +4,9 @@ Gymnasium's classic control tasks have compiled dynamics. Gymnasium runs all oth
 for initial states, and in training on the real task.
 """
 
-from contextlib import closing, nullcontext
+from contextlib import closing
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import gymnasium
 import numpy as np
@@ -35,6 +35,10 @@ TRIAL_STEPS = 20
 
 #: Range of an observation, relative to its mean, up to which it counts as constant.
 _CONSTANT = 1e-6
+
+
+#: The environment that this process has open, with its task and specification.
+_SHARED: list[tuple[Any, RealEnv]] = []
 
 
 @dataclass(frozen=True)
@@ -99,6 +103,16 @@ class Task:
         """Create the environment with states and actions as agents use them."""
         return RealEnv(self.make(), self.id)
 
+    def shared_env(self) -> RealEnv:
+        """Return the environment of this task in this process. It stays open until a task with
+        another specification needs one, because some simulators start slowly."""
+        key = self, gymnasium.registry.get(self.id.rpartition(":")[2])
+        if _SHARED and _SHARED[0][0] != key:
+            _SHARED.pop()[1].close()
+        if not _SHARED:
+            _SHARED.append((key, self.real_env()))
+        return _SHARED[0][1]
+
     def try_out(self) -> None:
         """Take some random steps. Raises UserCodeError for errors and invalid values, and for
         observations that change by less than float32 can represent."""
@@ -119,9 +133,9 @@ class Task:
         if self.compiled:
             return SIMULATORS[self.dynamics].initial_physics(rng, n)
         seed = int(rng.integers(2**31))
-        with closing(self.real_env()) if env is None else nullcontext(env) as env:
-            states = [env.reset(seed)]
-            states += [env.reset() for _ in range(min(n, GYMNASIUM_INITIAL_STATES) - 1)]
+        env = env or self.shared_env()
+        states = [env.reset(seed)]
+        states += [env.reset() for _ in range(min(n, GYMNASIUM_INITIAL_STATES) - 1)]
         return np.array(states, np.float64)
 
     def observe(self, physics: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -160,14 +174,14 @@ class Task:
 
     def _gymnasium_observations(self, seed: int, steps: int) -> NDArray[np.float32]:
         seen = np.empty((steps, self.state_size), np.float32)
-        with closing(self.real_env()) as env:
-            env.env.action_space.seed(seed % 2**31)
-            state, over = env.raw_reset(seed % 2**31), False
-            for t in range(steps):
-                if over:
-                    state = env.raw_reset()
-                seen[t] = state
-                state, over = env.random_step()
+        env = self.shared_env()
+        env.env.action_space.seed(seed % 2**31)
+        state, over = env.raw_reset(seed % 2**31), False
+        for t in range(steps):
+            if over:
+                state = env.raw_reset()
+            seen[t] = state
+            state, over = env.random_step()
         return seen
 
 

@@ -171,5 +171,5 @@ def test_a_recording_has_all_transitions(task_id: str, small_agent: DDQNHyperpar
 def test_an_se_of_another_task_is_rejected(
     evaluate: Any, cartpole: Task, acrobot: Task, small_agent: DDQNHyperparameters
 ) -> None:
-    with pytest.raises(InvalidInput, match="Acrobot-v1 has 6 and 3"):
+    with pytest.raises(InvalidInput, match="Acrobot-v1 has 6 state dimensions and 3 discr"):
         evaluate(acrobot, make_se(cartpole).se, small_agent, 5)

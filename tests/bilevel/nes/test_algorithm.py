@@ -16,7 +16,7 @@ from bilevel.evaluation import (
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.nes import NES, NESState
 from bilevel.nes.confirmation import Confirming
-from bilevel.nes.requests import BRIEF_EPISODES
+from bilevel.nes.requests import BRIEF_EPISODES, BRIEF_INIT
 from bilevel.nes.start import ChoosingStart
 from bilevel.tasks import Task
 from tests.results import made_up_result
@@ -102,7 +102,7 @@ class TestStart:
         cases = (
             (1, 150, BRIEF_EPISODES),
             (1, 13, 13),
-            (BRIEF_EPISODES, 150, 2 * BRIEF_EPISODES),
+            (BRIEF_EPISODES, 999, BRIEF_INIT * BRIEF_EPISODES),
             (40, 41, 41),
         )
         for init, longest, expected in cases:

@@ -112,15 +112,23 @@ def test_actions_need_not_start_at_zero(monkeypatch: pytest.MonkeyPatch) -> None
     assert len(episode) > 1
 
 
-def test_training_and_tests_close_their_environments(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A simulator may be a process, or hold a socket."""
-    closed: list[int] = []
-    env = lambda **_: CustomEnv(close=lambda: closed.append(1))  # noqa: E731
+def test_a_process_opens_the_environment_of_a_task_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Some simulators start slowly, are processes, or hold sockets."""
+    opened, closed = list[int](), list[int]()
+
+    def env(**_: Any) -> CustomEnv:
+        opened.append(1)
+        return CustomEnv(close=lambda: closed.append(1))
+
     task = get_task(register_env(monkeypatch, env))
+    opened.clear()
     closed.clear()
     agent = replace(load_recipe("paper", "").agents[0], max_episodes=2)
-    assert train_and_test(task, None, agent, 0).train_episodes == 2
-    assert len(closed) == 2  # training and tests
+    for seed in range(2):
+        assert train_and_test(task, None, agent, seed).train_episodes == 2
+    assert (len(opened), len(closed)) == (1, 0)
+    get_task("FrozenLake-v1").shared_env()
+    assert len(closed) == 1
 
 
 @pytest.mark.parametrize("value", [0.0, 9.8])
