@@ -62,14 +62,13 @@ class Architecture:
     @classmethod
     def of(cls, task: Task, hp: SEHyperparameters) -> "Architecture":
         """Return the architecture of an SE for `task`."""
-        one_step = hp.family == "one-step"
         smallest = {
             "exogenous": 2 * max(task.state_size, task.action_size),  # units of done, of the reward
             "one-step": 2 * task.action_size,
         }.get(hp.family, 1)
         sizes = task.state_size, task.action_size, hp.hidden_layers, max(hp.hidden_size, smallest)
-        limit = 1 if one_step else hp.step_limit or task.step_limit
-        return cls(*sizes, hp.activation, limit, task.continuous, one_step)
+        limit, own = hp.step_limit or task.step_limit, hp.family == "one-step"
+        return cls(*sizes, hp.activation, limit, task.continuous, own)
 
     def check_fits(self, task: Task) -> None:
         """Raise InvalidInput unless the task has states and actions of the same sizes and kind."""

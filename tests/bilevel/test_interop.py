@@ -24,13 +24,20 @@ def assert_equal(found: Any, expected: Any) -> None:
 
 @pytest.mark.parametrize(
     ("task_id", "layers", "activation"),
-    [("CartPole-v0", 1, "tanh"), ("CartPole-v0", 2, "prelu"), ("Acrobot-v1", 2, "relu")],
+    [
+        ("CartPole-v0", 1, "tanh"),
+        ("CartPole-v0", 2, "prelu"),
+        ("Acrobot-v1", 2, "relu"),
+        ("Pendulum-v1", 1, "tanh"),
+    ],
 )
 def test_exports(task_id: str, layers: int, activation: str, tmp_path: Path) -> None:
     se = make_se(get_task(task_id), layers, activation)
     states = np.random.default_rng(0).normal(size=(7, se.architecture.state_size))
     state = torch.tensor(states, dtype=torch.float32)
     action = torch.arange(7) % se.architecture.action_size
+    if se.architecture.continuous:
+        action = torch.linspace(-1, 1, 7)[:, None]
     expected = SEModule(se)(state, action)
 
     onnx.save(onnx_model(se), str(tmp_path / "se.onnx"))

@@ -13,7 +13,7 @@ from bilevel.synthetic_env import SE, load_se, save_se
 from bilevel.tasks import Task, get_task
 from bilevel.zoo import zoo_file
 from cluster.cli.program import cli
-from cluster.show import GRID, SEPlot, answers, picture
+from cluster.show import GRID, VALUES, SEPlot, answers, picture
 from tests.commands import run_bilevel
 from tests.ses import make_se
 
@@ -23,13 +23,17 @@ def test_answers_and_episodes_follow_the_se(task_id: str) -> None:
     task = get_task(task_id)
     se = make_se(task)
     plot = SEPlot.of(se)
-    assert len(plot.positions) == len(plot.labels.actions) == task.action_size
-    assert plot.answers.next_states.shape == (task.action_size * GRID**2, task.state_size)
+    actions = VALUES if task.continuous else task.action_size
+    assert plot.positions.min() == 0
+    assert plot.positions.max() == 1
+    assert plot.answers.next_states.shape == (actions * GRID**2, task.state_size)
     (across, up), indices = plot.axes, plot.labels.axes
     assert plot.answers.states[-1, indices].tolist() == [across[-1], up[-1]]
     for episode in plot.episodes:
         assert len(episode.states) == len(episode.actions) + 1 <= task.step_limit + 1
-        assert answers(se, episode.states[3:4]).rewards.argmax() == episode.actions[3]
+        before = len(episode.actions) - 1
+        best = answers(se, episode.states[[before]]).rewards.argmax()
+        assert best == episode.actions[before]
     assert len(picture(plot, "title").axes) == 2
 
 

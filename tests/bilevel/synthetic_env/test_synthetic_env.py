@@ -26,18 +26,20 @@ from tests.ses import make_se
 
 @pytest.mark.parametrize("activation", ACTIVATIONS)
 @pytest.mark.parametrize("layers", [1, 2])
-@pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1"])
+@pytest.mark.parametrize("task_id", ["CartPole-v0", "Acrobot-v1", "Pendulum-v1"])
 def test_the_torch_module_equals_the_kernel(task_id: str, layers: int, activation: str) -> None:
     task = get_task(task_id)
     se = make_se(task, layers, activation)
     rng = np.random.default_rng(2)
     states = rng.normal(0, 1, (20, task.state_size)).astype(np.float32)
-    actions = rng.integers(0, task.action_size, 20)
+    actions: Any = rng.integers(0, task.action_size, 20)
+    if task.continuous:
+        actions = rng.uniform(-1, 1, (20, task.action_size)).astype(np.float32)
     next_states, rewards, dones = SEModule(se)(torch.from_numpy(states), torch.from_numpy(actions))
     work = np.zeros((2, 3 * 12), np.float32)
     out = np.zeros(task.state_size, np.float32)
     for i in range(20):
-        reward, done = step(se.se.kernel, states[i], int(actions[i]), out, work)
+        reward, done = step(se.se.kernel, states[i], actions[i], out, work)
         np.testing.assert_allclose(out, next_states[i], atol=2e-6)
         np.testing.assert_allclose([reward, done], [rewards[i], dones[i]], atol=2e-6)
 

@@ -22,9 +22,11 @@ ROWS = [
     ("bohb CartPole-v0 --brackets 99999999", "not in the range 1<=x<=1000"),
     ("bohb CartPole-v0 --time-budget soon", "'soon' is not a duration"),
     # tasks
-    ("nes CartPole-v9", "unknown task 'CartPole-v9': allowed are CartPole-v0, Acrobot-v1"),
+    ("nes CartPole-v9", "unknown task 'CartPole-v9': allowed are CartPole-v0, CartPole-v1"),
     ("nes CartPole", "'CartPole' has no version, such as CartPole-v1"),
-    ("nes Pendulum-v1", "Pendulum-v1 has actions Box"),
+    ("nes Pendulum-v1 --agent ddqn", "agent 'ddqn' has no continuous actions: allowed are td3"),
+    ("evaluate --real Pendulum-v1 --agent ddqn", "agent 'ddqn' has no continuous actions"),
+    ("experiment success Pendulum-v1", "experiments need discrete actions"),
     ("bohb CartPole-v0 --worst-score 200", "below the solved reward, 195; got 200"),
     # agents
     ("nes CartPole-v0 --agent dqn", "unknown agent 'dqn': allowed are ddqn"),

@@ -54,7 +54,6 @@ def test_random_ses_have_a_best_action_that_depends_on_the_state(seed: int) -> N
 
 def test_episodes_have_one_step_and_start_in_own_states() -> None:
     se = random_se(0)
-    assert se.architecture.step_limit == 1
     states = se.se.initial_states(np.random.default_rng(0), 20_000)
     np.testing.assert_allclose(states.mean(axis=0), SCALE.mean, atol=0.1)
     np.testing.assert_allclose(states.std(axis=0), SCALE.deviation, rtol=0.05)
