@@ -1,4 +1,5 @@
 import re
+import sys
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -6,8 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from bilevel import InvalidInput
-from bilevel.evaluation import train_and_test
+from bilevel import NES, InvalidInput
+from bilevel.evaluation import evaluate, train_and_test
 from bilevel.evaluation.run import greedy_episodes
 from bilevel.recipes import load_recipe
 from bilevel.tasks import BUILT_IN_TASKS, Task, get_task
@@ -149,3 +150,28 @@ def test_labels_have_the_sizes_of_the_task() -> None:
         labels = task.labels
         assert len(set(labels.observations)) == task.state_size > max(labels.axes)
         assert len(set(labels.actions)) == task.action_size
+
+
+def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in [name for name in sys.modules if name.startswith("gymnasium.envs.box2d")]:
+        monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "Box2D", None)
+    with pytest.raises(
+        InvalidInput, match=r'^LunarLander-v3 needs the extra box2d: pip install "\.'
+    ):
+        get_task("LunarLander-v3")
+
+
+def test_a_mujoco_task() -> None:
+    task = get_task("Swimmer-v5", solved_reward=330, step_limit=50)
+    assert (task.state_size, task.action_size, task.continuous) == (8, 2, True)
+    task.try_out()
+    hp = load_recipe("default", task)
+    small = replace(hp.agents[0], max_episodes=320)
+    nes = replace(hp.nes, start_candidates=2, population_size=1, centre_agents=1, generations=1)
+    run = NES(task, replace(hp, nes=nes, agents=(small,)), seed=3)
+    scores = []
+    for _ in range(2):
+        state = run.run(lambda ses, requests: [evaluate(task, ses, r) for r in requests])
+        scores.append(state.records[-1].score_mean)
+    assert scores[0] == scores[1] != 0
