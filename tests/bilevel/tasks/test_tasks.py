@@ -2,6 +2,7 @@ import re
 import sys
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -162,7 +163,8 @@ def test_a_missing_extra_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
         get_task("LunarLander-v3")
 
 
-def test_a_mujoco_task() -> None:
+def test_a_mujoco_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)  # MuJoCo writes a log there
     task = get_task("Swimmer-v5", solved_reward=330, step_limit=50)
     assert (task.state_size, task.action_size, task.continuous) == (8, 2, True)
     task.try_out()
