@@ -3,6 +3,7 @@
 import math
 from contextlib import closing
 from numbers import Integral
+from typing import Any
 
 import gymnasium
 from gymnasium.envs.registration import EnvSpec
@@ -82,22 +83,32 @@ def get_task(
             f"{task_id} does not specify its {missing.replace('-', ' ')}: give --{missing}, or "
             f"{missing.replace('-', '_')}=... to bilevel.get_task"
         )
+    worst = _default_worst_score(solved, limit) if worst_score is None else worst_score
+    _check_values(task_id, solved, limit, worst)
+    code = dynamics.OBSERVED
+    if not spec.kwargs and not spec.additional_wrappers:
+        code = _COMPILED.get(str(spec.entry_point), code)
+    sizes = observations.size, actions.size, int(limit)
+    return Task(task_id, *sizes, float(solved), float(worst), code, actions.continuous)
+
+
+def _check_values(task_id: str, solved: float, limit: int, worst: float) -> None:
+    """Raise InvalidInput for values of the wrong type or out of range."""
     if not is_number(solved) or not math.isfinite(solved):
         raise InvalidInput(f"{task_id}: solved reward must be a finite number; got {solved!r}")
     if not is_number(limit, Integral) or not 1 <= limit <= MAX_STEP_LIMIT:
         raise InvalidInput(f"{task_id}: step limit must be 1 to {MAX_STEP_LIMIT}; got {limit!r}")
-    worst = _default_worst_score(solved, limit) if worst_score is None else worst_score
     if not is_number(worst) or not -math.inf < worst < solved:
         raise InvalidInput(
             f"{task_id}: worst score must be finite and below the solved reward, {solved:g}; "
             f"got {worst!r}"
         )
-    code = _COMPILED.get(str(spec.entry_point), dynamics.OBSERVED)
-    sizes = observations.size, actions.size, int(limit)
-    return Task(task_id, *sizes, float(solved), float(worst), code, actions.continuous)
 
 
-def _default_worst_score(solved_reward: float, step_limit: int) -> float:
+def _default_worst_score(solved_reward: Any, step_limit: Any) -> float:
+    """Return the default, or NaN for values that are not numbers."""
+    if not (is_number(solved_reward) and is_number(step_limit)):
+        return math.nan
     if solved_reward > 0:
         return 0.0
     return -float(step_limit) if -step_limit < solved_reward else 2 * float(solved_reward)

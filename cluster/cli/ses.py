@@ -148,8 +148,11 @@ def export_se(se: str, out: Path, home: Path, tracking_uri: str | None) -> None:
 def recipe(name: str, task: str) -> None:
     """Print all hyperparameters of the recipe NAME (default, paper, authors or a file, *.toml)."""
     from bilevel.recipes import complete_recipe
+    from bilevel.tasks import get_task
 
-    click.echo(complete_recipe(name, task), nl=False)
+    # A recipe depends on neither value, which some tasks do not specify.
+    of = get_task(task, solved_reward=1.0, step_limit=1) if task else ""
+    click.echo(complete_recipe(name, of), nl=False)
 
 
 @click.group(invoke_without_command=True)

@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -177,3 +178,11 @@ def test_a_mujoco_task(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
         state = run.run(lambda ses, requests: [evaluate(task, ses, r) for r in requests])
         scores.append(state.records[-1].score_mean)
     assert scores[0] == scores[1] != 0
+
+
+def test_changed_dynamics_are_not_compiled(monkeypatch: pytest.MonkeyPatch) -> None:
+    spec = gymnasium.spec("Pendulum-v1")
+    entry: Any = spec.entry_point
+    for kwargs, compiled in (({}, True), ({"g": 9.81}, False)):
+        name = register_env(monkeypatch, entry, kwargs=kwargs, max_episode_steps=200)
+        assert get_task(name).compiled == compiled

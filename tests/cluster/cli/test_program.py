@@ -8,6 +8,7 @@ import pytest
 from click.testing import CliRunner, Result
 
 from bilevel.recipes import load_recipe
+from bilevel.tasks import get_task
 from cluster.cli.program import cli
 from tests.commands import BILEVEL
 from tests.studies import make_study
@@ -56,11 +57,13 @@ def test_help(name: str) -> None:
     assert result.stdout.startswith("Usage: ")
 
 
-def test_recipe_prints_a_file_that_can_be_used(tmp_path: Path) -> None:
-    printed = bilevel("recipe", "default", "--task", "Acrobot-v1")
+@pytest.mark.parametrize("task_id", ["Acrobot-v1", "Pendulum-v1"])
+def test_recipe_prints_a_file_that_can_be_used(task_id: str, tmp_path: Path) -> None:
+    task = get_task(task_id)
+    printed = bilevel("recipe", "default", "--task", task_id)
     assert printed.exit_code == 0
     (tmp_path / "mine.toml").write_text(printed.stdout)
-    mine, default = (load_recipe(name, "Acrobot-v1") for name in ("mine.toml", "default"))
+    mine, default = (load_recipe(name, task) for name in ("mine.toml", "default"))
     assert mine.sections == default.sections
 
 
