@@ -7,9 +7,10 @@ BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 ARGS ?=
 EXTRAS ?=
+TASK ?= CartPole-v0
 
 .DEFAULT_GOAL := help
-.PHONY: help setup lock bohb-cartpole bohb-acrobot nes-cartpole nes-acrobot experiments-cartpole experiments-acrobot runs ui test check docs bench format clean
+.PHONY: help setup lock bohb-cartpole bohb-acrobot nes nes-cartpole nes-acrobot experiments-cartpole experiments-acrobot runs ui test check docs bench format clean
 
 help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /|/' | column -t -s '|'
@@ -54,6 +55,9 @@ bohb-cartpole: $(INSTALLED) ## BOHB over NES on CartPole-v0, local Ray, results 
 
 bohb-acrobot: $(INSTALLED) ## The same on Acrobot-v1
 	@$(BIN)/bilevel bohb Acrobot-v1 $(ARGS)
+
+nes: $(INSTALLED) ## One NES run on any task: make nes TASK=MountainCarContinuous-v0
+	@$(BIN)/bilevel nes $(TASK) $(ARGS)
 
 nes-cartpole: $(INSTALLED) ## One NES run on CartPole-v0: an SE in minutes
 	@$(BIN)/bilevel nes CartPole-v0 $(ARGS)
