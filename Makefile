@@ -16,8 +16,8 @@ help: ## List the targets
 	@grep -hE '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/:[^#]*## /|/' | column -t -s '|'
 
 setup: $(INSTALLED) ## Set up the virtual environment; EXTRAS="mujoco box2d" adds packages for tasks
-	@for extra in $(EXTRAS); do $(BIN)/python -m pip install --quiet --no-build-isolation \
-		--constraint constraints.txt --config-settings editable_mode=compat --editable ".[$$extra]" || exit 1; done
+	@for extra in $(EXTRAS); do $(BIN)/python -m pip install --quiet --constraint constraints.txt \
+		"gymnasium[$$extra]" || exit 1; done
 
 $(INSTALLED): pyproject.toml constraints.txt
 	@$(PYTHON) -c 'import sys; v = sys.version_info[:2]; sys.exit(0 if (3, 11) <= v <= (3, 13) else f"Python 3.11 to 3.13 is needed, $(PYTHON) is {v[0]}.{v[1]}: make PYTHON=...")'
