@@ -4,7 +4,6 @@ An observation becomes a state (S,), flattened as gymnasium does: a discrete val
 discrete action becomes an index from 0, and an action of a Box a vector (M,) in [-1, 1].
 """
 
-import math
 import operator
 from typing import Any
 
@@ -127,10 +126,11 @@ class Actions:
         if self.continuous:
             vectors = checked_vector(given, shape).reshape(n, -1)
             return ((vectors - self._middle) / self._half).clip(-1, 1)
-        indices = given.astype(np.int64) - self.first if given.dtype.kind in "iu" else given
-        if indices.shape != shape or not np.isin(indices, range(self.size)).all():
-            raise InvalidInput(f"actions must be {n} elements of {self.space}; got {actions!r}")
-        return indices
+        if given.dtype.kind in "iu" and given.shape == shape:
+            indices = given.astype(np.int64) - self.first
+            if ((indices >= 0) & (indices < self.size)).all():
+                return indices
+        raise InvalidInput(f"actions must be {n} elements of {self.space}; got {actions!r}")
 
     def outward(self, action: Action) -> Any:
         """Invert `inward`. Raises InvalidInput for invalid actions."""
@@ -173,6 +173,6 @@ def checked_vector(action: Any, shape: tuple[int, ...]) -> NDArray[np.float32]:
         vector = np.asarray(action, np.float32)
     except (TypeError, ValueError):
         vector = np.full(0, np.nan, np.float32)
-    if vector.shape != shape or not math.isfinite(vector.sum()):
+    if vector.shape != shape or not np.isfinite(vector).all():
         raise InvalidInput(f"action {action!r} is not allowed: allowed are finite values {shape}")
     return vector

@@ -11,7 +11,7 @@ from bilevel.kernels import dynamics, synthetic_env
 from bilevel.kernels.environment import Environment, reset, step
 from bilevel.spaces import Action, checked_action
 from bilevel.synthetic_env import SE, Architecture
-from bilevel.tasks import Task
+from bilevel.tasks import RealEnv, Task
 
 #: Maximum number of learned initial states that a training draws; its episodes cycle through them.
 INITIAL_STATES = 10_000
@@ -51,7 +51,8 @@ def environment_in_python(
 ) -> Iterator[TrainingEnvironment]:
     """Context with the environment, compiled or in gymnasium, for agents in Python."""
     if se is None and not task.compiled:
-        yield GymnasiumEnvironment(task, seed)
+        with task.shared_env() as real:
+            yield GymnasiumEnvironment(task, real, seed)
     else:
         env = compiled_environment(task, se, episodes, seed)
         yield KernelEnvironment(env, task.action_size, task.continuous)
@@ -83,9 +84,9 @@ class GymnasiumEnvironment:
     """A real task in gymnasium (see `TrainingEnvironment`). Each episode has its own seed, so that
     all agents start it in the same state."""
 
-    def __init__(self, task: Task, seed: int) -> None:
+    def __init__(self, task: Task, env: RealEnv, seed: int) -> None:
         self.step_limit = task.step_limit
-        self._env, self._seed = task.shared_env(), seed
+        self._env, self._seed = env, seed
 
     def reset(self, episode: int) -> NDArray[np.float32]:
         """See `TrainingEnvironment`."""

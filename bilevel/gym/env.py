@@ -56,6 +56,7 @@ class SyntheticEnv(gymnasium.Env[Any, Any]):
         env = task.make(render_mode)
         self._real = RealEnv(env, task.id)
         if render_mode is not None:
+            env.reset(seed=0)  # some renderers need it
             self.metadata = {**self.metadata, "render_fps": env.metadata["render_fps"]}
         self.observations, self.actions = self._real.observations, self._real.actions
         self.observation_space = env.observation_space

@@ -4,9 +4,12 @@ Gymnasium's classic control tasks have compiled dynamics. Gymnasium runs all oth
 for initial states, and in training on the real task.
 """
 
-from contextlib import closing
+import atexit
+import threading
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import gymnasium
 import numpy as np
@@ -37,8 +40,8 @@ TRIAL_STEPS = 20
 _CONSTANT = 1e-6
 
 
-#: The environment that this process has open, with its task and specification.
-_SHARED: list[tuple[Any, RealEnv]] = []
+#: The environment that a thread has open (`env`), with its task and specification (`key`).
+_OPEN = threading.local()
 
 
 @dataclass(frozen=True)
@@ -103,15 +106,19 @@ class Task:
         """Create the environment with states and actions as agents use them."""
         return RealEnv(self.make(), self.id)
 
-    def shared_env(self) -> RealEnv:
-        """Return the environment of this task in this process. It stays open until a task with
-        another specification needs one, because some simulators start slowly."""
+    @contextmanager
+    def shared_env(self) -> Iterator[RealEnv]:
+        """Context with this thread's environment of the task. It stays open until the thread needs
+        another task's, because some simulators start slowly; an error closes it."""
         key = self, gymnasium.registry.get(self.id.rpartition(":")[2])
-        if _SHARED and _SHARED[0][0] != key:
-            _SHARED.pop()[1].close()
-        if not _SHARED:
-            _SHARED.append((key, self.real_env()))
-        return _SHARED[0][1]
+        if getattr(_OPEN, "key", None) != key:
+            close_shared_env()
+            _OPEN.env, _OPEN.key = self.real_env(), key
+        try:
+            yield _OPEN.env
+        except BaseException:
+            close_shared_env()
+            raise
 
     def try_out(self) -> None:
         """Take some random steps. Raises UserCodeError for errors and invalid values, and for
@@ -129,13 +136,13 @@ class Task:
     ) -> NDArray[np.float64]:
         """Draw `n` initial states (n, p) from the task's reset distribution: states of the
         simulator of a compiled task, else at most `GYMNASIUM_INITIAL_STATES` observations after
-        resets of `env` (by default of a new environment)."""
+        resets of `env` (default: the shared environment)."""
         if self.compiled:
             return SIMULATORS[self.dynamics].initial_physics(rng, n)
         seed = int(rng.integers(2**31))
-        env = env or self.shared_env()
-        states = [env.reset(seed)]
-        states += [env.reset() for _ in range(min(n, GYMNASIUM_INITIAL_STATES) - 1)]
+        with self.shared_env() if env is None else nullcontext(env) as env:
+            states = [env.reset(seed)]
+            states += [env.reset() for _ in range(min(n, GYMNASIUM_INITIAL_STATES) - 1)]
         return np.array(states, np.float64)
 
     def observe(self, physics: NDArray[np.float64]) -> NDArray[np.float32]:
@@ -174,15 +181,26 @@ class Task:
 
     def _gymnasium_observations(self, seed: int, steps: int) -> NDArray[np.float32]:
         seen = np.empty((steps, self.state_size), np.float32)
-        env = self.shared_env()
-        env.env.action_space.seed(seed % 2**31)
-        state, over = env.raw_reset(seed % 2**31), False
-        for t in range(steps):
-            if over:
-                state = env.raw_reset()
-            seen[t] = state
-            state, over = env.random_step()
+        with self.shared_env() as env:
+            env.env.action_space.seed(seed % 2**31)
+            state, over = env.raw_reset(seed % 2**31), False
+            for t in range(steps):
+                if over:
+                    state = env.raw_reset()
+                seen[t] = state
+                state, over = env.random_step()
         return seen
+
+
+def close_shared_env() -> None:
+    """Close the environment that this thread has open, if any."""
+    _OPEN.key = None
+    if (env := getattr(_OPEN, "env", None)) is not None:
+        _OPEN.env = None
+        env.close()
+
+
+atexit.register(close_shared_env)
 
 
 def check_resolution(seen: NDArray[np.float64], name: str) -> None:

@@ -1,5 +1,6 @@
 import re
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -13,7 +14,7 @@ from bilevel import NES, InvalidInput
 from bilevel.evaluation import evaluate, train_and_test
 from bilevel.evaluation.run import greedy_episodes
 from bilevel.recipes import load_recipe
-from bilevel.tasks import BUILT_IN_TASKS, Task, get_task
+from bilevel.tasks import BUILT_IN_TASKS, RealEnv, Task, get_task
 from bilevel.user_code import UserCodeError
 from tests.envs import CustomEnv, ShiftedCartPole, register_env
 
@@ -130,8 +131,19 @@ def test_a_process_opens_the_environment_of_a_task_once(monkeypatch: pytest.Monk
     for seed in range(2):
         assert train_and_test(task, None, agent, seed).train_episodes == 2
     assert (len(opened), len(closed)) == (1, 0)
-    get_task("FrozenLake-v1").shared_env()
-    assert len(closed) == 1
+    with pytest.raises(KeyboardInterrupt), task.shared_env():
+        raise KeyboardInterrupt
+    assert (len(opened), len(closed)) == (1, 1)  # it may be in any state
+
+    def shared() -> RealEnv:
+        with task.shared_env() as env:
+            return env
+
+    assert shared() is shared()
+    with ThreadPoolExecutor() as threads:
+        assert threads.submit(shared).result() is not shared()
+    with get_task("FrozenLake-v1").shared_env():
+        assert len(closed) == 2
 
 
 @pytest.mark.parametrize("value", [0.0, 9.8])
