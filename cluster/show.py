@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from bilevel.kernels.synthetic_env import DONE
 from bilevel.seeds import Purpose, derive
-from bilevel.synthetic_env import StoredSE
+from bilevel.synthetic_env import Architecture, StoredSE
 from bilevel.synthetic_env.torch_module import SEModule
 from bilevel.tasks.compiled import Labels
 from cluster.pictures import GREY
@@ -73,7 +73,7 @@ class SEPlot:
         )
         states = np.tile(scale.mean, (GRID * GRID, 1))
         states[:, i], states[:, j] = (axis.ravel() for axis in np.meshgrid(across, up))
-        actions = candidate_actions(se)
+        actions = candidate_actions(se.architecture)
         if task.continuous:
             positions = (actions[:, 0] + 1) / 2
         else:
@@ -81,9 +81,8 @@ class SEPlot:
         return cls(task.labels, positions, (across, up), answers(se, states), real_episodes(se))
 
 
-def candidate_actions(se: StoredSE) -> NDArray[Any]:
-    """Return all actions (n,) of the SE, or actions (n, A) that cover a continuous range."""
-    arch = se.architecture
+def candidate_actions(arch: Architecture) -> NDArray[Any]:
+    """Return all actions (n,) of an SE, or actions (n, A) that cover a continuous range."""
     if not arch.continuous:
         return np.arange(arch.action_size)
     if arch.action_size == 1:
@@ -94,7 +93,7 @@ def candidate_actions(se: StoredSE) -> NDArray[Any]:
 
 def answers(se: StoredSE, states: Floats) -> Transitions:
     """Return the SE's transitions from states (n, S), action by action."""
-    actions = candidate_actions(se)
+    actions = candidate_actions(se.architecture)
     repeated = np.tile(states, (len(actions), 1))
     outputs = SEModule(se)(
         torch.from_numpy(repeated), torch.from_numpy(np.repeat(actions, len(states), axis=0))
@@ -105,7 +104,7 @@ def answers(se: StoredSE, states: Floats) -> Transitions:
 
 def real_episodes(se: StoredSE) -> list[Episode]:
     """Run episodes on the real task with the actions that the SE rewards most."""
-    task, episodes, candidates = se.task(), [], candidate_actions(se)
+    task, episodes, candidates = se.task(), [], candidate_actions(se.architecture)
     with closing(task.real_env()) as env:
         for seed in range(EPISODES):
             states, total, over = [env.reset(seed)], 0.0, False

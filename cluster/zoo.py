@@ -18,7 +18,7 @@ from cluster.session.context import RunContext
 from cluster.storage.home import require_writable
 from cluster.storage.run_folder import BEST_FILE
 
-#: Kinds of agents that the card reports.
+#: Kinds of agents that the card of a task with discrete actions reports.
 KINDS = ("ddqn", "dueling-ddqn", "td3")
 
 
@@ -34,11 +34,12 @@ def build(
     run_nes(NESRun(task, hp, entry.seed, run_folder), context, workers)
     content = (run_folder / BEST_FILE).read_bytes()
     se = load_se(run_folder / BEST_FILE)
-    name, kinds = f"zoo-{entry.name}-agents", default_agents(KINDS)
+    name = f"zoo-{entry.name}-agents"
+    kinds = hp.agents if task.continuous else default_agents(KINDS)
     groups = run_evaluate(
         EvaluateCommand(task, {entry.name: se}, kinds, agents, "all", 0, name, context, workers)
     )
-    path = folder / f"{entry.name}.safetensors"
+    path, names = folder / f"{entry.name}.safetensors", ",".join(hp.agent for hp in kinds)
     card = Card(
         entry.name,
         task.id,
@@ -47,8 +48,7 @@ def build(
         str(se.info["bilevel_version"]),
         (
             f"bilevel nes {task.id} --recipe {entry.recipe} --seed {entry.seed}",
-            f"bilevel evaluate {path.name} --agent {','.join(KINDS)} --agents {agents} "
-            "--vary-hp all",
+            f"bilevel evaluate {path.name} --agent {names} --agents {agents} --vary-hp all",
         ),
         int(se.info["real_env_steps"]),
         hashlib.sha256(content).hexdigest(),

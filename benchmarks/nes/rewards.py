@@ -26,8 +26,9 @@ from bilevel.kernels import synthetic_env
 from bilevel.nes import NES
 from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import SE, load_se
-from bilevel.tasks import Task, get_task
+from bilevel.tasks import ObservationScale, Task, get_task
 from bilevel.zoo import ENTRIES, zoo_file
+from cluster.show import candidate_actions
 
 #: Test episodes of a policy.
 EPISODES = 10
@@ -37,29 +38,34 @@ LIMIT = 1_000_000
 
 def score_of_rewards(task: Task, se: SE, seed: int) -> float:
     """Return the mean return on the real task of the action with the highest reward on the SE."""
-    kernel, work = se.kernel, synthetic_env.work_space(se.kernel)
-    next_state = np.empty(task.state_size, np.float32)
+    kernel, work, actions = (
+        se.kernel,
+        synthetic_env.work_space(se.kernel),
+        candidate_actions(se.architecture),
+    )
+    next_states = np.empty((len(actions), task.state_size), np.float32)
+    rewards, dones = np.empty((2, len(actions)))
 
-    def highest(state: Any) -> int:
-        rewards = [
-            synthetic_env.step(kernel, state, action, next_state, work)[0]
-            for action in range(task.action_size)
-        ]
-        return int(np.argmax(rewards))
+    def highest(state: Any) -> Any:
+        states = np.tile(state, (len(actions), 1))
+        synthetic_env.step_all(kernel, states, actions, next_states, rewards, dones, work)
+        return actions[rewards.argmax()]
 
     return tested(task, highest, EPISODES, seed)[0]
 
 
-def steps_of_direct_search(task: Task, seed: int) -> int:
+def steps_of_direct_search(task: Task, scale: ObservationScale, seed: int) -> int:
     """Return the real steps until a random linear policy solves the task; at most LIMIT.
 
-    A policy that solves one episode is tested on EPISODES more.
+    A policy that solves one episode is tested on EPISODES more. Policies for continuous actions
+    read observations in units of their scale, whose measurement is not counted.
     """
     rng, steps = np.random.default_rng(seed), 0
+    choose: Any = partial(clipped, scale) if task.continuous else linear
     while steps < LIMIT:
         weights = rng.standard_normal((task.action_size, task.state_size), np.float32)
         for episodes in (1, EPISODES):
-            policy = partial(linear, weights)
+            policy = partial(choose, weights)
             score, more = tested(task, policy, episodes, int(rng.integers(2**32)))
             steps += more
             if score < task.solved_reward:
@@ -74,7 +80,14 @@ def linear(weights: NDArray[np.float32], state: NDArray[np.float32]) -> int:
     return int(np.argmax(weights @ state))
 
 
-def tested(task: Task, policy: Callable[[Any], int], episodes: int, seed: int) -> tuple[float, int]:
+def clipped(
+    scale: ObservationScale, weights: NDArray[np.float32], state: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """Return linear functions of the scaled state, clipped to [-1, 1]."""
+    return (weights @ ((state - scale.mean) / scale.deviation)).clip(-1, 1)
+
+
+def tested(task: Task, policy: Callable[[Any], Any], episodes: int, seed: int) -> tuple[float, int]:
     """Return the mean return of a policy on the real task, and the steps."""
     transitions = list(greedy_episodes(task, policy, episodes, seed))
     returns = [sum(step.reward for step in episode) for episode in transitions]
@@ -82,8 +95,10 @@ def tested(task: Task, policy: Callable[[Any], int], episodes: int, seed: int) -
 
 
 def scores_of_agents(task: Task, se: SE, agents: int, discount: float) -> list[float]:
-    """Return the scores of narrowed DDQN agents with that discount, trained on the SE."""
-    drawn = (draw_agent((DDQNHyperparameters(),), "narrowed", seed) for seed in range(agents))
+    """Return the scores of narrowed agents (DDQN, or TD3 of the recipe `default` for continuous
+    actions) with that discount, trained on the SE."""
+    kinds = load_recipe("default", task).agents if task.continuous else (DDQNHyperparameters(),)
+    drawn = (draw_agent(kinds, "narrowed", seed) for seed in range(agents))
     changed = [replace(hp, discount=discount) for hp in drawn]  # type: ignore[call-arg]
     return [train_and_test(task, se, hp, seed).score for seed, hp in enumerate(changed)]
 
@@ -92,12 +107,13 @@ def measured(name: str, ses: int, agents: int) -> dict[str, Any]:
     """Measure random SEs of the recipe `default`, and the SE of the zoo for the same task."""
     learned = load_se(zoo_file(name))
     task = get_task(learned.task_id)
-    nes = NES(task, load_recipe("default", task.id), seed=0)
-    distribution = nes.distribution(nes.init())
+    nes = NES(task, load_recipe("default", task), seed=0)
+    start = nes.init()
+    distribution = nes.distribution(start)
     random = [score_of_rewards(task, distribution.random(seed), seed) for seed in range(ses)]
     return {
         "random": random,
-        "direct": [steps_of_direct_search(task, seed) for seed in range(agents)],
+        "direct": [steps_of_direct_search(task, start.scale, seed) for seed in range(agents)],
         "learned": [score_of_rewards(task, learned.se, seed) for seed in range(agents)],
         "discount 0": scores_of_agents(task, learned.se, agents, 0.0),
         "discount 0.99": scores_of_agents(task, learned.se, agents, 0.99),

@@ -59,6 +59,7 @@ class Entry:
 ENTRIES = {
     "CartPole-v0": Entry("CartPole-v0", "CartPole-v0", 441),
     "Acrobot-v1": Entry("Acrobot-v1", "Acrobot-v1", 473),
+    "MountainCarContinuous-v0": Entry("MountainCarContinuous-v0", "MountainCarContinuous-v0", 0),
 }
 
 

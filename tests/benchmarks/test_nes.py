@@ -12,7 +12,7 @@ from benchmarks.nes.run import core_seconds_per_se
 from benchmarks.nes.tables import seeds, taught
 from bilevel.hyperparameters import Hyperparameters
 from bilevel.synthetic_env import load_se
-from bilevel.tasks import Task
+from bilevel.tasks import Task, get_task
 from bilevel.zoo import zoo_file
 
 
@@ -92,4 +92,6 @@ def test_scores_of_agents_are_means_over_ses() -> None:
 
 def test_the_action_with_the_highest_reward_is_scored_on_the_real_task(cartpole: Task) -> None:
     assert score_of_rewards(cartpole, load_se(zoo_file("CartPole-v0")).se, 0) >= 195
-    assert 1950 <= steps_of_direct_search(cartpole, 0) < LIMIT
+    assert 1950 <= steps_of_direct_search(cartpole, cartpole.unit_scale, 0) < LIMIT
+    car = get_task("MountainCarContinuous-v0")
+    assert steps_of_direct_search(car, car.observation_scale(0), 0) < LIMIT
