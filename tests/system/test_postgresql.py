@@ -29,30 +29,27 @@ pytestmark = [
 
 
 @pytest.fixture
-def postgresql(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
+def postgresql() -> Iterator[str]:
     """Address of an empty database in a new server. PostgreSQL does not run as root, so root starts
-    it as another user."""
-    folder = tmp_path_factory.mktemp("postgresql")
-    data, port = folder / "data", free_port()
-    as_user: list[str] = []
-    if os.geteuid() == 0:
-        as_user = ["setpriv", "--reuid", "nobody", "--regid", "nogroup", "--clear-groups"]
-        shutil.chown(folder, "nobody", "nogroup")
-        for parent in folder.parents:
-            if Path(tempfile.gettempdir()) in parent.parents:
-                parent.chmod(0o755)
+    it as another user, who cannot read pytest's temporary folders."""
+    with tempfile.TemporaryDirectory(prefix="postgresql-") as name:
+        folder, data, port = Path(name), Path(name, "data"), free_port()
+        as_user: list[str] = []
+        if os.geteuid() == 0:
+            as_user = ["setpriv", "--reuid", "nobody", "--regid", "nogroup", "--clear-groups"]
+            shutil.chown(folder, "nobody", "nogroup")
 
-    def call(*command: str) -> None:
-        program = shutil.which(command[0], path=_PATH)
-        assert program is not None
-        arguments = [*as_user, program, *command[1:]]
-        subprocess.run(arguments, check=True, capture_output=True, cwd=folder)
+        def call(*command: str) -> None:
+            program = shutil.which(command[0], path=_PATH)
+            assert program is not None
+            arguments = [*as_user, program, *command[1:]]
+            subprocess.run(arguments, check=True, capture_output=True, cwd=folder)
 
-    call("initdb", "-D", str(data), "-U", "mlflow", "--auth=trust", "--no-sync")
-    options = f"-p {port} -k {folder} -c listen_addresses=127.0.0.1 -c fsync=off"
-    call("pg_ctl", "-D", str(data), "-l", str(folder / "log"), "-w", "-o", options, "start")
-    yield f"postgresql+psycopg2://mlflow@127.0.0.1:{port}/postgres"
-    call("pg_ctl", "-D", str(data), "-m", "immediate", "-w", "stop")
+        call("initdb", "-D", str(data), "-U", "mlflow", "--auth=trust", "--no-sync")
+        options = f"-p {port} -k {folder} -c listen_addresses=127.0.0.1 -c fsync=off"
+        call("pg_ctl", "-D", str(data), "-l", str(folder / "log"), "-w", "-o", options, "start")
+        yield f"postgresql+psycopg2://mlflow@127.0.0.1:{port}/postgres"
+        call("pg_ctl", "-D", str(data), "-m", "immediate", "-w", "stop")
 
 
 def test_a_study_is_tracked_in_postgresql(postgresql: str, tmp_path: Path) -> None:
