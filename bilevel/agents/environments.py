@@ -13,7 +13,7 @@ from bilevel.spaces import Action, checked_action
 from bilevel.synthetic_env import SE, Architecture
 from bilevel.tasks import RealEnv, Task
 
-#: Maximum number of learned initial states that a training draws; its episodes cycle through them.
+#: Maximum number of an SE's own initial states per training, whose episodes cycle through them.
 INITIAL_STATES = 10_000
 
 #: Placeholder where the kernel takes an SE but does not read it.

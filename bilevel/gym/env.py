@@ -22,8 +22,7 @@ class SyntheticEnv(gymnasium.Env[Any, Any]):
     - Actions and observations: the spaces of the real task, so that an agent can move between both.
       A state that is outside of the observation space is observed as the nearest element of it.
     - Rewards: the output of the reward network. Returns do not compare to the real task's returns.
-    - Initial states: drawn from the real task's reset distribution, or by the SE if it has learned
-      them.
+    - Initial states: drawn from the real task's reset distribution, or the SE's own.
     - Terminated: the output of the done network, `info["done"]`, exceeds 0.5.
     - Truncated: the episode reaches the SE's step limit.
 

@@ -45,7 +45,7 @@ class _Task(Protocol):
 
     @property
     def continuous(self) -> bool:
-        """Whether actions are vectors."""
+        """True if actions are vectors."""
 
 
 def load_recipe(

@@ -2,7 +2,7 @@
 
 Three MLPs with equal hidden layers (next state, reward, done) read the same input,
 concat(action, state). A discrete action is one-hot, a continuous one a vector in [-1, 1]. psi
-concatenates their parameters, in the layout of `bilevel.networks`. Learned initial states W z + b,
+concatenates their parameters, in the layout of `bilevel.networks`. Own initial states W z + b,
 with z ~ N(0, I), add the parameters W (S, S) and b (S,).
 
 S is the state size, A the number of actions or the length of an action vector, P the length of psi.
@@ -61,14 +61,9 @@ class Architecture:
 
     @classmethod
     def of(cls, task: Task, hp: SEHyperparameters) -> "Architecture":
-        """Return the architecture of an SE for `task`."""
-        smallest = {
-            "exogenous": 2 * max(task.state_size, task.action_size),  # units of done, of the reward
-            "one-step": 2 * task.action_size,
-        }.get(hp.family, 1)
-        sizes = task.state_size, task.action_size, hp.hidden_layers, max(hp.hidden_size, smallest)
-        limit, own = hp.step_limit or task.step_limit, hp.family == "one-step"
-        return cls(*sizes, hp.activation, limit, task.continuous, own)
+        """Return the architecture of a plain SE for `task`."""
+        sizes = task.state_size, task.action_size, hp.hidden_layers, hp.hidden_size
+        return cls(*sizes, hp.activation, hp.step_limit or task.step_limit, task.continuous)
 
     def check_fits(self, task: Task) -> None:
         """Raise InvalidInput unless the task has states and actions of the same sizes and kind."""
@@ -112,7 +107,7 @@ class Architecture:
         return next_state, reward, done
 
     def initial(self, psi: Psi) -> tuple[Psi, Psi]:
-        """Return views of W (S, S) and b (S,) of learned initial states."""
+        """Return views of W (S, S) and b (S,) of own initial states."""
         size = self.state_size
         weight, bias = np.split(psi[-size * (size + 1) :], [size * size])
         return weight.reshape(size, size), bias
@@ -173,7 +168,7 @@ class SE:
         )
 
     def initial_states(self, rng: np.random.Generator, n: int) -> NDArray[np.float32]:
-        """Draw `n` learned initial states (n, S)."""
+        """Draw `n` own initial states (n, S)."""
         weight, bias = self.architecture.initial(self.psi)
         return rng.standard_normal((n, len(bias)), np.float32) @ weight.T + bias
 

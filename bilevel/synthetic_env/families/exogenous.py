@@ -34,7 +34,7 @@ f          -                `se.spread`
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Self
 
@@ -85,12 +85,15 @@ class ExogenousFamily:
     def build(
         cls, architecture: Architecture, scale: ObservationScale, hp: SEHyperparameters
     ) -> Self:
-        """Return the family. Raises InvalidInput for networks that cannot hold it."""
+        """Return the family, with at least two units for each observation (done) and action
+        (reward). Raises InvalidInput for networks that cannot hold it."""
         if architecture.continuous:
             raise InvalidInput("se.family 'exogenous' needs discrete actions")
         if (architecture.hidden_layers, architecture.activation) != (1, "tanh"):
             raise InvalidInput("se.family 'exogenous' needs se.hidden_layers 1, se.activation tanh")
-        return cls(architecture, scale, hp.spread)
+        smallest = 2 * max(architecture.state_size, architecture.action_size)
+        hidden_size = max(architecture.hidden_size, smallest)
+        return cls(replace(architecture, hidden_size=hidden_size), scale, hp.spread)
 
     @cached_property
     def _shapes(self) -> dict[str, tuple[int, ...]]:

@@ -20,7 +20,7 @@ H          -            number of hidden units; pair i rewards dimension i mod A
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -47,12 +47,15 @@ class OneStepFamily:
     def build(
         cls, architecture: Architecture, scale: ObservationScale, hp: SEHyperparameters
     ) -> Self:
-        """Return the family. Raises InvalidInput for networks that cannot hold it."""
+        """Return the family, with own initial states and an even number of units, at least two for
+        each action dimension. Raises InvalidInput for networks that cannot hold it."""
         if not architecture.continuous:
             raise InvalidInput("se.family 'one-step' needs continuous actions")
         if (architecture.hidden_layers, architecture.activation) != (1, "tanh"):
             raise InvalidInput("se.family 'one-step' needs se.hidden_layers 1, se.activation tanh")
-        return cls(architecture, scale, hp.spread)
+        hidden_size = 2 * max(-(-architecture.hidden_size // 2), architecture.action_size)
+        own = replace(architecture, hidden_size=hidden_size, own_initial_states=True)
+        return cls(own, scale, hp.spread)
 
     @property
     def _units(self) -> tuple[int, int, int]:

@@ -13,7 +13,7 @@ import pytest
 import torch
 
 from bilevel.agents import get_agent
-from bilevel.agents.agent import agent_seeds
+from bilevel.agents.agent import RegisteredAgent, agent_seeds
 from bilevel.agents.environments import KernelEnvironment, compiled_environment
 from bilevel.agents.modules import set_parameters
 from bilevel.agents.training import returns_converged
@@ -114,21 +114,28 @@ def value(definition: Any, parameters: Sequence[Any], state: float, action: int)
         return float(definition.critics[0](torch.tensor([state, *one_hot])))
 
 
+def trained(registered: RegisteredAgent, hp: Any, env: Environment, compiled: bool) -> Any:
+    """Return the agent's definition or compiled twin after training on a probe."""
+    sizes = env.state_size, env.se.action_weights.shape[0]
+    if compiled:
+        assert registered.build_kernel is not None
+        initial, loop = agent_seeds(0)
+        kernel = registered.build_kernel(hp, *sizes, np.random.default_rng(initial))
+        training.train(kernel, env, schedule(hp), np.array([loop], np.uint64))
+        return kernel
+    definition = registered.build(hp, *sizes, 0)
+    in_python = KernelEnvironment(env, sizes[1], registered.continuous)
+    train_in_python(definition, hp, in_python, returns_converged(hp))
+    return definition
+
+
 @pytest.mark.parametrize("compiled", [False, True], ids=["definition", "compiled"])
 @pytest.mark.parametrize("probe", PROBES)
 @pytest.mark.parametrize("name", ["ddqn", "dueling-ddqn", "td3"])
 def test_agents_learn_the_action_values_of_probes(name: str, probe: str, compiled: bool) -> None:
     hp, env = hyperparameters(name), PROBES[probe].environment
-    registered = get_agent(name)
-    definition: Any = registered.build(hp, 1, 2, 0)
-    if compiled:
-        assert registered.build_kernel is not None
-        initial, loop = agent_seeds(0)
-        agent = registered.build_kernel(hp, 1, 2, np.random.default_rng(initial))
-        training.train(agent, env, schedule(hp), np.array([loop], np.uint64))
-    else:
-        agent = definition
-        train_in_python(agent, hp, KernelEnvironment(env, 2), returns_converged(hp))
+    agent = trained(get_agent(name), hp, env, compiled)
+    definition = agent if not compiled else get_agent(name).build(hp, 1, 2, 0)
     parameters = agent.parameters()
     values = PROBES[probe].values
     for (state, action), expected in values.items():
@@ -155,16 +162,7 @@ def test_continuous_td3_learns_a_probe(compiled: bool) -> None:
     env = compiled_environment(task, se, episodes=1, seed=0)
     states = np.array([[-1.0], [1.0]])
     env = env._replace(dynamics=OBSERVED, initial_physics=states, physics=np.zeros(1))
-    registered = get_agent("td3", continuous=True)
-    agent: Any
-    if compiled:
-        assert registered.build_kernel is not None
-        initial, loop = agent_seeds(0)
-        agent = registered.build_kernel(hp, 1, 1, np.random.default_rng(initial))
-        training.train(agent, env, schedule(hp), np.array([loop], np.uint64))
-    else:
-        agent = registered.build(hp, 1, 1, 0)
-        train_in_python(agent, hp, KernelEnvironment(env, 1, True), returns_converged(hp))
+    agent = trained(get_agent("td3", continuous=True), hp, env, compiled)
     for state in (-1.0, 1.0):
         at = np.array([state], np.float32)
         action = training.greedy_action(agent, at) if compiled else agent.greedy(at)

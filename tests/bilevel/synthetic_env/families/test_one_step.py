@@ -16,8 +16,9 @@ TASK = Task("Wide-v0", 5, 3, 10, 1.0, 0.0, continuous=True)
 SCALE = ObservationScale(np.arange(5, dtype=np.float32), np.full(5, 3, np.float32), 0)
 
 
-def random_se(seed: int) -> StoredSE:
-    family = family_of(TASK, load_recipe("default", TASK).se, SCALE)
+def random_se(seed: int, hidden_size: int = 6) -> StoredSE:
+    hp = replace(load_recipe("default", TASK).se, hidden_size=hidden_size)
+    family = family_of(TASK, hp, SCALE)
     genotype = family.initialize(np.random.default_rng(seed))
     assert genotype.shape == (family.size,)
     return StoredSE(SE(family.architecture, family.psi(genotype)), TASK.id, 10, 1.0)
@@ -50,6 +51,11 @@ def test_random_ses_have_a_best_action_that_depends_on_the_state(seed: int) -> N
             best[others, :, dimension] = values[rewards.argmax(axis=1)]
     np.testing.assert_allclose(best[0], best[1], atol=0.06)
     assert (np.ptp(best[0], axis=0) > 1).all()
+
+
+@pytest.mark.parametrize(("asked", "used"), [(1, 6), (6, 6), (7, 8), (64, 64)])
+def test_units_form_pairs_for_each_action_dimension(asked: int, used: int) -> None:
+    assert random_se(0, hidden_size=asked).architecture.hidden_size == used
 
 
 def test_episodes_have_one_step_and_start_in_own_states() -> None:
