@@ -130,7 +130,7 @@ def _result(
         returns = np.full(hp.test_episodes, task.worst_score)
     if se is None:
         real_steps += steps
-    cost = hp.core_seconds(steps, real_steps)
+    cost = hp.core_seconds(steps) + task.step_seconds * real_steps
     return EvaluationResult(tuple(returns.tolist()), steps, episodes, real_steps, finite, cost)
 
 

@@ -77,10 +77,10 @@ class AgentHyperparameters:
         minibatch's forward pass. The default suits agents without a compiled kernel."""
         return 1e7
 
-    def core_seconds(self, train_steps: int, real_env_steps: int) -> float:
-        """Estimate the core seconds of training and tests, equally on every machine. The constants
-        were measured for DDQN on a fast core (docs/speed.md)."""
-        return train_steps * (1.2e-5 + 1e-10 * self.step_cost) + 1e-6 * real_env_steps
+    def core_seconds(self, train_steps: int) -> float:
+        """Estimate the core seconds of training, equally on every machine. The constants were
+        measured for DDQN on a fast core (docs/speed.md)."""
+        return train_steps * (1.2e-5 + 1e-10 * self.step_cost)
 
 
 def keep_hyperparameters(cls: type[AgentHyperparameters]) -> None:

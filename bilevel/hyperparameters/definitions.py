@@ -54,6 +54,9 @@ class NESHyperparameters:
     #: numbers).
     shared_agent: bool
     centre_agents: _Count  #: Agents trained on the unperturbed SE per generation.
+    #: Test episodes of each agent during the run; scores differ more between agents than between
+    #: episodes. 0 selects the agent's `test_episodes`, which the tests after the run always use.
+    test_episodes: Annotated[int, Field(ge=0, le=1_000_000)]
     #: Training episodes of patient agents, which ignore the stopping rule: members' agents in every
     #: second generation, and every second agent on the unperturbed SE, in the choice of a start and
     #: in retests. Confirmations and final tests have none. 0 disables patient agents.

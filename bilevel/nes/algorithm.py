@@ -135,14 +135,16 @@ class NES:
                 on_generation(state.records[-1])
         return state
 
-    def init(self) -> NESState:
+    def init(self, on_step: Callable[[], None] = lambda: None) -> NESState:
         """Return the first state. Except for the plain family, it takes real steps to measure the
-        scale of observations (`Task.observation_scale`)."""
+        scale of observations, and calls `on_step` (`Task.observation_scale`)."""
         scale = self.task.unit_scale
         if self.hp.se.family != "plain":
-            scale = self.task.observation_scale(derive(self.seed, Purpose.OBSERVATIONS))
+            scale = self.task.observation_scale(derive(self.seed, Purpose.OBSERVATIONS), on_step)
         origin = self.strategy().init(np.zeros(self.family(scale).size, np.float32))
-        state = NESState(Evolving(), origin, scale, real_env_steps=scale.real_env_steps)
+        steps = scale.real_env_steps
+        cost = steps * self.task.step_seconds
+        state = NESState(Evolving(), origin, scale, real_env_steps=steps, cost=cost)
         return self._restart(state, attempt=0)
 
     def ask(self, state: NESState) -> list[EvaluationRequest]:

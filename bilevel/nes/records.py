@@ -25,7 +25,7 @@ class GenerationRecord:
     solved_fraction: float
     non_finite: int  #: evaluations of the generation that diverged
     real_env_steps: int  #: real steps so far: tests and the scale of observations
-    cost: float  #: core seconds so far, estimated (`core_seconds`), of all evaluations
+    cost: float  #: core seconds so far, estimated as in `NESState`
     psi_norm: float
     update_norm: float
     evaluation_seconds: float = 0.0  #: of all evaluations, on one core

@@ -79,14 +79,18 @@ class Requests:
         """Return a round of a confirmation: agents that train on the unperturbed SE."""
         vary = "no" if self.hp.vary_agent == "no" else "narrowed"
         trials = [
-            fresh_agent(self.hp.agents, vary, self.seed, Purpose.CONFIRM, generation, number)
-            for number in confirming.coming
+            self._fresh(Purpose.CONFIRM, (generation, number), vary) for number in confirming.coming
         ]
         return [EvaluationRequest(index, *trial) for index, trial in enumerate(trials)]
 
     def _trial(self, purpose: Purpose, path: Sequence[int], turn: int, vary: str) -> Trial:
-        seed, agent = fresh_agent(self.hp.agents, vary, self.seed, purpose, *path)
+        seed, agent = self._fresh(purpose, path, vary)
         return seed, with_patience(agent, self.hp.nes, turn)
+
+    def _fresh(self, purpose: Purpose, path: Sequence[int], vary: str) -> Trial:
+        seed, agent = fresh_agent(self.hp.agents, vary, self.seed, purpose, *path)
+        episodes = self.hp.nes.test_episodes or agent.test_episodes
+        return seed, replace(agent, test_episodes=episodes)
 
 
 def fresh_agent(

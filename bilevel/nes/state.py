@@ -74,7 +74,7 @@ class NESState:
     last_judged: int = 0  #: generation of the last confirmation or restart
     refuted: int = 0  #: failed confirmations in this attempt
     real_env_steps: int = 0  #: steps on the real task so far
-    cost: float = 0.0  #: estimated core seconds of all evaluations so far (`core_seconds`)
+    cost: float = 0.0  #: core seconds so far, estimated (`core_seconds`, `step_seconds`)
     finalists: tuple[Finalist, ...] = ()  #: best first
     records: tuple[GenerationRecord, ...] = ()
 

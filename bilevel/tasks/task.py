@@ -6,7 +6,8 @@ for initial states, and in training on the real task.
 
 import atexit
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Self
@@ -17,6 +18,7 @@ from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 from bilevel.kernels import dynamics
+from bilevel.seeds import Purpose, derive
 from bilevel.tasks.adapter import GymEnv, RealEnv, make_env
 from bilevel.tasks.compiled import SIMULATORS, Labels
 from bilevel.user_code import UserCodeError, digest_of
@@ -28,10 +30,14 @@ GYMNASIUM_INITIAL_STATES = 200
 #: Maximum step limit of a task.
 MAX_STEP_LIMIT = 1_000_000
 
-#: Random steps that measure the scale of observations: of a compiled task, and of a task that
-#: gymnasium runs, whose steps may be slow. With 1000 steps, CartPole takes about 1.4 times as many
-#: core seconds per SE as with 100 000 (docs/nes.md).
-SCALE_STEPS, GYMNASIUM_SCALE_STEPS = 100_000, 10_000
+#: Core seconds of a step, unless they are measured: of a compiled task and of a Python environment.
+COMPILED_STEP_SECONDS, STEP_SECONDS = 1e-6, 5e-5
+
+#: Random steps that measure the scale of observations: at first, and at most.
+SCALE_STEPS, MAX_SCALE_STEPS = 1_000, 8_000
+
+#: Difference between two measurements of the scale, in standard deviations, up to which they agree.
+_SCALE_TOLERANCE = 0.2
 
 #: Random steps that validate a task.
 TRIAL_STEPS = 20
@@ -62,6 +68,12 @@ class ObservationScale:
         deviation = np.where(constant, 1.0, deviation)
         return cls(mean.astype(np.float32), deviation.astype(np.float32), len(seen))
 
+    def agrees(self, other: "ObservationScale") -> bool:
+        """Return whether two measurements differ little."""
+        unit = _SCALE_TOLERANCE * np.maximum(self.deviation, other.deviation)
+        same_mean = np.abs(self.mean - other.mean) <= unit
+        return bool((same_mean & (np.abs(self.deviation - other.deviation) <= unit)).all())
+
 
 @dataclass(frozen=True)
 class Task:
@@ -75,11 +87,18 @@ class Task:
     worst_score: float  # score of a diverged agent
     dynamics: int = dynamics.OBSERVED  # code of the compiled dynamics, if any
     continuous: bool = False  # whether actions are vectors in [-1, 1]
+    measured_step_seconds: float | None = None  # core seconds of a step, if they were measured
 
     @property
     def compiled(self) -> bool:
         """True if the task's dynamics are compiled."""
         return self.dynamics != dynamics.OBSERVED
+
+    @property
+    def step_seconds(self) -> float:
+        """Core seconds of a step, measured or typical."""
+        typical = COMPILED_STEP_SECONDS if self.compiled else STEP_SECONDS
+        return typical if self.measured_step_seconds is None else self.measured_step_seconds
 
     @property
     def code_digest(self) -> str | None:
@@ -120,16 +139,21 @@ class Task:
             close_shared_env()
             raise
 
-    def try_out(self) -> None:
-        """Take some random steps. Raises UserCodeError for errors and invalid values, and for
-        observations that change by less than float32 can represent."""
+    def try_out(self) -> float:
+        """Take some random steps; return the median time of a step or reset in seconds. Raises
+        UserCodeError for errors and invalid values, and for observations that change by less than
+        float32 can represent."""
+        seconds = []
         with closing(self.real_env()) as env:
             env.env.action_space.seed(0)
             seen, over = [env.raw_reset(seed=0)], False
             for _ in range(TRIAL_STEPS):
+                started = time.perf_counter()
                 state, over = (env.raw_reset(), False) if over else env.random_step()
+                seconds.append(time.perf_counter() - started)
                 seen.append(state)
         check_resolution(np.array(seen, np.float64), self.id)
+        return float(np.median(seconds))
 
     def initial_physics(
         self, rng: np.random.Generator, n: int, env: RealEnv | None = None
@@ -161,14 +185,24 @@ class Task:
         zero = np.zeros(self.state_size, np.float32)
         return ObservationScale(zero, np.ones_like(zero), 0)
 
-    def observation_scale(self, seed: int) -> ObservationScale:
-        """Measure the scale of observations under random actions, in `SCALE_STEPS` steps of a
-        compiled task and `GYMNASIUM_SCALE_STEPS` steps of others."""
-        if self.compiled:
-            return ObservationScale.of(self._simulated_observations(seed, SCALE_STEPS))
-        return ObservationScale.of(self._gymnasium_observations(seed, GYMNASIUM_SCALE_STEPS))
+    def observation_scale(
+        self, seed: int, on_step: Callable[[], None] = lambda: None
+    ) -> ObservationScale:
+        """Measure the scale of observations under random actions. The number of steps doubles,
+        from `SCALE_STEPS` to `MAX_SCALE_STEPS`, until both halves agree. Gymnasium's tasks call
+        `on_step` after each step."""
+        measure = self._simulated_observations if self.compiled else self._gymnasium_observations
+        seen, agree = measure(derive(seed, Purpose.OBSERVATIONS, 0), SCALE_STEPS, on_step), False
+        while len(seen) < MAX_SCALE_STEPS and not agree:
+            before = len(seen)
+            more = measure(derive(seed, Purpose.OBSERVATIONS, before), before, on_step)
+            agree = ObservationScale.of(seen).agrees(ObservationScale.of(more))
+            seen = np.concatenate([seen, more])
+        return ObservationScale.of(seen)
 
-    def _simulated_observations(self, seed: int, steps: int) -> NDArray[np.float32]:
+    def _simulated_observations(
+        self, seed: int, steps: int, on_step: Callable[[], None]
+    ) -> NDArray[np.float32]:
         rng = np.random.default_rng(seed)
         if self.continuous:
             actions = rng.uniform(-1.0, 1.0, steps)
@@ -179,7 +213,9 @@ class Task:
         dynamics.observe_episodes(self.dynamics, self.step_limit, actions, initial, seen)
         return seen
 
-    def _gymnasium_observations(self, seed: int, steps: int) -> NDArray[np.float32]:
+    def _gymnasium_observations(
+        self, seed: int, steps: int, on_step: Callable[[], None]
+    ) -> NDArray[np.float32]:
         seen = np.empty((steps, self.state_size), np.float32)
         with self.shared_env() as env:
             env.env.action_space.seed(seed % 2**31)
@@ -189,6 +225,7 @@ class Task:
                     state = env.raw_reset()
                 seen[t] = state
                 state, over = env.random_step()
+                on_step()
         return seen
 
 

@@ -48,6 +48,7 @@ def nes(
     from cluster.nes.command import run_nes
     from cluster.nes.run import NESRun
 
+    task = common.measured(task, folder)
     run_nes(NESRun(task, hp, common.seed, folder), context, workers)
 
 
@@ -124,6 +125,7 @@ def bohb(
     from cluster.bohb.study.brackets import Schedule
     from cluster.bohb.study.definition import Study
 
+    task = common.measured(task, folder)
     schedule = Schedule.of(method, size.smallest_budget, size.largest_budget, size.cycle)
     defined = Study(folder, task, common.seed, searched, schedule, hp, method, size.prior)
     command = StudyCommand(defined, context, size, workers_per_trial or 0, concurrent_trials)

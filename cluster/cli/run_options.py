@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from bilevel.errors import InvalidInput
 from bilevel.tasks import Task
 from cluster.storage.home import Home
+from cluster.storage.run_folder import SETTINGS_FILE, read_settings, stored_task
 
 if TYPE_CHECKING:
     from bilevel.hyperparameters import Hyperparameters
@@ -39,6 +40,18 @@ class RunOptions:
         task = get_task(self.task, self.solved_reward, self.step_limit, self.worst_score)
         task.try_out()
         return task
+
+    @staticmethod
+    def measured(task: Task, folder: Path) -> Task:
+        """Return the task with the measured time of a real step, of which a run keeps the first
+        measurement."""
+        if task.compiled:
+            return task
+        if (folder / SETTINGS_FILE).exists():
+            seconds = stored_task(read_settings(folder).get("task")).measured_step_seconds
+        else:
+            seconds = float(f"{task.try_out():.2g}")
+        return replace(task, measured_step_seconds=seconds)
 
     def the_agents(self) -> tuple[str, ...] | None:
         """Load the agent files and return the names of the agents, or None for the recipe's."""

@@ -1,6 +1,8 @@
 """`bilevel nes`: one NES run on the cluster, tracked in MLflow."""
 
+import itertools
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 
 from bilevel.durable import write_aside
@@ -8,6 +10,7 @@ from bilevel.nes import GenerationRecord, NESState
 from bilevel.nes.confirmation import FINAL_AGENTS, Confirming
 from bilevel.nes.start import ChoosingStart
 from bilevel.synthetic_env import save_se
+from bilevel.tasks.task import MAX_SCALE_STEPS
 from cluster.nes.pictures import learning_curve
 from cluster.nes.run import NESRun, start_of
 from cluster.nes.selection import (
@@ -63,7 +66,7 @@ class _Runner:
         views = NESViews(run.folder, live=True)
         resume_hint = "run the same command again to resume after the last finished generation"
         with self.session.live(views, nes.generations, resume_hint) as mirror:
-            state = run.open(self.terminal.log)
+            state = run.open(self.terminal.log, self._scale_bar())
             if state.generation > 0:
                 self.terminal.log(f"resuming after generation {state.generation - 1}")
             while not state.finished:
@@ -72,6 +75,21 @@ class _Runner:
                 if state.generation > before.generation:
                     mirror.append(self.session.identity.uuid, [Point.of(state.records[-1])])
             self._finish(state)
+
+    def _scale_bar(self) -> Callable[[], None]:
+        """Return a function that shows each step of measuring the scale of observations."""
+        steps, started, log = itertools.count(1), time.monotonic(), self.terminal.log
+        if not self.run.task.compiled and not self.run.state_file.exists():
+            log(f"measuring the scale of observations in at most {MAX_SCALE_STEPS} random steps")
+
+        def show() -> None:
+            step = next(steps)
+            rate = step / max(time.monotonic() - started, 1e-9)
+            left = duration((MAX_SCALE_STEPS - step) / rate)
+            note = f"{rate:.0f} per second, at most {left} left"
+            self.terminal.bar("measuring the scale", step, MAX_SCALE_STEPS, "steps", note)
+
+        return show
 
     def _advance(self, state: NESState) -> NESState:
         """Run a generation, or a round of another phase, and log its result."""

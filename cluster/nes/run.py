@@ -112,8 +112,12 @@ class NESRun:
         except InvalidInput:
             return None
 
-    def open(self, log: Callable[[str], None] = lambda line: None) -> NESState:
-        """Return the state on disk, or a new one.
+    def open(
+        self,
+        log: Callable[[str], None] = lambda line: None,
+        on_step: Callable[[], None] = lambda: None,
+    ) -> NESState:
+        """Return the state on disk, or a new one (`NES.init`).
 
         A damaged checkpoint is renamed, with a message, and the run restarts; it will reach the
         same state again. Raises OtherVersion for a checkpoint of another version, and
@@ -129,7 +133,7 @@ class NESRun:
             self.state_file.replace(renamed)
             log(f"{error}; renamed to {renamed.name!r}, its generations will be repeated")
         if state is None:
-            state = self.nes.init()
+            state = self.nes.init(on_step)
             self.nes.save(state, self.state_file)
         return state
 

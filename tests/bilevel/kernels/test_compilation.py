@@ -5,6 +5,7 @@ import subprocess
 import sys
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +19,7 @@ PROGRAM = "from tests.bilevel.kernels.test_compilation import parameters; print(
 
 def parameters() -> str:
     """The parameters of a DDQN agent after ten gradient steps."""
+    hp: Any
     (hp,) = default_agents(("ddqn",))
     hp = replace(hp, hidden_size=31, batch_size=50)
     build = get_agent("ddqn").build_kernel
@@ -29,7 +31,7 @@ def parameters() -> str:
         batch.rewards[:], batch.dones[:] = rng.normal(0, 1, size), 0.0
         batch.actions[:, :size] = rng.integers(0, 2, size)
         ddqn.gradient_step(kernel, np.array([7], np.uint64))
-    return kernel.parameters()[0].tobytes().hex()
+    return str(kernel.parameters()[0].tobytes().hex())
 
 
 def printed(cache: Path) -> str:

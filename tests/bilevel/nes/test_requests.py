@@ -12,6 +12,7 @@ from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters
 from bilevel.hyperparameters.validation import hyperparameters
 from bilevel.nes.confirmation import Confirming
 from bilevel.nes.requests import Requests, brief, with_patience
+from bilevel.nes.start import ChoosingStart
 
 
 @pytest.fixture
@@ -64,3 +65,17 @@ def test_confirmations_use_fresh_agents(requests: Requests) -> None:
         assert len(confirming.all_scores) == 16
     assert len(made) == 32
     require_fresh(made, 32)
+
+
+@pytest.mark.parametrize(("episodes", "expected"), [(3, 3), (0, 2)])
+def test_tests_of_a_run_have_its_number_of_episodes(
+    small_hp: Hyperparameters, episodes: int, expected: int
+) -> None:
+    """0 selects the agent's number."""
+    nes = replace(small_hp.nes, test_episodes=episodes)
+    requests = Requests(replace(small_hp, nes=nes), 0)
+    made = [
+        *requests.start(ChoosingStart.between(requests.candidates(0)), 0),
+        *requests.confirmation(Confirming(4), 0),
+    ]
+    assert {request.agent.test_episodes for request in made} == {expected}

@@ -10,7 +10,7 @@ import pytest
 import bilevel.tasks.task
 from bilevel.kernels import dynamics
 from bilevel.tasks import get_task
-from bilevel.tasks.task import SCALE_STEPS
+from bilevel.tasks.task import MAX_SCALE_STEPS, SCALE_STEPS
 from tests.envs import CustomEnv, register_env
 
 
@@ -19,7 +19,7 @@ def test_the_seed_determines_the_scale() -> None:
     one, two, other = (task.observation_scale(seed) for seed in (3, 3, 4))
     np.testing.assert_array_equal(one.deviation, two.deviation)
     assert not np.array_equal(one.deviation, other.deviation)
-    assert one.real_env_steps == SCALE_STEPS
+    assert SCALE_STEPS < one.real_env_steps <= MAX_SCALE_STEPS
     assert 0.3 < one.deviation[1] < 0.9  # velocity of the cart in units per second
 
 
@@ -34,8 +34,9 @@ def test_every_state_with_an_action_counts_once(monkeypatch: pytest.MonkeyPatch)
 
     env = lambda **_: CustomEnv(lambda _: np.full(2, next(ages)), step)  # noqa: E731
     name = register_env(monkeypatch, env)
-    scale = get_task(name).observation_scale(0)
-    assert scale.real_env_steps == 10_000
+    steps: list[None] = []
+    scale = get_task(name).observation_scale(0, lambda: steps.append(None))
+    assert scale.real_env_steps == len(steps) == 2 * SCALE_STEPS  # both halves agree
     assert scale.mean[0] == pytest.approx(np.mean([0, 1, 2, 3]))
     assert scale.deviation[0] == pytest.approx(np.std([0, 1, 2, 3]))
 
@@ -44,9 +45,9 @@ def test_every_state_with_an_action_counts_once(monkeypatch: pytest.MonkeyPatch)
 def test_simulated_and_real_episodes_have_the_same_scale(
     task_id: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(bilevel.tasks.task, "SCALE_STEPS", 30_000)
     simulated = get_task(task_id).observation_scale(0)
     observed = replace(get_task(task_id), dynamics=dynamics.OBSERVED)  # gymnasium runs it
-    monkeypatch.setattr(bilevel.tasks.task, "GYMNASIUM_SCALE_STEPS", 30_000)
     real = observed.observation_scale(0)
     assert real.real_env_steps == 30_000
     np.testing.assert_allclose(simulated.deviation, real.deviation, rtol=0.3)
