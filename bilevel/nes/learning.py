@@ -72,7 +72,7 @@ def _executor(
     from loky import ProcessPoolExecutor
 
     agents = [(type(agent), get_agent(agent.agent, task.continuous)) for agent in hp.agents]
-    initargs = (gymnasium.registry.get(task.id), agents)
+    initargs = (task.source.spec, agents)
     pool: AbstractContextManager[Executor]
     pool = ProcessPoolExecutor(int(workers), initializer=_register, initargs=initargs)
     return pool

@@ -5,7 +5,6 @@ code, and checks names, shapes, types, ranges and a checksum.
 """
 
 import json
-import sys
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
@@ -22,7 +21,7 @@ from bilevel.durable import checksum, write_file
 from bilevel.errors import InvalidInput, require
 from bilevel.kernels.synthetic_env import DONE
 from bilevel.synthetic_env.architecture import SE, Architecture, Psi, StepLimit
-from bilevel.tasks import Task, get_task
+from bilevel.tasks import EnvSource, Task, get_task
 
 
 @dataclass(frozen=True)
@@ -50,8 +49,7 @@ class StoredSE:
         """Return the real task, on which agents trained on the SE are tested. Raises InvalidInput
         if gymnasium does not know the task, if it does not fit, or if its id names a module
         (`MODULE:ID`) that is not imported."""
-        module = self.task_id.rpartition(":")[0]
-        if module and module not in sys.modules:  # a file must not cause imports
+        for module in EnvSource.parse(self.task_id).missing_modules:  # files cause no imports
             raise InvalidInput(
                 f"the SE's task needs the module {module!r}, which is not imported: import it "
                 f"first, or give --task {self.task_id} on the command line"

@@ -1,32 +1,17 @@
 """Gymnasium environments of real tasks, with flat states and validated values."""
 
 import math
-import warnings
 from typing import Any
 
-import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
 from bilevel.spaces import Action, Actions, Observations, State
+from bilevel.tasks.source import GymEnv
 from bilevel.user_code import UserCodeError, user_code_errors
 
 #: Largest number in float32.
 LARGEST = float(np.finfo(np.float32).max)
-
-#: A real task in gymnasium.
-GymEnv = gymnasium.Env[Any, Any]
-
-
-def make_env(task_id: str, step_limit: int | None = None, render_mode: str | None = None) -> GymEnv:
-    """Create a task's environment. Raises gymnasium's and the environment's errors."""
-    # A task without rendering need not accept the argument.
-    kwargs: dict[str, Any] = {} if render_mode is None else {"render_mode": render_mode}
-    with warnings.catch_warnings():
-        # The paper's CartPole-v0 is not the latest version.
-        warnings.filterwarnings("ignore", ".*(out of date|latest versioned)")
-        # The environment checker repeats its warnings for every environment.
-        return gymnasium.make(task_id, step_limit, disable_env_checker=True, **kwargs)
 
 
 class RealEnv:

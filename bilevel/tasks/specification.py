@@ -1,6 +1,7 @@
 """Specification of a task by its gymnasium id."""
 
 import math
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from numbers import Integral
 from typing import Any
@@ -11,7 +12,7 @@ from gymnasium.envs.registration import EnvSpec
 from bilevel.errors import InvalidInput, first_line, is_number
 from bilevel.kernels import dynamics
 from bilevel.spaces import Actions, Observations
-from bilevel.tasks.adapter import make_env
+from bilevel.tasks.source import EnvSource, GymEnv, registered
 from bilevel.tasks.task import MAX_STEP_LIMIT, Task
 from bilevel.user_code import user_code_errors
 
@@ -45,35 +46,49 @@ BUILT_IN_TASKS = {
 
 
 def get_task(
-    task_id: str,
+    env: str | EnvSpec | Callable[..., GymEnv],
     solved_reward: float | None = None,
     step_limit: int | None = None,
     worst_score: float | None = None,
+    *,
+    env_kwargs: Mapping[str, Any] | None = None,
+    wrappers: Sequence[str] = (),
 ) -> Task:
-    """Return the task with a gymnasium id.
+    """Return the task of a gymnasium environment.
 
     Gymnasium's classic control tasks have compiled dynamics; gymnasium runs all others.
     Observations may be Box, Discrete, MultiDiscrete, MultiBinary, and Tuple and Dict of these,
-    except for images. Actions may be Discrete or a bounded Box of floats. An id `MODULE:ID` imports
-    a module, which registers the environment.
+    except for images. Actions may be Discrete or a bounded Box of floats.
 
     Args:
-        task_id: Gymnasium's id, such as `CartPole-v0` or `my_package:Balance-v0`.
+        env: Gymnasium's id, such as `CartPole-v0`; `MODULE:ID` for an environment that a module
+            registers; the id with keyword arguments, such as `FrozenLake-v1,is_slippery=False`; a
+            specification; or a class or function that returns an environment, which is registered
+            under its name.
         solved_reward: Mean return at which the task is solved. Default: the environment's
             `reward_threshold`.
         step_limit: Maximum number of steps of an episode. Default: the environment's
             `max_episode_steps`.
         worst_score: Score of a diverged agent, below the solved reward. Default: 0 if the solved
             reward is positive, else -1 per step, or twice the solved reward if that is lower.
+        env_kwargs: Keyword arguments of the environment.
+        wrappers: Wrappers of the environment as `MODULE:CLASS`, the innermost first. A class must
+            need no other argument than the environment.
 
     Raises:
         InvalidInput: The id is unknown, the spaces are not supported, a value is out of range, or
             neither the arguments nor the environment specify the solved reward and the step limit.
     """
+    if isinstance(env, EnvSpec):
+        solved_reward = env.reward_threshold if solved_reward is None else solved_reward
+        step_limit = env.max_episode_steps if step_limit is None else step_limit
+    source = EnvSource.parse(env) if isinstance(env, str) else registered(env)
+    source = EnvSource.of(str(source), env_kwargs or {}, wrappers)
+    task_id = str(source)
     built_in = BUILT_IN_TASKS.get(task_id)
     if built_in is not None and (solved_reward, step_limit, worst_score) == (None, None, None):
         return built_in
-    spec, observations, actions = _inspect(task_id)
+    spec, observations, actions = _inspect(source)
     default_solved = built_in.solved_reward if built_in else spec.reward_threshold
     solved = default_solved if solved_reward is None else solved_reward
     limit = spec.max_episode_steps if step_limit is None else step_limit
@@ -114,14 +129,15 @@ def _default_worst_score(solved_reward: Any, step_limit: Any) -> float:
     return -float(step_limit) if -step_limit < solved_reward else 2 * float(solved_reward)
 
 
-def _inspect(task_id: str) -> tuple[EnvSpec, Observations, Actions]:
+def _inspect(source: EnvSource) -> tuple[EnvSpec, Observations, Actions]:
     """Return spec, observations and actions of a task. Raises InvalidInput."""
+    task_id = str(source)
     unknown = env = extra = None
     with user_code_errors(f"task {task_id!r}", "is created"):
         try:
-            env = make_env(task_id)
+            env = source.make()
         except (gymnasium.error.DependencyNotInstalled, ImportError):
-            extra = _extra(task_id)
+            extra = _extra(source.spec)
             if extra is None:
                 raise
         except gymnasium.error.Error as error:
@@ -137,7 +153,7 @@ def _inspect(task_id: str) -> tuple[EnvSpec, Observations, Actions]:
             f"and gymnasium ids ({unknown})"
         )
     with closing(env):
-        if env.spec.id != task_id.rpartition(":")[2]:  # gymnasium adds the latest version
+        if env.spec.id != source.registered_id:  # gymnasium adds the latest version
             raise InvalidInput(f"task {task_id!r} has no version, such as {env.spec.id}")
         return (
             env.spec,
@@ -146,9 +162,7 @@ def _inspect(task_id: str) -> tuple[EnvSpec, Observations, Actions]:
         )
 
 
-def _extra(task_id: str) -> str | None:
+def _extra(spec: EnvSpec | None) -> str | None:
     """Return the extra of this package that installs the dependencies of a gymnasium task."""
-    if task_id not in gymnasium.registry:
-        return None
-    entry = str(gymnasium.spec(task_id).entry_point)
+    entry = str(spec and spec.entry_point)
     return next((name for name in ("mujoco", "box2d") if f"gymnasium.envs.{name}." in entry), None)

@@ -12,15 +12,15 @@ from contextlib import closing, contextmanager, nullcontext
 from dataclasses import dataclass
 from typing import Self
 
-import gymnasium
 import numpy as np
 from gymnasium.envs.registration import load_env_creator
 from numpy.typing import NDArray
 
 from bilevel.kernels import dynamics
 from bilevel.seeds import Purpose, derive
-from bilevel.tasks.adapter import GymEnv, RealEnv, make_env
+from bilevel.tasks.adapter import RealEnv
 from bilevel.tasks.compiled import SIMULATORS, Labels
+from bilevel.tasks.source import EnvSource, GymEnv
 from bilevel.user_code import UserCodeError, digest_of
 
 #: Maximum number of initial states drawn from an environment that gymnasium runs; training episodes
@@ -79,7 +79,7 @@ class ObservationScale:
 class Task:
     """Fixed values of a real task, as `get_task` returns them."""
 
-    id: str
+    id: str  # `EnvSource` as text: gymnasium's id, with keyword arguments and wrappers
     state_size: int
     action_size: int  # number of actions, or length of an action vector
     step_limit: int  # maximum number of environment steps per episode
@@ -95,6 +95,11 @@ class Task:
         return self.dynamics != dynamics.OBSERVED
 
     @property
+    def source(self) -> EnvSource:
+        """How gymnasium makes the environment."""
+        return EnvSource.parse(self.id)
+
+    @property
     def step_seconds(self) -> float:
         """Core seconds of a step, measured or typical."""
         typical = COMPILED_STEP_SECONDS if self.compiled else STEP_SECONDS
@@ -105,8 +110,10 @@ class Task:
         """Digest of the user's code that defines the task; None for gymnasium's own tasks."""
         if self.compiled:
             return None
-        entry = gymnasium.spec(self.id.rpartition(":")[2]).entry_point  # its module is imported
-        return digest_of("gymnasium", load_env_creator(entry) if isinstance(entry, str) else entry)
+        spec = self.source.spec  # its module is imported
+        code = [*self.source.wrappers] + ([spec.entry_point] if spec and spec.entry_point else [])
+        loaded = (load_env_creator(part) if isinstance(part, str) else part for part in code)
+        return digest_of("gymnasium", *loaded)
 
     @property
     def labels(self) -> Labels:
@@ -119,7 +126,7 @@ class Task:
 
     def make(self, render_mode: str | None = None) -> GymEnv:
         """Create the gymnasium environment, truncated at this task's step limit."""
-        return make_env(self.id, self.step_limit, render_mode)
+        return self.source.make(self.step_limit, render_mode)
 
     def real_env(self) -> RealEnv:
         """Create the environment with states and actions as agents use them."""
@@ -129,7 +136,7 @@ class Task:
     def shared_env(self) -> Iterator[RealEnv]:
         """Context with this thread's environment of the task. It stays open until the thread needs
         another task's, because some simulators start slowly; an error closes it."""
-        key = self, gymnasium.registry.get(self.id.rpartition(":")[2])
+        key = self, self.source.spec
         if getattr(_OPEN, "key", None) != key:
             close_shared_env()
             _OPEN.env, _OPEN.key = self.real_env(), key

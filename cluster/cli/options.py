@@ -41,6 +41,16 @@ def setting(text: str) -> tuple[str, Any]:
         return name, value
 
 
+def env_kwarg(text: str) -> tuple[str, Any]:
+    """Parse `key:value` into the key and a Python value or a string."""
+    from bilevel.tasks.source import parse_value
+
+    name, _, value = text.partition(":")
+    if not (name.isidentifier() and value):
+        raise click.BadParameter(f"{text!r} is not a keyword argument such as is_slippery:False")
+    return name, parse_value(value)
+
+
 def combined(*decorators: Decorator) -> Decorator:
     """Return a decorator that adds several options; help lists them in this order."""
     return lambda command: reduce(lambda f, decorator: decorator(f), decorators[::-1], command)
@@ -124,6 +134,20 @@ run_options = combined(
         "--recipe",
         help="Hyperparameters: default, paper, authors, a recipe file (*.toml), or a study, for "
         "its incumbent's (default: default; for the profile paper: authors).",
+    ),
+    click.option(
+        "--env-kwargs",
+        type=env_kwarg,
+        multiple=True,
+        metavar="KEY:VALUE",
+        help="Keyword argument of the environment, as in is_slippery:False; may be repeated.",
+    ),
+    click.option(
+        "--wrapper",
+        "wrappers",
+        multiple=True,
+        metavar="MODULE:CLASS",
+        help="Wrapper of the environment; may be repeated, the innermost first.",
     ),
     hp_options,
     click.option("--population", type=POSITIVE, help="NES members per generation, n_p."),

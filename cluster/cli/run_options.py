@@ -33,11 +33,15 @@ class RunOptions:
     settings: tuple[tuple[str, Any], ...] = ()
     vary: str | None = None
     worst_score: float | None = None
+    env_kwargs: tuple[tuple[str, Any], ...] = ()
+    wrappers: tuple[str, ...] = ()
 
     def the_task(self) -> Task:
         from bilevel.tasks import get_task
 
-        task = get_task(self.task, self.solved_reward, self.step_limit, self.worst_score)
+        values = self.solved_reward, self.step_limit, self.worst_score
+        wrappers = self.wrappers
+        task = get_task(self.task, *values, env_kwargs=dict(self.env_kwargs), wrappers=wrappers)
         task.try_out()
         return task
 

@@ -24,6 +24,11 @@ ROWS = [
     # tasks
     ("nes CartPole-v9", "unknown task 'CartPole-v9': allowed are CartPole-v0, CartPole-v1"),
     ("nes CartPole", "'CartPole' has no version, such as CartPole-v1"),
+    ("nes FrozenLake-v1,slippery", "'slippery' is no keyword argument"),
+    ("nes FrozenLake-v1 --env-kwargs slippery", "not a keyword argument such as is_slippery:False"),
+    ("nes FrozenLake-v1 --env-kwargs slip:1", "unexpected keyword argument 'slip'"),
+    ("nes FrozenLake-v1 --wrapper Flat", "must be MODULE:CLASS; got 'Flat'"),
+    ("nes FrozenLake-v1 --wrapper nowhere:Flat", "No module named 'nowhere'"),
     ("nes Pendulum-v1 --agent ddqn", "agent 'ddqn' has no continuous actions: allowed are td3"),
     ("evaluate --real Pendulum-v1 --agent ddqn", "agent 'ddqn' has no continuous actions"),
     ("experiment success Pendulum-v1", "experiments need discrete actions"),
