@@ -81,7 +81,10 @@ def test_a_specification() -> None:
     task = get_task(env.spec)
     assert (task.id, task.step_limit) == ("FrozenLake-v1,is_slippery=False", 30)
     new = gymnasium.envs.registration.EnvSpec(
-        "New-v0", entry_point=lambda: CustomEnv(), reward_threshold=1.0, max_episode_steps=9
+        "New-v0",
+        entry_point=f"{CustomEnv.__module__}:CustomEnv",
+        reward_threshold=1.0,
+        max_episode_steps=9,
     )
     assert get_task(new) == get_task("New-v0")
 
