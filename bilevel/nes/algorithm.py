@@ -170,6 +170,10 @@ class NES:
         )
         match state.phase:
             case ChoosingStart() as choosing:
+                if choosing.redraws(results):
+                    others = self.requests.candidates(state.attempt, choosing.draws)
+                    chosen = ChoosingStart.between(others, choosing.draws + 1)
+                    return replace(state, phase=chosen)
                 return self._start(replace(state, phase=choosing.after(results)))
             case Confirming() as confirming:
                 scores = scores_of(results).tolist()

@@ -39,10 +39,11 @@ class Requests:
     hp: Hyperparameters
     seed: int
 
-    def candidates(self, attempt: int) -> list[int]:
+    def candidates(self, attempt: int, draw: int = 0) -> list[int]:
         """Return the initialisation seeds of the random SEs from which an attempt chooses."""
         number = self.hp.nes.start_candidates
-        return [derive(self.seed, Purpose.INITIAL, attempt, i) for i in range(number)]
+        numbers = range(draw * number, (draw + 1) * number)
+        return [derive(self.seed, Purpose.INITIAL, attempt, i) for i in numbers]
 
     def perturbations(self, state: NESState) -> list[int]:
         """Return the noise seeds of this generation's n_p members."""
@@ -53,7 +54,8 @@ class Requests:
         """Return a round of the choice of a start: the same agents for every candidate."""
         halving, vary, trials = choosing.halving, self.hp.vary_agent, list[Trial]()
         for i in range(halving.agents):
-            seed, agent = self._trial(Purpose.START, (attempt, halving.round, i), i, vary)
+            path = attempt, choosing.draws, halving.round, i
+            seed, agent = self._trial(Purpose.START, path, i, vary)
             trials.append((seed, brief(agent)))
         pairs = enumerate(product(halving.left, trials))
         return [EvaluationRequest(i, *trial, Initialized(seed)) for i, (seed, trial) in pairs]

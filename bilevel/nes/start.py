@@ -2,7 +2,8 @@
 
 Agents learn nothing on most random SEs. All candidates of a round get the same agents and random
 numbers, so that scores are comparable. Agents train briefly, because a better start shows long
-before they are done.
+before they are done. If all candidates score the same, as on tasks with a rare reward, others are
+drawn.
 """
 
 import math
@@ -17,6 +18,8 @@ from bilevel.nes.halving import Halving, Round
 
 #: Agents per candidate, and share of all candidates, of each round.
 _ROUNDS = ((1, 1.0), (4, 1 / 8), (8, 1 / 32))
+#: Maximum number of draws.
+_DRAWS = 20
 
 
 @dataclass(frozen=True)
@@ -24,13 +27,19 @@ class ChoosingStart:
     """Phase of a run: a round of the choice. Candidates are initialisation seeds."""
 
     halving: Halving
+    draws: int = 1  #: of candidates, so far
     phase: Literal["choosing a start"] = "choosing a start"
 
     @classmethod
-    def between(cls, seeds: Sequence[int]) -> Self:
+    def between(cls, seeds: Sequence[int], draws: int = 1) -> Self:
         """Start with all candidates."""
         rounds = [Round(math.ceil(len(seeds) * share), agents) for agents, share in _ROUNDS]
-        return cls(Halving.between(seeds, rounds))
+        return cls(Halving.between(seeds, rounds), draws)
+
+    def redraws(self, results: Sequence[EvaluationResult]) -> bool:
+        """Return whether this round's results require other candidates."""
+        equal = len(results) > 1 and np.ptp(scores_of(results)) == 0
+        return bool(equal) and self.halving.round == 0 and self.draws < _DRAWS
 
     def after(self, results: Sequence[EvaluationResult]) -> Self:
         """Return the next round, given this round's results in the order of their requests."""

@@ -95,9 +95,10 @@ class _Runner:
         """Run a generation, or a round of another phase, and log its result."""
         nes, log = self.run.hp.nes, self.terminal.log
         match state.phase:
-            case ChoosingStart(halving):
+            case ChoosingStart(halving, draws):
                 if halving.round == 0:
-                    log(f"choosing a start among {len(halving.left)} random SEs")
+                    others = "other " if draws > 1 else ""
+                    log(f"choosing a start among {len(halving.left)} {others}random SEs")
                 self.terminal.bar("choosing the start", 0, halving.evaluations, "evaluations")
             case Confirming() as confirming:
                 begun = confirming.coming.start

@@ -18,6 +18,7 @@ from bilevel.nes import NES, NESState
 from bilevel.nes.confirmation import Confirming
 from bilevel.nes.requests import BRIEF_EPISODES, BRIEF_INIT
 from bilevel.nes.start import ChoosingStart
+from bilevel.nes.state import Evolving
 from bilevel.tasks import Task
 from tests.results import made_up_result
 
@@ -136,6 +137,25 @@ class TestStart:
         np.testing.assert_array_equal(state.search.mean, expected)
         assert state.generation == 0
         assert state.real_env_steps == 7 * sum(sizes)
+
+    def test_candidates_that_all_score_the_same_are_replaced(
+        self, cartpole: Task, small: Hyperparameters
+    ) -> None:
+        """At most 19 times."""
+        nes = NES(cartpole, with_nes(small, start_candidates=3), 1)
+        state = before = nes.init()
+        drawn = set[int]()
+        for draws in range(1, 21):
+            requests = nes.ask(state)
+            assert len(requests) == 3
+            assert isinstance(state.phase, ChoosingStart)
+            assert state.phase.draws == draws
+            drawn |= {r.on.seed for r in requests if isinstance(r.on, Initialized)}
+            before, state = state, nes.tell(state, answers(nes, state, 0.0))
+        assert len(drawn) == 60
+        assert isinstance(state.phase, Evolving)  # equal candidates
+        better = [answer(r, 0.5 * r.index) for r in nes.ask(before)]
+        assert isinstance(nes.tell(before, better).phase, Evolving)
 
     def test_a_stagnating_run_restarts(self, cartpole: Task, small: Hyperparameters) -> None:
         nes = NES(cartpole, with_nes(small, restart_after=2, generations=100), 0)
