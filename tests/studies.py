@@ -33,8 +33,9 @@ def new_study(folder: Path, seed: int = 0) -> Study:
 
 
 def made_up(request: EvaluationRequest) -> EvaluationResult:
-    """A made-up result of a request, whose score depends on the request's seed."""
-    score = 100 * math.sin(request.seed % 1000) ** 2
+    """A made-up result of a request, whose score depends on the seeds of agent and SE."""
+    seed = request.seed + getattr(request.on, "seed", 0)
+    score = 100 * math.sin(seed % 1000) ** 2
     return made_up_result(request.index, score, train_steps=500, real_env_steps=40, cost=0.01)
 
 

@@ -104,9 +104,8 @@ def test_recipe_that_extends_another(tmp_path: Path) -> None:
     assert mine == replace(default, nes=nes, se=se, recipe="mine")
 
 
-def test_policy_on_another_task(tmp_path: Path) -> None:
-    (code,) = python_blocks("docs/tasks.md")
-    (tmp_path / "policy.py").write_text(code)
+def test_tasks_and_a_policy(tmp_path: Path) -> None:
+    (tmp_path / "policy.py").write_text("\n".join(python_blocks("docs/tasks.md")))
     assert -125 < float(output_of("policy.py", tmp_path)) < -115
 
 
