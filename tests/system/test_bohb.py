@@ -58,7 +58,7 @@ def study_home(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, str]:
 def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     home, output = study_home
     assert len(results(home)) == 4
-    assert re.search(r"000-0-00\d (none confirmed|\d SEs?) in 3 core s", output)
+    assert re.search(r"000-0-00\d (none confirmed|\d SEs?) in [34] core s", output)
     assert "too short for a validation" in output
     study = Study.read(home / "CartPole-v0" / "smoke")
     assert (study.folder / SPACE_FILE).exists()
@@ -66,7 +66,7 @@ def test_every_layer_ran(study_home: tuple[Path, str]) -> None:
     runs = [
         ConfigurationRuns(study, line.id, line.configuration).read() for line in journal.configs
     ]
-    assert sorted(round(each.tally.cost) for each in runs) == [1, 1, 3]
+    assert sorted(int(each.tally.cost) for each in runs) == [1, 1, 3]
     learned = sum(state.real_env_steps for each in runs for state in each.states)
     counted = load_se(study.folder / BEST_FILE).info["real_env_steps"]
     assert counted > learned > 0  # with the retests
