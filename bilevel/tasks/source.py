@@ -132,17 +132,21 @@ def registered(env: EnvSpec | Callable[..., GymEnv]) -> EnvSource:
         name = "".join(c for c in getattr(env, "__name__", type(env).__name__) if c.isalnum())
         spec = EnvSpec(f"{name}-v0", entry_point=env)
         known = gymnasium.registry.get(spec.id)
-        # A notebook runs a definition again.
-        if known is not None and _place(known.entry_point) == _place(env):
+        if known is not None and _same_definition(known.entry_point, env):
             known = None
     if known is not None:
         raise InvalidInput(
-            f"the id {spec.id} belongs to another environment: register yours with gymnasium "
-            "under another id"
+            f"the id {spec.id} belongs to another environment: rename yours, or register it with "
+            "gymnasium under another id"
         )
     gymnasium.registry[spec.id] = spec
     return EnvSource(spec.id)
 
 
-def _place(code: Any) -> tuple[Any, Any]:
-    return getattr(code, "__module__", None), getattr(code, "__qualname__", None)
+def _same_definition(one: Any, other: Any) -> bool:
+    """Return whether two functions or classes come from one definition, which a notebook may run
+    repeatedly. Functions and classes inside of functions, and lambdas, may differ."""
+    names = [
+        (getattr(f, "__module__", None), getattr(f, "__qualname__", "<")) for f in (one, other)
+    ]
+    return one is other or (names[0] == names[1] and "<" not in names[0][1])

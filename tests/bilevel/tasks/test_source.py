@@ -1,5 +1,7 @@
 """Tasks given as text, specifications and functions."""
 
+import types
+from functools import partial
 from typing import Any
 
 import gymnasium
@@ -96,12 +98,30 @@ def test_wrappers_of_a_specification_are_rejected() -> None:
         get_task(wrapped.spec)
 
 
-def test_a_function_that_returns_an_environment() -> None:
-    def walk() -> CustomEnv:
-        return CustomEnv()
+LENGTH: dict[str, Any] = {"solved_reward": 1.0, "step_limit": 7}
 
-    task = get_task(walk, solved_reward=1.0, step_limit=7)
-    assert task == get_task(task.id, solved_reward=1.0, step_limit=7)
-    assert task.id == "walk-v0"
-    with pytest.raises(InvalidInput, match="belongs to another environment"):
-        get_task(type("walk", (CustomEnv,), {}), solved_reward=1.0, step_limit=7)
+
+def walk() -> CustomEnv:
+    return CustomEnv()
+
+
+def test_a_function_that_returns_an_environment() -> None:
+    task = get_task(walk, **LENGTH)
+    assert task == get_task(walk, **LENGTH) == get_task("walk-v0", **LENGTH)
+    again = types.FunctionType(walk.__code__, globals(), "walk")  # as a notebook defines it again
+    again.__qualname__ = "walk"
+    assert get_task(again, **LENGTH) == task
+    assert task.source.spec is not None
+    assert task.source.spec.entry_point is again
+
+
+def test_an_id_belongs_to_one_environment() -> None:
+    """Otherwise an earlier task would have the environment of a later one."""
+    for one, other in (
+        (lambda: CustomEnv(), lambda: CustomEnv()),
+        (partial(walk), partial(walk)),
+        (walk, type("walk", (CustomEnv,), {"__qualname__": "walk", "__module__": "other"})),
+    ):
+        get_task(one, **LENGTH)
+        with pytest.raises(InvalidInput, match="belongs to another environment"):
+            get_task(other, **LENGTH)
