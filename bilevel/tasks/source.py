@@ -86,7 +86,8 @@ class EnvSource:
         return [module for module in modules if module and module not in sys.modules]
 
     def make(self, step_limit: int | None = None, render_mode: str | None = None) -> GymEnv:
-        """Create the environment. Raises gymnasium's and the environment's errors."""
+        """Create the environment. Raises gymnasium's and the environment's errors, and InvalidInput
+        for a wrapper that is not one of gymnasium's `Wrapper` classes."""
         # A task without rendering need not accept the argument.
         kwargs: dict[str, Any] = {} if render_mode is None else {"render_mode": render_mode}
         kwargs |= dict(self.kwargs)
@@ -97,6 +98,8 @@ class EnvSource:
             env = gymnasium.make(self.env_id, step_limit, disable_env_checker=True, **kwargs)
         for wrapper in self.wrappers:
             wrap: Any = load_env_creator(wrapper)
+            if not (isinstance(wrap, type) and issubclass(wrap, gymnasium.Wrapper)):
+                raise InvalidInput(f"{wrapper!r} is not a subclass of gymnasium.Wrapper")
             env = wrap(env)
         return env
 

@@ -51,15 +51,14 @@ class Entry:
 
     name: str
     task: str
-    seed: int
+    seed: int = 0
     recipe: str = "default"
 
 
 #: All SEs of the zoo by name.
 ENTRIES = {
-    "CartPole-v0": Entry("CartPole-v0", "CartPole-v0", 441),
-    "Acrobot-v1": Entry("Acrobot-v1", "Acrobot-v1", 473),
-    "MountainCarContinuous-v0": Entry("MountainCarContinuous-v0", "MountainCarContinuous-v0", 0),
+    name: Entry(name, name)
+    for name in ("CartPole-v0", "CartPole-v1", "Acrobot-v1", "MountainCarContinuous-v0")
 }
 
 

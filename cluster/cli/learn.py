@@ -35,7 +35,7 @@ def nes(
     from bilevel.hyperparameters import CONFIRMING_AGENTS
 
     common = RunOptions(**options)
-    task = common.the_task()
+    task = common.the_task(timed=True)
     hp = common.the_hyperparameters(task, generations=generations, solved_for=solved_for)
     # Recipes that never stop early have no confirming agents.
     if solved_for and "nes.confirming_agents" not in common.replaced:
@@ -48,7 +48,7 @@ def nes(
     from cluster.nes.command import run_nes
     from cluster.nes.run import NESRun
 
-    task = common.measured(task, folder)
+    task = common.resumed(task, folder)
     run_nes(NESRun(task, hp, common.seed, folder), context, workers)
 
 
@@ -111,7 +111,7 @@ def bohb(
 
     changes = {name: options.pop(name) for name in ("space", "brackets", "time_budget", "prior")}
     common = RunOptions(**options)
-    task = common.the_task()
+    task = common.the_task(timed=True)
     size = replace(
         PROFILES[profile], **{name: value for name, value in changes.items() if value is not None}
     )
@@ -125,7 +125,7 @@ def bohb(
     from cluster.bohb.study.brackets import Schedule
     from cluster.bohb.study.definition import Study
 
-    task = common.measured(task, folder)
+    task = common.resumed(task, folder)
     schedule = Schedule.of(method, size.smallest_budget, size.largest_budget, size.cycle)
     defined = Study(folder, task, common.seed, searched, schedule, hp, method, size.prior)
     command = StudyCommand(defined, context, size, workers_per_trial or 0, concurrent_trials)

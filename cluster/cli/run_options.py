@@ -36,26 +36,24 @@ class RunOptions:
     env_kwargs: tuple[tuple[str, Any], ...] = ()
     wrappers: tuple[str, ...] = ()
 
-    def the_task(self) -> Task:
+    def the_task(self, timed: bool = False) -> Task:
+        """Return the task after some random steps, which may measure the time of a real step."""
         from bilevel.tasks import get_task
 
         values = self.solved_reward, self.step_limit, self.worst_score
         wrappers = self.wrappers
         task = get_task(self.task, *values, env_kwargs=dict(self.env_kwargs), wrappers=wrappers)
-        task.try_out()
-        return task
+        seconds = float(f"{task.try_out():.2g}")
+        return replace(task, measured_step_seconds=seconds) if timed and not task.compiled else task
 
     @staticmethod
-    def measured(task: Task, folder: Path) -> Task:
-        """Return the task with the measured time of a real step, of which a run keeps the first
-        measurement."""
-        if task.compiled:
+    def resumed(task: Task, folder: Path) -> Task:
+        """Return the task with the time of a real step that the run in the folder has measured, if
+        there is one: a run keeps its first measurement."""
+        if not (folder / SETTINGS_FILE).exists():
             return task
-        if (folder / SETTINGS_FILE).exists():
-            seconds = stored_task(read_settings(folder).get("task")).measured_step_seconds
-        else:
-            seconds = float(f"{task.try_out():.2g}")
-        return replace(task, measured_step_seconds=seconds)
+        stored = stored_task(read_settings(folder).get("task"))
+        return replace(task, measured_step_seconds=stored.measured_step_seconds)
 
     def the_agents(self) -> tuple[str, ...] | None:
         """Load the agent files and return the names of the agents, or None for the recipe's."""

@@ -28,6 +28,7 @@ ROWS = [
     ("nes FrozenLake-v1 --env-kwargs slippery", "not a keyword argument such as is_slippery:False"),
     ("nes FrozenLake-v1 --env-kwargs slip:1", "unexpected keyword argument 'slip'"),
     ("nes FrozenLake-v1 --wrapper Flat", "must be MODULE:CLASS; got 'Flat'"),
+    ("nes FrozenLake-v1 --wrapper os:system", "not a subclass of gymnasium.Wrapper"),
     ("nes FrozenLake-v1 --wrapper nowhere:Flat", "No module named 'nowhere'"),
     ("nes Pendulum-v1 --agent ddqn", "agent 'ddqn' has no continuous actions: allowed are td3"),
     ("evaluate --real Pendulum-v1 --agent ddqn", "agent 'ddqn' has no continuous actions"),
