@@ -63,12 +63,9 @@ def get_task(
     Args:
         env: Gymnasium's id, such as `CartPole-v0`; `MODULE:ID` for an environment that a module
             registers; the id with keyword arguments, such as `FrozenLake-v1,is_slippery=False`; a
-            specification; or a class or function that returns an environment, which is registered
-            under its name.
-        solved_reward: Mean return at which the task is solved. Default: the environment's
-            `reward_threshold`.
-        step_limit: Maximum number of steps of an episode. Default: the environment's
-            `max_episode_steps`.
+            specification; or a class or function, which is registered under its name.
+        solved_reward: Mean return that solves the task. Default: `reward_threshold`.
+        step_limit: Maximum steps of an episode. Default: `max_episode_steps`.
         worst_score: Score of a diverged agent, below the solved reward. Default: 0 if the solved
             reward is positive, else -1 per step, or twice the solved reward if that is lower.
         env_kwargs: Keyword arguments of the environment.
@@ -82,33 +79,32 @@ def get_task(
     if isinstance(env, EnvSpec):
         solved_reward = env.reward_threshold if solved_reward is None else solved_reward
         step_limit = env.max_episode_steps if step_limit is None else step_limit
-    source = EnvSource.parse(env) if isinstance(env, str) else registered(env)
-    source = EnvSource.of(str(source), env_kwargs or {}, wrappers)
+    text = env if isinstance(env, str) else str(registered(env))
+    source = EnvSource.of(text, env_kwargs or {}, wrappers)
     task_id = str(source)
     built_in = BUILT_IN_TASKS.get(task_id)
     if built_in is not None and (solved_reward, step_limit, worst_score) == (None, None, None):
         return built_in
     spec, observations, actions = _inspect(source)
     default_solved = built_in.solved_reward if built_in else spec.reward_threshold
-    solved = default_solved if solved_reward is None else solved_reward
-    limit = spec.max_episode_steps if step_limit is None else step_limit
+    solved: Any = default_solved if solved_reward is None else solved_reward
+    limit: Any = spec.max_episode_steps if step_limit is None else step_limit
+    worst = _default_worst_score(solved, limit) if worst_score is None else worst_score
+    _check_values(task_id, solved, limit, worst)
+    unchanged = not (spec.kwargs or spec.additional_wrappers)
+    code = _COMPILED.get(str(unchanged and spec.entry_point), dynamics.OBSERVED)
+    sizes = observations.size, actions.size, int(limit)
+    return Task(task_id, *sizes, float(solved), float(worst), code, actions.continuous)
+
+
+def _check_values(task_id: str, solved: Any, limit: Any, worst: Any) -> None:
+    """Raise InvalidInput for values that are missing, of the wrong type or out of range."""
     if solved is None or limit is None:
         missing = "solved-reward" if solved is None else "step-limit"
         raise InvalidInput(
             f"{task_id} does not specify its {missing.replace('-', ' ')}: give --{missing}, or "
             f"{missing.replace('-', '_')}=... to bilevel.get_task"
         )
-    worst = _default_worst_score(solved, limit) if worst_score is None else worst_score
-    _check_values(task_id, solved, limit, worst)
-    code = dynamics.OBSERVED
-    if not spec.kwargs and not spec.additional_wrappers:
-        code = _COMPILED.get(str(spec.entry_point), code)
-    sizes = observations.size, actions.size, int(limit)
-    return Task(task_id, *sizes, float(solved), float(worst), code, actions.continuous)
-
-
-def _check_values(task_id: str, solved: float, limit: int, worst: float) -> None:
-    """Raise InvalidInput for values of the wrong type or out of range."""
     if not is_number(solved) or not math.isfinite(solved):
         raise InvalidInput(f"{task_id}: solved reward must be a finite number; got {solved!r}")
     if not is_number(limit, Integral) or not 1 <= limit <= MAX_STEP_LIMIT:
