@@ -90,7 +90,7 @@ def sized(hp: Hyperparameters, profile: Profile) -> Hyperparameters:
         centre_agents=profile.centre_agents or hp.nes.centre_agents,
     )
     episodes = profile.max_episodes
-    if episodes is None:
+    if episodes is None or hp.se.family == "one-step":  # whose agents need thousands of episodes
         return replace(hp, nes=nes)
     agents = tuple(
         replace(

@@ -116,3 +116,8 @@ def test_a_profile_sets_nothing_that_its_space_searches(profile: str) -> None:
     before, after = asdict(hp.nes), asdict(sized(hp, size).nes)
     changed = {f"nes.{name}" for name in before if before[name] != after[name]}
     assert not changed & Space.of(size.space).searched()
+
+
+def test_training_in_episodes_of_one_step_is_not_shortened() -> None:
+    hp = load_recipe("default", get_task("Pendulum-v1"))
+    assert sized(hp, PROFILES["smoke"]).agents == hp.agents
