@@ -57,8 +57,7 @@ class Entry:
 
 #: All SEs of the zoo by name.
 ENTRIES = {
-    name: Entry(name, name)
-    for name in ("CartPole-v0", "CartPole-v1", "Acrobot-v1", "MountainCarContinuous-v0")
+    name: Entry(name, name) for name in ("CartPole-v0", "Acrobot-v1", "MountainCarContinuous-v0")
 }
 
 

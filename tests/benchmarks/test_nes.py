@@ -66,7 +66,7 @@ def test_the_table_counts_failures() -> None:
     row = seeds().splitlines()[2]
     assert row.startswith("| CartPole-v0 | 2 of 3 (9% to 99%) | 2 of 3 | 20 (20 to 21) |")
     assert "| 31 (30 to 32) | 41 (40 to 42) |" in row
-    assert row.endswith("| 11 (10 to 12) | 500 (500 to 500) | 1.0 (1.0 to 1.0) | 90% |")
+    assert row.endswith("| 11 (10 to 12) | 500 (500 to 500) | 1000 (1000 to 1000) | 90% |")
 
 
 def test_incomplete_results_are_left_out() -> None:
