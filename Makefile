@@ -94,7 +94,7 @@ docs: $(INSTALLED) ## The documentation as a site in docs/_build, without a netw
 	@echo "open docs/_build/index.html"
 
 bench: $(INSTALLED) ## All speed measurements in turn, on a quiet machine; rewrites results and tables
-	@for measurement in speed.products speed.inner_loop speed.vector_env speed.cost speed.startup tracking readme; do \
+	@for measurement in speed.products speed.inner_loop speed.vector_env speed.real_env speed.cost speed.startup tracking readme; do \
 		$(BIN)/python -m benchmarks.$$measurement || exit 1; \
 	done
 

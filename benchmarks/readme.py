@@ -19,6 +19,7 @@ from benchmarks.nes.rewards import rewards
 from benchmarks.search import comparison, recipes, studies
 from benchmarks.speed.cost import cost
 from benchmarks.speed.inner_loop import inner_loop
+from benchmarks.speed.real_env import real_env
 from benchmarks.speed.startup import startup
 from benchmarks.speed.vector_env import vector_env
 from bilevel.zoo import ENTRIES, card, env_id
@@ -67,6 +68,7 @@ DOCUMENTS: dict[Path, dict[str, Callable[[], str]]] = {
         "inner-loop": inner_loop,
         "startup": startup,
         "vector-env": vector_env,
+        "real-env": real_env,
         "cost": cost,
     },
     DOCS / "reliability.md": {"faults": faults},

@@ -4,10 +4,11 @@ import inspect
 import linecache
 import sysconfig
 import traceback
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 from bilevel.durable import checksum
@@ -21,21 +22,32 @@ class UserCodeError(InvalidInput):
     """A user's agent or task raised, exited or returned a wrong value. It never becomes a score."""
 
 
-@contextmanager
-def user_code_errors(name: str, doing: str) -> Iterator[None]:
+@dataclass(frozen=True)
+class user_code_errors:  # noqa: N801  used as a function; a generator would cost each step 1 us
     """Context that runs code of `name` (as in "agent 'mine'"). Errors and exits raise UserCodeError
-    with the line that raised."""
-    try:
-        yield
-    except UserCodeError:
-        raise
-    except (Exception, SystemExit) as error:
-        frames = traceback.extract_tb(error.__traceback__)
+    with the line that raised. It may be entered again."""
+
+    name: str
+    doing: str
+
+    def __enter__(self) -> None:
+        """Start the code."""
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Replace the code's error."""
+        if isinstance(error, UserCodeError) or not isinstance(error, Exception | SystemExit):
+            return
+        frames = traceback.extract_tb(trace)
         own = [frame for frame in frames if not frame.filename.startswith(_LIBRARIES)]
         place = f" at {own[-1].filename}:{own[-1].lineno}" if own else ""
-        kind = "" if isinstance(error, InvalidInput) else f"{type(error).__name__}: "
-        message = " ".join(f"{kind}{error}".split()).removesuffix(":")
-        raise UserCodeError(f"{name}{place}, when it {doing}: {message}") from None
+        prefix = "" if isinstance(error, InvalidInput) else f"{type(error).__name__}: "
+        message = " ".join(f"{prefix}{error}".split()).removesuffix(":")
+        raise UserCodeError(f"{self.name}{place}, when it {self.doing}: {message}") from None
 
 
 def digest_of(package: str, *code: Any) -> str | None:

@@ -6,8 +6,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from bilevel.durable import write_aside
-from bilevel.hyperparameters import default_agents
-from bilevel.recipes import load_recipe
+from bilevel.recipes import load_recipe, usual_agents
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
 from bilevel.zoo import AgentScores, Card, Entry
@@ -35,10 +34,11 @@ def build(
     content = (run_folder / BEST_FILE).read_bytes()
     se = load_se(run_folder / BEST_FILE)
     name = f"zoo-{entry.name}-agents"
-    kinds = hp.agents if task.continuous else default_agents(KINDS)
-    groups = run_evaluate(
-        EvaluateCommand(task, {entry.name: se}, kinds, agents, "all", 0, name, context, workers)
+    kinds = usual_agents(task, se.se.architecture.one_step, None if task.continuous else KINDS)
+    command = EvaluateCommand(
+        task, {entry.name: se}, {entry.name: kinds}, agents, "all", 0, name, context, workers
     )
+    groups = run_evaluate(command)
     path, names = folder / f"{entry.name}.safetensors", ",".join(hp.agent for hp in kinds)
     card = Card(
         entry.name,

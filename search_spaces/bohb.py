@@ -54,9 +54,9 @@ def _full_agent(agent: str) -> list[Dimension]:
 
 
 def _core() -> list[Dimension]:
-    """Return eight dimensions of NES and SE, with wide ranges around the recipes `default`.
+    """Return seven dimensions of NES and SE, with wide ranges around the recipe `default`.
 
-    With eight dimensions BOHB's model needs 2 * (8 + 1) results at a budget. Agents have no
+    With seven dimensions BOHB's model needs 2 * (7 + 1) results at a budget. Agents have no
     dimensions: recipes vary their hyperparameters in every generation, because an SE must train
     all of them.
     """
@@ -66,9 +66,8 @@ def _core() -> list[Dimension]:
         CS.Integer("nes.population_size", (3, 48), log=True),
         CS.Float("nes.1-averaging", (0.02, 0.9), log=True),
         CS.Integer("nes.start_candidates", (16, 512), log=True),
-        CS.Integer("se.hidden_size", (12, 64), log=True),
-        CS.Integer("se.step_limit", (20, 200), log=True),
-        CS.Float("se.spread", (1.04, 1.3)),
+        CS.Integer("se.hidden_size", (4, 64), log=True),
+        CS.Float("se.spread", (0.5, 2.0), log=True),
     ]
 
 

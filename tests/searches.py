@@ -19,8 +19,8 @@ LADDER = Schedule((1, 3, 9), 3)
 def loss_of(job: Job) -> float:
     """A smooth function of the configuration with a clear optimum."""
     values = job.configuration
-    step, limit = values["nes.step_size"], values["se.step_limit"]
-    return log(step / 0.2) ** 2 + log(limit / 20) ** 2 - 0.01 * job.budget
+    step, units = values["nes.step_size"], values["se.hidden_size"]
+    return log(step / 0.2) ** 2 + log(units / 8) ** 2 - 0.01 * job.budget
 
 
 def new_search(folder: Path, brackets: int = 6, seed: int = 0) -> BracketSearch:

@@ -28,7 +28,7 @@ from tests.results import made_up_result
 def new_study(folder: Path, seed: int = 0) -> Study:
     """A study of the smoke profile's size."""
     task, profile = get_task("CartPole-v0"), PROFILES["smoke"]
-    base = sized(load_recipe("default", task.id), profile)
+    base = sized(load_recipe("exogenous", task.id), profile)
     return Study(folder, task, seed, Space("core"), Schedule((1, 3), 2), base)
 
 

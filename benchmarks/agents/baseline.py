@@ -99,11 +99,11 @@ def main() -> None:
     home = Home(options.home)
     context = RunContext(home, home.database_uri)
     command = EvaluateCommand(
-        task, {"real": None}, kinds, options.agents, "all", 0, "baseline", context
+        task, {"real": None}, {"real": kinds}, options.agents, "all", 0, "baseline", context
     )
     groups = run_evaluate(command)
     rows = as_json(groups)
-    for row, hp, group in zip(rows, command.kinds, groups, strict=True):
+    for row, hp, group in zip(rows, kinds, groups, strict=True):
         row["worst_by_layers"] = worst_by_layers(command, hp, group)
         row["authors"] = authors(task.id, row["agent"])
     line = (

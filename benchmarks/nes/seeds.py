@@ -33,7 +33,7 @@ from benchmarks.machine import (
 )
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
-from bilevel.hyperparameters import default_agents
+from bilevel.recipes import usual_agents
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import load_se
 from cluster.nes.run import STATE_FILE, NESRun
@@ -96,8 +96,10 @@ def run_seed(options: argparse.Namespace, seed: int, folder: Path) -> dict[str, 
 def train_agent(path: Path, kind: str, number: int) -> tuple[float, int]:
     """Train a fresh agent on an SE; return its score and train steps."""
     se, (name, vary) = load_se(path), AGENTS[kind]
-    agent = draw_agent(default_agents([name]), vary, derive(number, Purpose.AGENT))
-    outcome = train_and_test(se.task(), se.se, agent, derive(number, Purpose.FINAL))
+    task = se.task()
+    agents = usual_agents(task, se.se.architecture.one_step, [name])
+    agent = draw_agent(agents, vary, derive(number, Purpose.AGENT))
+    outcome = train_and_test(task, se.se, agent, derive(number, Purpose.FINAL))
     return outcome.score, outcome.train_steps
 
 

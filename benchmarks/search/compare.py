@@ -65,7 +65,7 @@ def brackets_of(method: str, core_seconds: int) -> tuple[int, Schedule]:
 
 def base_of(task: Task) -> Hyperparameters:
     """Return the hyperparameters that are not searched."""
-    return sized(load_recipe("default", task), PROFILES["local"])
+    return sized(load_recipe("exogenous", task), PROFILES["local"])
 
 
 class InProcess:

@@ -92,9 +92,10 @@ class SyntheticEnv(gymnasium.Env[Any, Any]):
         self._steps += 1
         if self.render_mode == "human":
             self.render()
-        truncated = self._steps >= self.step_limit
+        terminated = bool(done > DONE)
+        truncated = not terminated and self._steps >= self.step_limit
         observation, info = self.observations.unflatten(next_state), {"done": float(done)}
-        return observation, float(reward), bool(done > DONE), truncated, info
+        return observation, float(reward), terminated, truncated, info
 
     def render(self) -> Any:
         """Draw the current state: return an image (height, width, 3) in the mode `rgb_array`, or

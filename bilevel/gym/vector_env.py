@@ -83,7 +83,8 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
             states[i] = single.initial_state(self._rngs[i])
             self._steps[i] = 0
         rewards[resetting] = dones[resetting] = 0.0
-        terminated, truncated = dones > DONE, self._steps >= single.step_limit
+        terminated = dones > DONE
+        truncated = ~terminated & (self._steps >= single.step_limit)
         self._ended = terminated | truncated
         info = {"done": dones, "_done": ~resetting}
         return single.observations.unflatten_all(states), rewards, terminated, truncated, info

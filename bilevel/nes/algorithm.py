@@ -26,7 +26,7 @@ import numpy as np
 
 from bilevel.agents import get_agent
 from bilevel.errors import InvalidInput, require
-from bilevel.evaluation import EvaluationRequest, EvaluationResult, scores_of
+from bilevel.evaluation import EvaluationRequest, EvaluationResult, comparable, scores_of
 from bilevel.evolution import RULES, EvolutionStrategy, Fitness, Rule
 from bilevel.evolution.shaping import COMPARING
 from bilevel.hyperparameters import Hyperparameters
@@ -176,8 +176,8 @@ class NES:
                     return replace(state, phase=chosen)
                 return self._start(replace(state, phase=choosing.after(results)))
             case Confirming() as confirming:
-                scores = scores_of(results).tolist()
-                return self._judge(replace(state, phase=confirming.after(scores)))
+                returns = [result.test_returns for result in comparable(results)]
+                return self._judge(replace(state, phase=confirming.after(returns)))
             case _:
                 return self._next_phase(self._evolve(state, results))
 

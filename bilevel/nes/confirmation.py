@@ -6,11 +6,15 @@ that fails a round is rejected. The agents are drawn from the paper's full range
 (`bilevel.agents.variation`), unless `vary_agent` is "no".
 
 Users will train a few agents on an SE, of which a single bad one can spoil the mean. Therefore the
-mean score of FINAL_AGENTS agents must solve the task nearly always.
+mean score of FINAL_AGENTS further agents must solve the task nearly always. To save real steps,
+each confirming agent has a few test episodes only, so that chance in tests is separated from the
+differences between agents (analysis of variance with a random effect of the agent).
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from statistics import NormalDist
 from typing import Literal, Self
 
 import numpy as np
@@ -18,13 +22,14 @@ from numpy.typing import NDArray
 
 #: Share of the agents that have been trained by the end of each round.
 _ROUNDS = (1 / 8, 1 / 2, 1)
-#: Number of fresh agents that score an SE at the end of a run, as in the paper.
-FINAL_AGENTS = 10
-#: Share of their means that must solve the task, its decrease per failed confirmation, and its
+#: Minimum number of test episodes of an agent.
+CONFIRMING_EPISODES = 2
+#: Number of fresh agents that score an SE at the end of a run, and of their test episodes, as in
+#: the paper.
+FINAL_AGENTS, FINAL_EPISODES = 10, 10
+#: Probability that their mean solves the task, its decrease per failed confirmation, and its
 #: minimum. It decreases because a run must end.
-REQUIRED_SHARE, DECREASE, MIN_SHARE = 0.95, 0.01, 0.9
-#: Number of bootstrap samples of FINAL_AGENTS agents.
-_BOOTSTRAP_SAMPLES = 20_000
+REQUIRED, DECREASE, MINIMUM = 0.95, 0.01, 0.9
 
 
 @dataclass(frozen=True)
@@ -33,7 +38,8 @@ class Confirming:
 
     agents: int
     refuted: int = 0
-    scores: tuple[tuple[float, ...], ...] = ()  #: of each round so far
+    rounds: int = 0  #: so far
+    returns: tuple[tuple[float, ...], ...] = ()  #: test returns of each agent so far
     phase: Literal["confirming"] = "confirming"
 
     @property
@@ -45,37 +51,41 @@ class Confirming:
     def coming(self) -> range:
         """Numbers of the next round's agents, counted from 0 over all rounds."""
         ends = [0, *self._ends]
-        return range(ends[len(self.scores)], ends[len(self.scores) + 1])
+        return range(ends[self.rounds], ends[self.rounds + 1])
 
-    def after(self, scores: Sequence[float]) -> Self:
-        """Return the confirmation with the scores of the agents `coming`."""
-        return replace(self, scores=(*self.scores, tuple(scores)))
-
-    @property
-    def all_scores(self) -> NDArray[np.float64]:
-        """Scores (n,) of the agents so far."""
-        return np.array([score for scores in self.scores for score in scores])
+    def after(self, returns: Sequence[Sequence[float]]) -> Self:
+        """Return the confirmation with the test returns of each of the agents `coming`."""
+        new = tuple(tuple(episodes) for episodes in returns)
+        return replace(self, rounds=self.rounds + 1, returns=(*self.returns, *new))
 
     @property
     def required(self) -> float:
-        """Share of the means that must solve the task."""
-        return max(REQUIRED_SHARE - DECREASE * self.refuted, MIN_SHARE)
+        """Probability with which the mean of the final agents must solve the task."""
+        return max(REQUIRED - DECREASE * self.refuted, MINIMUM)
 
     def verdict(self, solved_reward: float) -> bool | None:
         """Return whether the SE is confirmed, or None if more agents are needed.
 
-        The mean score of all agents must reach the solved reward after each round, and the means of
-        most samples of FINAL_AGENTS agents after the last one.
+        The mean score of all agents must reach the solved reward after each round, and the mean of
+        FINAL_AGENTS further agents with the required probability after the last one.
         """
-        scores = self.all_scores
-        if scores.mean() < solved_reward:
+        returns = np.array(self.returns)
+        if returns.mean() < solved_reward:
             return False
-        if len(self.scores) < len(self._ends):
+        if self.rounds < len(self._ends):
             return None
-        return solving_share(scores, solved_reward) >= self.required
+        return solving_probability(returns, solved_reward) >= self.required
 
 
-def solving_share(scores: NDArray[np.float64], solved_reward: float) -> float:
-    """Return the share of bootstrap samples of FINAL_AGENTS scores whose mean solves the task."""
-    samples = np.random.default_rng(0).choice(scores, (_BOOTSTRAP_SAMPLES, FINAL_AGENTS))
-    return float((samples.mean(axis=1) >= solved_reward).mean())
+def solving_probability(returns: NDArray[np.float64], solved_reward: float) -> float:
+    """Return the probability that the mean of FINAL_AGENTS further agents solves the task, given
+    test returns (n, E) of n agents, under normal distributions of agents and episodes."""
+    n, episodes = returns.shape
+    scores = returns.mean(axis=1)
+    of_scores = scores.var(ddof=1) if n > 1 else 0.0
+    within = returns.var(axis=1, ddof=1).mean() if episodes > 1 else 0.0
+    between = max(of_scores - within / episodes, 0.0)
+    final = (between + within / FINAL_EPISODES) / FINAL_AGENTS
+    deviation = math.sqrt(final + of_scores / n)
+    margin = float(scores.mean() - solved_reward)
+    return NormalDist().cdf(margin / deviation) if deviation else float(margin >= 0)

@@ -19,7 +19,7 @@ from bilevel.evaluation import (
 )
 from bilevel.hyperparameters import AgentHyperparameters, Hyperparameters, NESHyperparameters
 from bilevel.hyperparameters.validation import within_range
-from bilevel.nes.confirmation import Confirming
+from bilevel.nes.confirmation import CONFIRMING_EPISODES, Confirming
 from bilevel.nes.start import ChoosingStart
 from bilevel.nes.state import NESState
 from bilevel.seeds import Purpose, derive
@@ -56,7 +56,9 @@ class Requests:
         for i in range(halving.agents):
             path = attempt, choosing.draws, halving.round, i
             seed, agent = self._trial(Purpose.START, path, i, vary)
-            trials.append((seed, brief(agent)))
+            # Most candidates are far from the best: one episode shows that.
+            episodes = agent.test_episodes if halving.round else 1
+            trials.append((seed, replace(brief(agent), test_episodes=episodes)))
         pairs = enumerate(product(halving.left, trials))
         return [EvaluationRequest(i, *trial, Initialized(seed)) for i, (seed, trial) in pairs]
 
@@ -80,10 +82,12 @@ class Requests:
     def confirmation(self, confirming: Confirming, generation: int) -> list[EvaluationRequest]:
         """Return a round of a confirmation: agents that train on the unperturbed SE."""
         vary = "no" if self.hp.vary_agent == "no" else "narrowed"
-        trials = [
-            self._fresh(Purpose.CONFIRM, (generation, number), vary) for number in confirming.coming
-        ]
-        return [EvaluationRequest(index, *trial) for index, trial in enumerate(trials)]
+        requests = []
+        for index, number in enumerate(confirming.coming):
+            seed, agent = self._fresh(Purpose.CONFIRM, (generation, number), vary)
+            episodes = max(agent.test_episodes, CONFIRMING_EPISODES)
+            requests.append(EvaluationRequest(index, seed, replace(agent, test_episodes=episodes)))
+        return requests
 
     def _trial(self, purpose: Purpose, path: Sequence[int], turn: int, vary: str) -> Trial:
         seed, agent = self._fresh(purpose, path, vary)

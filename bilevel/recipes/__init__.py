@@ -2,7 +2,8 @@
 
 name        content
 ---------   ----------------------------------------------------------------------------------
-default     SEs from scores only, in minutes
+default     SEs from scores only, in minutes, for any task
+exogenous   SEs of the family `exogenous`, designed for CartPole and Acrobot
 paper       the update as the paper prints it, with the paper's tables
 authors     the update rule, transforms and ties of the authors' code
 
@@ -29,10 +30,11 @@ from bilevel.hyperparameters import (
     SEHyperparameters,
     Variation,
     agent_hyperparameters,
+    default_agents,
 )
 
 #: The recipes and agents of this package.
-RECIPES = ("default", "paper", "authors")
+RECIPES = ("default", "exogenous", "paper", "authors")
 BUILT_IN_AGENTS = ("ddqn", "dueling-ddqn", "td3")
 
 _Values = dict[str, Any]
@@ -76,6 +78,19 @@ def load_recipe(
         return Hyperparameters(nes=nes, se=se, agents=drawn, vary_agent=vary, recipe=stem)
     except InvalidInput as error:
         raise InvalidInput(f"{source}: {error}") from None
+
+
+def usual_agents(
+    task: _Task, one_step: bool, names: Sequence[str] | None = None
+) -> tuple[AgentHyperparameters, ...]:
+    """Return agents, by default those of the recipe `default`, with their usual hyperparameters:
+    those of that recipe on SEs with episodes of one step, else the paper's Table "Default HPs".
+
+    The table's agents would stop after some steps on such SEs. Raises InvalidInput for an unknown
+    name.
+    """
+    agents = load_recipe("default", task, names).agents
+    return agents if one_step else default_agents([agent.agent for agent in agents])
 
 
 def complete_recipe(name: str | Path, task: _Task | str = "") -> str:

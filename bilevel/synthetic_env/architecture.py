@@ -78,6 +78,11 @@ class Architecture:
             raise InvalidInput(f"the SE has {kinds[0]}: {task.id} has {kinds[1]}")
 
     @property
+    def one_step(self) -> bool:
+        """True if episodes have one step."""
+        return self.step_limit == 1
+
+    @property
     def slope(self) -> float:
         """Slope of the activation for negative inputs (Tanh has none)."""
         return _SLOPES[self.activation]

@@ -22,6 +22,7 @@ class RealEnv:
     def __init__(self, env: GymEnv, task_id: str) -> None:
         self.env = env
         self._name = f"task {task_id!r}"
+        self._stepping = user_code_errors(self._name, "takes a step")
         self.observations = Observations(env.observation_space, task_id)
         self.actions = Actions(env.action_space, task_id)
 
@@ -38,7 +39,7 @@ class RealEnv:
         """Take one step: next state (S,), reward, terminated, truncated. Raises InvalidInput for
         invalid actions."""
         taken = self.actions.outward(action)
-        with user_code_errors(self._name, "takes a step"):
+        with self._stepping:
             observation, reward, terminated, truncated, _ = self.env.step(taken)
             number = float(reward)
             state = self._checked(observation, number).astype(np.float32, copy=False)
@@ -46,7 +47,7 @@ class RealEnv:
 
     def random_step(self) -> tuple[NDArray[Any], bool]:
         """Take a random action: next state (S,) in the dtype of the space, end of the episode."""
-        with user_code_errors(self._name, "takes a step"):
+        with self._stepping:
             action = self.env.action_space.sample()
             observation, reward, terminated, truncated, _ = self.env.step(action)
             return self._checked(observation, float(reward)), bool(terminated or truncated)
@@ -59,7 +60,8 @@ class RealEnv:
         state, expected = self.observations.flatten(observation), (self.observations.size,)
         if state.shape != expected:
             raise UserCodeError(f"{self._name} observes the shape {state.shape}, not {expected}")
-        if not (np.abs(state).max() <= LARGEST and math.isfinite(reward)):
+        usual = state.dot(state) <= LARGEST  # one fast call, also false for inf and nan
+        if not (usual or np.abs(state).max() <= LARGEST) or not math.isfinite(reward):
             raise UserCodeError(
                 f"{self._name} returns {observation} and the reward {reward}: not finite in float32"
             )

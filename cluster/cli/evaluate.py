@@ -49,22 +49,25 @@ def evaluate(
     several kinds (--agent ddqn,td3) is trained --agents times.
     """
     from bilevel.agents import get_agent
-    from bilevel.hyperparameters import default_agents
-    from bilevel.recipes import load_recipe
+    from bilevel.recipes import load_recipe, usual_agents
     from search_spaces.translation import changed
 
     task, sources = _sources(given, real, se_task, options)
     common = RunOptions(task=task.id, recipe=recipe, **options)
     names = common.the_agents()
-    if recipe is None and not task.continuous:
-        kinds = default_agents(names or ("ddqn",))
-    else:
-        kinds = load_recipe(recipe or "default", task, names).agents
-    own = {f"{hp.agent}.max_episodes": max_episodes for hp in kinds if max_episodes is not None}
-    kinds = tuple(changed({hp.agent: hp for hp in kinds}, own | dict(settings)).values())
-    for hp in kinds:
-        hp.require_learning()
-        get_agent(hp.agent, task.continuous)
+    agents = {}
+    for label, se in sources.items():
+        one_step = se is not None and se.se.architecture.one_step
+        kinds = usual_agents(task, one_step, names)
+        if recipe is not None:
+            kinds = load_recipe(recipe, task, names).agents
+        own = {f"{hp.agent}.max_episodes": max_episodes for hp in kinds if max_episodes is not None}
+        agents[label] = tuple(
+            changed({hp.agent: hp for hp in kinds}, own | dict(settings)).values()
+        )
+        for hp in agents[label]:
+            hp.require_learning()
+            get_agent(hp.agent, task.continuous)
     vary = vary or "no"
     varied = "" if vary == "no" else f"-{vary}"
     suffix = f"-{'-'.join(hp.agent for hp in kinds)}{varied}-seed{common.seed}"
@@ -74,7 +77,7 @@ def evaluate(
     from cluster.evaluate.command import EvaluateCommand, run_evaluate
 
     run_evaluate(
-        EvaluateCommand(task, sources, kinds, count, vary, common.seed, name, context, workers)
+        EvaluateCommand(task, sources, agents, count, vary, common.seed, name, context, workers)
     )
 
 

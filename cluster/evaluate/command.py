@@ -5,8 +5,9 @@ for each source:                          # an SE file, or the real task
         for each of n agents:             # on the pool, in any order
             train it on the source, test it on the real task
 
-Agent i has the same seed and hyperparameters on every source, so that sources are compared on
-equal agents (paper, section "Evaluation Performance of SE-trained Agents").
+Agent i has the same seed and the same varied hyperparameters on every source, so that sources are
+compared on equal agents (paper, section "Evaluation Performance of SE-trained Agents"). The length
+of training may depend on the source.
 """
 
 import json
@@ -40,7 +41,7 @@ class EvaluateCommand:
 
     task: Task
     sources: dict[str, StoredSE | None]  # by label; None is the real task
-    kinds: tuple[AgentHyperparameters, ...]
+    kinds: dict[str, tuple[AgentHyperparameters, ...]]  # equal agents on each source, by label
     agents: int
     vary: str  # of VARIATIONS
     seed: int
@@ -56,8 +57,15 @@ class EvaluateCommand:
             "sources": {
                 label: "real" if se is None else se.se.digest for label, se in self.sources.items()
             },
-            "kinds": {hp.agent: asdict(hp) for hp in self.kinds},
+            "kinds": {
+                label: {hp.agent: asdict(hp) for hp in kinds} for label, kinds in self.kinds.items()
+            },
         }
+
+    @property
+    def names(self) -> list[str]:
+        """Names of the kinds of agents."""
+        return [hp.agent for kinds in list(self.kinds.values())[:1] for hp in kinds]
 
     def agent(self, hp: AgentHyperparameters, i: int) -> tuple[AgentHyperparameters, int]:
         """Return hyperparameters and seed of agent `i` of a kind."""
@@ -78,7 +86,7 @@ def run_evaluate(command: EvaluateCommand) -> list[Group]:
         driver.session(folder, command.task.id, command.settings()) as session,
     ):
         session.introduce(
-            f"{command.agents} fresh {', '.join(hp.agent for hp in command.kinds)} agents on "
+            f"{command.agents} fresh {', '.join(command.names)} agents on "
             f"{', '.join(command.sources)}, tested on {command.task.id}; "
             f"{count(pool.size, 'worker')}, seed {command.seed}"
         )
@@ -108,7 +116,7 @@ def _evaluate(command: EvaluateCommand, session: Session, pool: EvaluationPool) 
     agents = {
         (label, hp.agent, i): (label, *command.agent(hp, i))
         for label in command.sources
-        for hp in command.kinds
+        for hp in command.kinds[label]
         for i in range(command.agents)
     }
 

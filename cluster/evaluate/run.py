@@ -16,7 +16,7 @@ class EvaluationSettings(Settings):
 
     vary: str
     sources: dict[str, str]  # label: digest of the SE, or "real"
-    kinds: dict[str, dict[str, Any]]  # hyperparameters by the agent's name
+    kinds: dict[str, dict[str, dict[str, Any]]]  # hyperparameters by source and agent
 
     noun = "evaluation"
 
@@ -40,6 +40,6 @@ class EvaluationViews(Views):
     def progress(self) -> tuple[str, str]:
         """Return the number of trained agents, of `target` for each source and kind."""
         settings = EvaluationSettings.read(self.folder)
-        total = self.lifetime.target * len(settings.sources) * len(settings.kinds)
+        total = self.lifetime.target * sum(map(len, settings.kinds.values()))
         trained = len(JsonlLog(self.folder / RESULTS_FILE).values)
         return f"{trained}/{max(total, trained)} agents", ""

@@ -3,7 +3,6 @@ from argparse import Namespace
 from pathlib import Path
 from typing import Any
 
-import ConfigSpace as CS
 import pytest
 
 from benchmarks import machine
@@ -12,7 +11,6 @@ from benchmarks.search import compare
 from benchmarks.search.compare import (
     BUDGETS,
     FRESH_SEED,
-    SPACE,
     Comparison,
     brackets_of,
     fresh_run,
@@ -27,18 +25,11 @@ from cluster.bohb.study.brackets import core_seconds_to_run
 from cluster.bohb.study.journal import ConfigLine, Journal, Origin, ResultLine
 from cluster.bohb.study.profiles import METHODS
 from cluster.nes.run import Pool
-from search_spaces.bohb import search_space
 from tests.studies import MadeUpPool, new_study
 
 
 def ignore(line: str) -> None:
     pass
-
-
-def test_the_space_is_core_without_the_length_of_episodes() -> None:
-    core, space = search_space("core"), CS.ConfigurationSpace.from_json(SPACE)
-    assert set(core) - set(space) == {"se.step_limit", "se.spread"}
-    assert dict(space) == {name: core[name] for name in space}
 
 
 @pytest.mark.parametrize("method", METHODS)

@@ -81,7 +81,7 @@ def test_quality_and_p_values_of_recipes() -> None:
 
 @pytest.mark.parametrize("task", TASKS)
 def test_the_default_is_the_incumbent_of_a_committed_study(task: str) -> None:
-    """Up to rounding."""
+    """Of the recipe `exogenous`, which was the default then, up to rounding."""
     folders = {study.journal.folder: study for study in committed()}
     (study,) = (
         study
@@ -91,7 +91,7 @@ def test_the_default_is_the_incumbent_of_a_committed_study(task: str) -> None:
     assert study.incumbent is not None
     assert study.incumbent.loss == min(line.objective for line in study.finalists)
     found = study.journal.proposals[study.incumbent.id].configuration
-    default = load_recipe("default", task)
+    default = load_recipe("exogenous", task)
     assert of_hyperparameters(default, found) == pytest.approx(found, rel=0.02)
 
 

@@ -20,7 +20,7 @@ from bilevel.tasks.task import SCALE_STEPS
 def small(task_id: str) -> Hyperparameters:
     """The default recipe, with a few short evaluations."""
     hp = bilevel.load_recipe("default", task_id)
-    agent = replace(hp.agents[0], max_episodes=12, test_episodes=1)
+    agent = replace(hp.agents[0], init_episodes=9, max_episodes=12, test_episodes=1)
     nes = replace(
         hp.nes,
         start_candidates=4,

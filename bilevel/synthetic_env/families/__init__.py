@@ -7,7 +7,7 @@ name         genotype
 ----------   -----------------------------------------------------------------------------
 plain        psi itself, initialised uniformly in +-1/sqrt(fan_in) (the paper's)
 exogenous    a hand-designed subset: next states ignore the action, rewards compare actions
-one-step     the reward network of SEs with episodes of one step, for continuous actions
+one-step     the reward network of SEs with episodes of one step
 
 A new family takes one module with a class that implements `Family`, and one line in `_FAMILIES`.
 """

@@ -1,22 +1,23 @@
 """The one-step family: an initial state, an action, a reward, and the end of the episode.
 
 SEs that are learned freely often become contextual bandits (Liesen et al., 2024, "Discovering
-Minimal Reinforcement Learning Environments"). In this family they are bandits from the start, for
-continuous actions. NES moves all weights of the reward network; states are normal, with mean and
-scale of the observations under random actions. Only the initialisation is designed: hidden units
-form pairs, and each pair rewards one action dimension near a random linear function of the state,
+Minimal Reinforcement Learning Environments"). In this family they are bandits from the start. NES
+moves all weights of the reward network; states are normal, with mean and scale of the observations
+under random actions, so that an agent sees all of them. Only the initialisation is designed: hidden
+units form pairs, and each pair rewards one action input near a random linear function of the state,
 
     w [tanh(k (a_j - l x) + d) - tanh(k (a_j - l x) - d)]
 
-so that a random SE has a best action that depends on the state. A pair is one bump, and NES may
-change its units independently.
+so that a random SE has a best action that depends on the state. The input a_j is a dimension of a
+continuous action, or 1 for the discrete action j, else 0. A pair is one bump, and NES may change
+its units independently.
 
 symbol     shape        meaning
 --------   ----------   ------------------------------------------------------------
 genotype   (D,)         all parameters of the reward network, in units of their scale
 x          (S,)         state in units of the observations' scale
 k, d, l    -            STEEPNESS, WIDTH, and a random row of scale LINEAR / sqrt(S)
-H          -            number of hidden units; pair i rewards dimension i mod A
+H          -            number of hidden units; pair i rewards input i mod A
 """
 
 import math
@@ -47,15 +48,15 @@ class OneStepFamily:
     def build(
         cls, architecture: Architecture, scale: ObservationScale, hp: SEHyperparameters
     ) -> Self:
-        """Return the family, with own initial states and an even number of units, at least two for
-        each action dimension. Raises InvalidInput for networks that cannot hold it."""
-        if not architecture.continuous:
-            raise InvalidInput("se.family 'one-step' needs continuous actions")
+        """Return the family, with an even number of units, at least two for each action input.
+        Raises InvalidInput for networks that cannot hold it."""
         if (architecture.hidden_layers, architecture.activation) != (1, "tanh"):
             raise InvalidInput("se.family 'one-step' needs se.hidden_layers 1, se.activation tanh")
         hidden_size = 2 * max(-(-architecture.hidden_size // 2), architecture.action_size)
-        own = replace(architecture, hidden_size=hidden_size, own_initial_states=True)
-        return cls(own, scale, hp.spread)
+        one_step = replace(
+            architecture, hidden_size=hidden_size, step_limit=1, own_initial_states=True
+        )
+        return cls(one_step, scale, hp.spread)
 
     @property
     def _units(self) -> tuple[int, int, int]:

@@ -145,11 +145,10 @@ def searched_space(
 
 
 def _adapted_core(base: Hyperparameters) -> Space:
-    """Return `core` without the dimensions that the family of SEs does not have."""
+    """Return `core`, without the spread of states unless SEs have episodes of one step."""
     import ConfigSpace as CS
 
-    unused = {"plain": "se.spread", "one-step": "se.step_limit"}.get(base.se.family)
-    if unused is None:
+    if base.se.family == "one-step":
         return Space("core")
-    dimensions = [d for name, d in Space("core").build().items() if name != unused]
+    dimensions = [d for name, d in Space("core").build().items() if name != "se.spread"]
     return Space("core", CS.ConfigurationSpace("core", space=dimensions).to_serialized_dict())

@@ -33,7 +33,7 @@ def step_limit(request: pytest.FixtureRequest) -> int:
 def path(task_id: str, step_limit: int, tmp_path: Path) -> Path:
     """File of a random SE."""
     task = get_task(task_id)
-    hp = replace(load_recipe("default", task.id).se, step_limit=step_limit)
+    hp = replace(load_recipe("exogenous", task.id).se, step_limit=step_limit)
     family = family_of(task, hp, task.observation_scale(1))
     se = SE(family.architecture, family.psi(family.initialize(np.random.default_rng(0))))
     save_se(StoredSE(se, task.id, task.step_limit, task.solved_reward), tmp_path / "se.safetensors")

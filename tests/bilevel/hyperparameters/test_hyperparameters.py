@@ -69,7 +69,7 @@ def test_the_cost_of_a_step_counts_every_hidden_layer(name: str, layers: int) ->
 
 def test_agents_that_never_learn_are_rejected() -> None:
     """Agents do not learn in their `init_episodes`."""
-    hp = load_recipe("default", "CartPole-v0", agents=("ddqn", "td3"))
+    hp = load_recipe("exogenous", "CartPole-v0", agents=("ddqn", "td3"))
     ddqn, td3 = hp.agents
     replace(hp, agents=(ddqn, replace(td3, init_episodes=19, max_episodes=20)))
     with pytest.raises(InvalidInput, match=r"td3\.init_episodes must be below td3\.m.*, 20; got"):

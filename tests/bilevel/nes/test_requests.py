@@ -61,19 +61,20 @@ def test_confirmations_use_fresh_agents(requests: Requests) -> None:
         for _ in range(3):
             new = requests.confirmation(confirming, generation)
             made += new
-            confirming = confirming.after([200.0] * len(new))
-        assert len(confirming.all_scores) == 16
+            confirming = confirming.after([(200.0, 200.0)] * len(new))
+        assert len(confirming.returns) == 16
     assert len(made) == 32
     require_fresh(made, 32)
 
 
-@pytest.mark.parametrize(("episodes", "expected"), [(3, 3), (0, 2)])
+@pytest.mark.parametrize(("episodes", "expected"), [(3, 3), (0, 4)])
 def test_tests_of_a_run_have_its_number_of_episodes(
     small_hp: Hyperparameters, episodes: int, expected: int
 ) -> None:
     """0 selects the agent's number."""
     nes = replace(small_hp.nes, test_episodes=episodes)
-    requests = Requests(replace(small_hp, nes=nes), 0)
+    agents = tuple(replace(agent, test_episodes=4) for agent in small_hp.agents)
+    requests = Requests(replace(small_hp, nes=nes, agents=agents), 0)
     made = [
         *requests.start(ChoosingStart.between(requests.candidates(0)), 0),
         *requests.confirmation(Confirming(4), 0),

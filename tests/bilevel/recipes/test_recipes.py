@@ -74,7 +74,7 @@ def test_a_file_contains_only_its_differences(recipe: Path) -> None:
         ('extends = "default"\nvary_agent = "some"', "vary_agent: must be 'no', 'small'"),
         ('extends = "default"\n[td3]\npolicy_delay = 0', r"^recipe .*: td3\.policy_delay: must be"),
         ('extends = "default"\n[td3]\ndelay = 2', "unknown 'td3.delay'"),
-        ('extends = "mine"', "unknown recipe 'mine': allowed are default, paper"),
+        ('extends = "mine"', "unknown recipe 'mine': allowed are default, exogenous"),
         ('extends = "missing.toml"', "cannot read the recipe 'missing.toml'"),
         ('extends = "{path}"', "extends itself"),
     ],

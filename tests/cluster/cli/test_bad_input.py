@@ -37,7 +37,10 @@ ROWS = [
     # agents
     ("nes CartPole-v0 --agent dqn", "unknown agent 'dqn': allowed are ddqn"),
     # recipes and hyperparameters
-    ("nes CartPole-v0 --recipe x", "unknown recipe 'x': allowed are default, paper, authors"),
+    (
+        "nes CartPole-v0 --recipe x",
+        "unknown recipe 'x': allowed are default, exogenous, paper, authors",
+    ),
     ("recipe x", "unknown recipe 'x'"),
     ("nes CartPole-v0 --recipe none.toml", "cannot read the recipe "),
     ("nes CartPole-v0 --recipe nonsense.toml", "cannot read the recipe"),

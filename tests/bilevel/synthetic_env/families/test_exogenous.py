@@ -20,7 +20,7 @@ TASKS = ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"]
 def moved(task_id: str, seed: int = 0) -> SE:
     """Return a random SE that NES has moved a little."""
     task = get_task(task_id)
-    family = family_of(task, load_recipe("default", task_id).se, task.observation_scale(1))
+    family = family_of(task, load_recipe("exogenous", task_id).se, task.observation_scale(1))
     rng = np.random.default_rng(seed)
     genotype = family.initialize(rng) + 0.3 * rng.standard_normal(family.size, np.float32)
     return se_of(family, genotype)
@@ -68,7 +68,7 @@ def test_states_of_random_ses_spread_in_all_directions(task_id: str, spread: flo
     """Near the mean observation a step scales x by `se.spread` and rotates it."""
     task = get_task(task_id)
     scale = task.observation_scale(1)
-    hp = replace(load_recipe("default", task_id).se, spread=spread)
+    hp = replace(load_recipe("exogenous", task_id).se, spread=spread)
     family = family_of(task, hp, scale)
     directions = 1e-2 * np.eye(task.state_size)
     states = scale.mean + scale.deviation * np.vstack([directions, -directions])
@@ -91,7 +91,7 @@ def test_states_of_random_ses_spread_in_all_directions(task_id: str, spread: flo
 @pytest.mark.parametrize("size", [1, 3, 5])
 def test_one_of_an_odd_number_of_observations_changes_its_sign(size: int) -> None:
     task = replace(get_task("CartPole-v0"), state_size=size)
-    hp = replace(load_recipe("default", task.id).se, spread=1.0)
+    hp = replace(load_recipe("exogenous", task.id).se, spread=1.0)
     family = family_of(task, hp, task.unit_scale)
     genotype = family.initialize(np.random.default_rng(0))
     se = se_of(family, genotype)
@@ -110,7 +110,7 @@ def test_one_of_an_odd_number_of_observations_changes_its_sign(size: int) -> Non
 def test_episodes_end_outside_the_box_of_usual_observations(task_id: str) -> None:
     task = get_task(task_id)
     scale = task.observation_scale(1)
-    family = family_of(task, load_recipe("default", task_id).se, scale)
+    family = family_of(task, load_recipe("exogenous", task_id).se, scale)
     genotype = family.initialize(np.random.default_rng(0))
     se = se_of(family, genotype)
     inside = scale.mean + 0.5 * scale.deviation
@@ -142,6 +142,6 @@ def test_plain_genotypes_are_psi() -> None:
 )
 def test_unsuitable_networks(changes: dict[str, object], message: str) -> None:
     task = get_task("CartPole-v0")
-    hp: SEHyperparameters = replace(load_recipe("default", task.id).se, **changes)  # type: ignore[arg-type]
+    hp: SEHyperparameters = replace(load_recipe("exogenous", task.id).se, **changes)  # type: ignore[arg-type]
     with pytest.raises(InvalidInput, match=message):
         family_of(task, hp, task.unit_scale)

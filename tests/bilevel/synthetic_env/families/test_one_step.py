@@ -10,7 +10,7 @@ from bilevel import InvalidInput
 from bilevel.recipes import load_recipe
 from bilevel.synthetic_env import SE, StoredSE, family_of
 from bilevel.synthetic_env.torch_module import SEModule
-from bilevel.tasks import ObservationScale, Task, get_task
+from bilevel.tasks import ObservationScale, Task
 
 TASK = Task("Wide-v0", 5, 3, 10, 1.0, 0.0, continuous=True)
 SCALE = ObservationScale(np.arange(5, dtype=np.float32), np.full(5, 3, np.float32), 0)
@@ -71,8 +71,5 @@ def test_unsupported_networks_and_actions() -> None:
     hp = load_recipe("default", TASK).se
     with pytest.raises(InvalidInput, match=r"'one-step' needs se.hidden_layers 1"):
         family_of(TASK, replace(hp, hidden_layers=2), SCALE)
-    cartpole = get_task("CartPole-v0")
-    with pytest.raises(InvalidInput, match="'one-step' needs continuous actions"):
-        family_of(cartpole, hp, cartpole.unit_scale)
     with pytest.raises(InvalidInput, match="'exogenous' needs discrete actions"):
         family_of(TASK, replace(hp, family="exogenous"), SCALE)

@@ -33,7 +33,7 @@ def test_the_exported_recipe_has_the_hyperparameters_of_the_runs(tmp_path: Path)
     path.write_text(study.recipe_text(line.id, line.configuration))
     found = load_recipe(str(path), study.task)
     runs = ConfigurationRuns(study, line.id, line.configuration)
-    assert replace(found, recipe="default") == runs.run(0).hp
+    assert replace(found, recipe="exogenous") == runs.run(0).hp
     assert found.nes.solved_for > 0
 
 

@@ -84,7 +84,7 @@ def test_the_space_full_needs_constant_agents_and_the_paper_profile(recipe: str)
     [
         ("default", "CartPole-v0", set()),
         ("paper", "CartPole-v0", {"se.spread"}),
-        ("default", "Pendulum-v1", {"se.step_limit"}),
+        ("default", "Pendulum-v1", set()),
     ],
 )
 def test_core_without_unused_dimensions(recipe: str, task_id: str, unused: set[str]) -> None:
