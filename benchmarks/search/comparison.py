@@ -80,10 +80,10 @@ def methods() -> str:
 
 
 def method_rows(task: str, measured: Rows) -> list[list[str]]:
-    """Return the rows of a task: the recipe `default`, then each method."""
+    """Return the rows of a task: the recipe `exogenous`, then each method."""
     found = {method: by_method(measured, method) for method in METHODS}
     default = measured["default"]["fresh"]
-    rows = [[task, "the recipe `default`", "-", *_quality([default]), "-", "-"]]
+    rows = [[task, "the recipe `exogenous`", "-", *_quality([default]), "-", "-"]]
     for method, title in METHODS.items():
         if found[method]:
             quality = _quality([*found[method].values()])

@@ -43,7 +43,7 @@ def compared(title: str, measured: dict[str, Any]) -> Figure:
         axes.scatter([x] * len(costs), costs, s=14, color=colour)
         axes.hlines(float(np.median(costs)), x - 0.2, x + 0.2, color=colour, lw=2)
     default = core_seconds_per_solved(measured["default"]["fresh"])
-    axes.axhline(default, color="#404040", lw=0.7, ls="--", label="the recipe default")
+    axes.axhline(default, color="#404040", lw=0.7, ls="--", label="the recipe exogenous")
     axes.legend(loc="lower right")
     axes.set_ylim(bottom=0)
     axes.set_xticks(range(len(METHODS)), [*METHODS.values()])

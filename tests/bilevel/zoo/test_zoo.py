@@ -11,8 +11,7 @@ import bilevel
 from bilevel import InvalidInput
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
-from bilevel.hyperparameters import default_agents
-from bilevel.recipes import load_recipe
+from bilevel.recipes import load_recipe, usual_agents
 from bilevel.seeds import Purpose, derive
 from bilevel.synthetic_env import load_se
 from bilevel.tasks import get_task
@@ -40,10 +39,10 @@ def test_entry_card_and_file_agree(name: str) -> None:
 def test_fresh_agents_learn_the_real_task(name: str, lowest: float) -> None:
     """The bounds leave room for differences between processors."""
     se = load_se(zoo_file(name))
-    scores = []
+    agents, scores = usual_agents(se.task(), se.se.architecture.one_step, ("ddqn",)), []
     for number in range(4):
         seed = derive(5, Purpose.EVALUATION, number)
-        agent = draw_agent(default_agents(("ddqn",)), "small", seed)
+        agent = draw_agent(agents, "small", seed)
         scores.append(train_and_test(se.task(), se.se, agent, seed).score)
     assert np.median(scores) > lowest
 
