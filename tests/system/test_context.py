@@ -50,7 +50,7 @@ def test_two_commands_at_once_share_cluster_and_home(
     small = (
         *("nes", "CartPole-v0", "--population", "2", "--generations", "1", "--workers", "1"),
         *("--set", "nes.start_candidates=2", "--set", "ddqn.max_episodes=13"),
-        *("--set", "se.step_limit=20", "--set", "nes.centre_agents=2", "--home", str(tmp_home)),
+        *("--set", "ddqn.init_episodes=5", "--set", "nes.centre_agents=2", "--home", str(tmp_home)),
     )
     names = ("one", "two")
     running = [start_bilevel([*small, "--name", name], tmp_home / f"{name}.log") for name in names]

@@ -101,7 +101,7 @@ def test_nes_with_a_custom_agent(tmp_path: Path, address: str) -> None:
         *("--population", "2", "--set", "nes.start_candidates=1", "--set", "nes.centre_agents=2"),
         *("--set", "ddqn.max_episodes=13", "--set", "reinforce.max_episodes=13"),
         *("--set", "ddqn.test_episodes=2", "--set", "reinforce.test_episodes=2"),
-        *("--set", "se.step_limit=15", "--vary-hp", "no"),
+        *("--set", "ddqn.init_episodes=5", "--vary-hp", "no"),
         *("--set", "ddqn.hidden_size=16", "--set", "ddqn.batch_size=16"),
     )
     common = ("nes", "CartPole-v0", *chosen, *small, "--generations", "1", "--name", "mixed")

@@ -22,8 +22,8 @@ pytestmark = pytest.mark.timeout(280)
 SMALL = (
     *("nes", "CartPole-v0", "--population", "2", "--name", "run"),
     *("--set", "nes.start_candidates=2", "--set", "nes.centre_agents=2"),
-    *("--set", "nes.patient_episodes=15", "--set", "ddqn.max_episodes=13"),
-    *("--set", "se.step_limit=20"),  # short, because the last agents have all sizes
+    *("--set", "nes.patient_episodes=15", "--set", "ddqn.init_episodes=5"),
+    *("--set", "ddqn.max_episodes=13"),  # short, because the last agents have all sizes
 )
 
 
@@ -79,7 +79,7 @@ def test_a_run_in_mlflow_and_after_a_resume(
     assert (tags["bilevel.kind"], tags["bilevel.generations"]) == ("nes", "3")
     assert "nes.generations" not in params  # parameters cannot change
     assert params["nes.population_size"] == "2"
-    assert params["agents.ddqn.batch_size"] == "128"
+    assert params["agents.ddqn.batch_size"] == "64"
     records = scores(tmp_home)
     costs = [record["cost"] for record in records]
     assert 0 < costs[0] < costs[1] < costs[2]
@@ -195,7 +195,7 @@ def test_the_default_name_contains_recipe_and_agents(tmp_home: Path, address: st
     small = [word for word in SMALL if word not in ("--name", "run")]
     chosen = ("--recipe", "paper", "--agent", "td3", "--vary-hp", "small")
     few = ("--generations", "1", "--seed", "3")
-    ended = ("--solved-for", "1", *ALONE)
+    ended = ("--solved-for", "1", *ALONE, "--set", "se.step_limit=20")
     words = [word.replace("ddqn", "td3") for word in small]
     result = run_bilevel(*words, *chosen, *few, *ended, "--home", tmp_home, "--address", address)
     assert result.returncode == 0, result.stderr

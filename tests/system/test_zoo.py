@@ -30,7 +30,7 @@ def test_building_an_se_and_its_card(
 ) -> None:
     """The recipe and the agents are small; a second call resumes."""
     monkeypatch.setattr("cluster.zoo.load_recipe", lambda name, task: small_hp)
-    monkeypatch.setattr("cluster.zoo.default_agents", lambda names: small_hp.agents)
+    monkeypatch.setattr("cluster.zoo.usual_agents", lambda *given: small_hp.agents)
     home, folder = Home(tmp_home), tmp_home / "made"
     context = RunContext(home, home.database_uri, address)
     entry = Entry("tiny", "CartPole-v0", 7)

@@ -27,6 +27,8 @@ _SET_BY_SEARCH = "nes.solved_for", "nes.confirming_agents"
 _SAMPLES = 256
 #: Used for recipes whose runs never stop early (`paper`, `authors`).
 _SOLVED_FOR = 4
+#: Episodes of one step, for each longer episode of a profile.
+_SHORT_EPISODES = 20
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,7 +47,7 @@ class Profile:
     # None keeps the recipe's value.
     population: int | None = None
     centre_agents: int | None = None
-    max_episodes: int | None = None  # of an agent's training on an SE
+    max_episodes: int | None = None  # of an agent's training, on SEs with longer episodes
 
 
 PROFILES = {
@@ -90,12 +92,14 @@ def sized(hp: Hyperparameters, profile: Profile) -> Hyperparameters:
         centre_agents=profile.centre_agents or hp.nes.centre_agents,
     )
     episodes = profile.max_episodes
-    if episodes is None or hp.se.family == "one-step":  # whose agents need thousands of episodes
+    if episodes is None:
         return replace(hp, nes=nes)
+    if hp.se.family == "one-step":
+        episodes *= _SHORT_EPISODES
     agents = tuple(
         replace(
             agent,
-            init_episodes=min(agent.init_episodes, episodes - 1),  # at least one to learn in
+            init_episodes=min(agent.init_episodes, max(episodes // 10, 1)),
             max_episodes=min(agent.max_episodes, episodes),
         )
         for agent in hp.agents

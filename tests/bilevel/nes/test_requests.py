@@ -71,12 +71,15 @@ def test_confirmations_use_fresh_agents(requests: Requests) -> None:
 def test_tests_of_a_run_have_its_number_of_episodes(
     small_hp: Hyperparameters, episodes: int, expected: int
 ) -> None:
-    """0 selects the agent's number."""
+    """0 selects the agent's number, except in the first round of the choice of a start."""
     nes = replace(small_hp.nes, test_episodes=episodes)
     agents = tuple(replace(agent, test_episodes=4) for agent in small_hp.agents)
     requests = Requests(replace(small_hp, nes=nes, agents=agents), 0)
-    made = [
-        *requests.start(ChoosingStart.between(requests.candidates(0)), 0),
-        *requests.confirmation(Confirming(4), 0),
-    ]
-    assert {request.agent.test_episodes for request in made} == {expected}
+    choosing = ChoosingStart.between(requests.candidates(0))
+    later = replace(choosing, halving=replace(choosing.halving, round=1))
+    for made, number in (
+        (requests.start(choosing, 0), 1),
+        (requests.start(later, 0), expected),
+        (requests.confirmation(Confirming(4), 0), expected),
+    ):
+        assert {request.agent.test_episodes for request in made} == {number}

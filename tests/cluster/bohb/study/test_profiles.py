@@ -103,7 +103,7 @@ def test_a_profile_changes_only_sizes_and_the_end_of_runs(profile: str, recipe: 
     sizes = "population_size", "centre_agents", "patient_episodes"
     kept = {name: getattr(hp.nes, name) for name in (*sizes, "solved_for", "confirming_agents")}
     agents = tuple(
-        replace(agent, max_episodes=before.max_episodes)
+        replace(agent, init_episodes=before.init_episodes, max_episodes=before.max_episodes)
         for agent, before in zip(changed.agents, hp.agents, strict=True)
     )
     assert replace(changed, nes=replace(changed.nes, **kept), agents=agents) == hp
@@ -118,6 +118,9 @@ def test_a_profile_sets_nothing_that_its_space_searches(profile: str) -> None:
     assert not changed & Space.of(size.space).searched()
 
 
-def test_training_in_episodes_of_one_step_is_not_shortened() -> None:
-    hp = load_recipe("default", get_task("Pendulum-v1"))
-    assert sized(hp, PROFILES["smoke"]).agents == hp.agents
+def test_training_in_episodes_of_one_step_is_longer() -> None:
+    """Agents learn for a while after their initial episodes."""
+    for recipe, episodes in (("exogenous", 15), ("default", 300)):
+        agent, *_ = sized(load_recipe(recipe, TASK), PROFILES["smoke"]).agents
+        assert agent.max_episodes == episodes
+        assert 0 < agent.init_episodes <= episodes / 10
