@@ -149,13 +149,17 @@ def picture(plot: SEPlot, title: str) -> Figure:
 
 
 def _draw_se(axes: Axes, plot: SEPlot, colours: list[str]) -> None:
-    """Colour the action of the highest reward, draw arrows to the next states after this action,
-    and hatch where it ends episodes."""
+    """Colour the action of the highest reward. Draw arrows to the next states after this action,
+    and hatch where it ends episodes, unless all episodes have one step."""
     found = plot.answers
     best = found.rewards.reshape(-1, GRID * GRID).argmax(axis=0)
     rows = best * GRID * GRID + np.arange(GRID * GRID)
     pale = 1 - 0.4 * (1 - np.array([to_rgb(colour) for colour in colours]))
     axes.pcolormesh(*plot.axes, pale[best].reshape(GRID, GRID, 3), rasterized=True)
+    ends = found.ends[rows].reshape(GRID, GRID)
+    if ends.all():
+        axes.set_title("SE: rewarded action; episodes have one step")
+        return
     coarse = rows.reshape(GRID, GRID)[EVERY // 2 :: EVERY, EVERY // 2 :: EVERY].ravel()
     start = found.states[coarse][:, plot.labels.axes]
     moves = found.next_states[coarse][:, plot.labels.axes] - start
@@ -163,7 +167,6 @@ def _draw_se(axes: Axes, plot: SEPlot, colours: list[str]) -> None:
     distance = [axis[EVERY] - axis[0] for axis in plot.axes]
     moves /= max(float(np.linalg.norm(moves / distance, axis=1).max()), 1e-9)
     axes.quiver(*start.T, *moves.T, angles="xy", scale_units="xy", scale=1, width=0.003)
-    ends = found.ends[rows].reshape(GRID, GRID)
     if ends.any():
         axes.contourf(*plot.axes, ends, levels=[0.5, np.inf], colors="none", hatches=["///"])
     axes.set_title("SE: rewarded action and next state; hatched: end")
