@@ -43,9 +43,9 @@ class Condition:
 CONDITIONS = {
     condition.name: condition
     for condition in (
-        Condition("default", "default", "SE, our recipe"),
-        Condition("varied", "default", "SE, HP varied", "narrowed"),
-        Condition("fixed", "default", "SE, HP fixed", "no"),
+        Condition("default", "exogenous", "SE, our recipe"),
+        Condition("varied", "exogenous", "SE, HP varied", "narrowed"),
+        Condition("fixed", "exogenous", "SE, HP fixed", "no"),
         Condition("authors", "authors", "authors' rule"),
         Condition("paper", "paper", "Algorithm 1"),
     )

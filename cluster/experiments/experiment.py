@@ -20,7 +20,6 @@ from bilevel.evaluation import EvaluationResult, comparable
 from bilevel.hyperparameters import AgentHyperparameters
 from bilevel.nes import NESState
 from bilevel.nes.requests import fresh_agent
-from bilevel.recipes import usual_agents
 from bilevel.seeds import Purpose
 from bilevel.synthetic_env import StoredSE
 from bilevel.tasks import Task
@@ -69,8 +68,6 @@ class Plan:
             if source.se is None:
                 places = [divmod(number, per_se) for number in range(on_real)]
             for kind in kinds:
-                if source.se is not None and source.se.se.architecture.one_step:
-                    (kind,) = self.size.trained(usual_agents(self.task, True, [kind.agent]))
                 for se, agent in places:
                     seed, hp = fresh_agent((kind,), vary, self.seed, Purpose.EXPERIMENT, se, agent)
                     found.append(Evaluation(self.task, source, f"{se}-{agent}", hp, seed))

@@ -36,6 +36,7 @@ def test_only_the_paper_size_draws_agents_from_the_full_ranges() -> None:
     found = {name: varied.hyperparameters(task, size).vary_agent for name, size in SIZES.items()}
     assert found == {"smoke": "narrowed", "local": "narrowed", "paper": "all"}
     assert CONDITIONS["fixed"].hyperparameters(task, SIZES["local"]).vary_agent == "no"
+    assert CONDITIONS["default"].hyperparameters(task, SIZES["local"]).vary_agent == "small"
 
 
 def test_every_condition_of_an_experiment_is_known_and_has_a_colour() -> None:
