@@ -29,7 +29,7 @@ def main() -> None:
     """Compile all kernels on all cores, the slowest first."""
     kinds = [(name, kind) for kind in (False, True) for name in registered_agents(kind)]
     kinds = [kind for kind in kinds if get_agent(*kind).build_kernel is not None]
-    kinds.sort(key=lambda kind: kind[0] != "td3")
+    kinds.sort(key=lambda kind: kind[0] not in ("td3", "ppo"))
     with ProcessPoolExecutor() as pool:
         list(pool.map(compile_agent, *zip(*kinds, strict=True)))
 

@@ -67,6 +67,22 @@ def initial_parameters(net: Network, rng: np.random.Generator) -> NDArray[np.flo
     return params
 
 
+def orthogonal_parameters(
+    net: Network, rng: np.random.Generator, output_gain: float
+) -> NDArray[np.float32]:
+    """Draw orthogonal weights, scaled by sqrt(2), those of the heads by `output_gain`; biases are
+    zero (Huang et al., 2022, "The 37 Implementation Details of PPO")."""
+    params = np.zeros(net.parameter_count, np.float32)
+    depth = net.sizes.size - 2
+    for layer, (n_in, n_out) in enumerate(net.shapes):
+        left, _, right = np.linalg.svd(rng.standard_normal((n_out, n_in)), full_matrices=False)
+        gain = output_gain if layer >= depth else np.sqrt(2.0)
+        layer_weights(net, params, layer)[...] = gain * (left @ right)
+    if net.activation == PRELU:
+        params[-1] = PRELU_INITIAL_SLOPE
+    return params
+
+
 def layer_weights(net: Network, params: Parameters, layer: int) -> Parameters:
     """Weights (outputs, inputs) of a hidden layer, or of head `layer - depth`."""
     depth = net.sizes.size - 2

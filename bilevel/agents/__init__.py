@@ -17,10 +17,11 @@ from bilevel.hyperparameters import (
     AgentHyperparameters,
     DDQNHyperparameters,
     DuelingDDQNHyperparameters,
+    PPOHyperparameters,
     TD3Hyperparameters,
 )
 from bilevel.hyperparameters.validation import hyperparameters
-from bilevel.kernels import ddqn, td3, td3_discrete
+from bilevel.kernels import ddqn, ppo, td3, td3_discrete
 
 
 def _definition(module: str, name: str) -> Build:
@@ -39,6 +40,9 @@ register_agent(
     TD3Hyperparameters, _definition("td3_discrete", "DiscreteTD3"), td3_discrete.new_agent
 )
 register_agent(TD3Hyperparameters, _definition("td3", "TD3"), td3.new_agent, continuous=True)
+_ppo, _continuous_ppo = _definition("ppo", "PPO"), _definition("ppo", "ContinuousPPO")
+register_agent(PPOHyperparameters, _ppo, ppo.new_agent)
+register_agent(PPOHyperparameters, _continuous_ppo, ppo.new_continuous_agent, continuous=True)
 
 __all__ = [
     "Agent",

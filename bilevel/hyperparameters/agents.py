@@ -207,3 +207,45 @@ class TD3Hyperparameters(_OffPolicy, agent="td3"):
             for inputs, outputs in ((state_size, action_size), (state_size + action_size, 1))
         )
         return actor, critic
+
+
+@hyperparameters
+class PPOHyperparameters(AgentHyperparameters, agent="ppo"):
+    """PPO (Schulman et al., 2017), with separate networks for policy and values."""
+
+    init_episodes: Annotated[int, Field(ge=0, le=1_000_000)] = 0  #: Episodes without learning.
+    rollout_steps: Annotated[int, Field(ge=2, le=65536)] = 128  #: Steps between two updates.
+    epochs: Annotated[int, Field(ge=1, le=1000)] = 10  #: Passes over a rollout per update.
+    #: Transitions per gradient step; at most `rollout_steps` are used.
+    batch_size: Annotated[int, Field(ge=1, le=65536)] = 64
+    learning_rate: Annotated[float, Field(ge=1e-8, le=1.0)] = 0.001  #: Learning rate of Adam.
+    discount: _Share = 0.99  #: gamma.
+    advantage_decay: _Share = 0.95  #: lambda of generalized advantage estimation.
+    clip: Annotated[float, Field(gt=0.0, le=10.0)] = (
+        0.2  #: Bound on the change of probability ratios.
+    )
+    entropy: Annotated[float, Field(ge=0.0, le=10.0)] = 0.0  #: Weight of the policy's entropy.
+    gradient_norm: Annotated[float, Field(gt=0.0, le=1e6)] = 0.5  #: Maximum norm of a gradient.
+    hidden_layers: Annotated[int, Field(ge=1, le=3)] = 2  #: Hidden layers of each network.
+    hidden_size: Annotated[int, Field(ge=1, le=4096)] = 64  #: Units per hidden layer.
+    activation: Activation = "tanh"  #: Activation of the hidden layers.
+
+    @property
+    def minibatch(self) -> int:
+        """Number B of transitions per gradient step."""
+        return min(self.batch_size, self.rollout_steps)
+
+    @property
+    def step_cost(self) -> float:
+        """See `AgentHyperparameters.step_cost`, per environment step: both networks see each
+        transition `epochs` times."""
+        between = self.hidden_size * (self.hidden_layers - 1)
+        return float(2 * self.epochs * self.hidden_size * (between + 8))
+
+    def networks(self, state_size: int, action_size: int) -> tuple[Network, Network]:
+        """Return the shapes of policy and value network."""
+        policy, value = (
+            network(state_size, self.hidden_size, self.hidden_layers, outputs, self.activation)
+            for outputs in (action_size, 1)
+        )
+        return policy, value

@@ -19,7 +19,7 @@ from bilevel.kernels.adam import Learned, adam_step, learned, soft_update
 from bilevel.kernels.jit import compiled
 from bilevel.kernels.mlp import Work, backward, forward, forward_single, work_space, zeros
 from bilevel.kernels.random import below, uniform
-from bilevel.kernels.replay import Batch, new_batch
+from bilevel.kernels.replay import Batch, new_batch, sample
 from bilevel.kernels.training import act, end_episode, greedy, implements, learn
 from bilevel.networks import Network, initial_parameters
 
@@ -108,9 +108,8 @@ def output_gradient(agent, delta_q):
     return delta_y
 
 
-@implements(DDQNKernel, learn)
 @compiled
-def gradient_step(agent, rng):
+def gradient_step(agent):
     """Make one gradient step on the minibatch in `agent`; return the mean squared error."""
     settings, batch, theta = agent.settings, agent.batch, agent.theta
     q_next = action_values(agent, theta.online, batch.next_states)
@@ -137,6 +136,14 @@ def gradient_step(agent, rng):
     adam_step(theta, agent.steps[0], settings.learning_rate)
     soft_update(theta, np.float32(settings.target_update_rate))
     return loss / batch_size
+
+
+@implements(DDQNKernel, learn)
+@compiled
+def learn_from_sample(agent, memory, steps, rng):
+    """Make one gradient step on a minibatch; return the mean squared error."""
+    sample(memory, steps, rng, agent.batch)
+    return gradient_step(agent)
 
 
 @implements(DDQNKernel, greedy)

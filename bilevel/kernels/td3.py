@@ -35,7 +35,7 @@ from bilevel.kernels.mlp import (
 )
 from bilevel.kernels.products import product
 from bilevel.kernels.random import normal, uniform
-from bilevel.kernels.replay import Batch, new_batch
+from bilevel.kernels.replay import Batch, new_batch, sample
 from bilevel.kernels.training import act, end_episode, greedy, implements, learn
 from bilevel.networks import Network, initial_parameters
 
@@ -195,8 +195,10 @@ def actor_adam_step(agent):
 
 
 @compiled
-def gradient_step(agent, rng):
-    """Make one step of the critics, and every `policy_delay` steps of actor and targets."""
+def learn_from_sample(agent, memory, steps, rng):
+    """Make one step of the critics on a minibatch, and every `policy_delay` steps one of actor and
+    targets; return the loss."""
+    sample(memory, steps, rng, agent.batch)
     loss = critic_step(agent, rng)
     if agent.steps[0] % agent.settings.policy_delay == 0:
         actor_step(agent, rng)
@@ -208,7 +210,7 @@ def gradient_step(agent, rng):
     return loss
 
 
-implements(TD3Kernel, learn)(gradient_step)
+implements(TD3Kernel, learn)(learn_from_sample)
 
 
 @implements(TD3Kernel, target_actions)

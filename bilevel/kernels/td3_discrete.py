@@ -104,7 +104,7 @@ def relaxed_actor_step(agent, rng):
     rho.online[0] = min(max(rho.online[0], _f(math.log(lowest))), _f(math.log(highest)))
 
 
-implements(DiscreteTD3Kernel, learn)(td3.gradient_step)
+implements(DiscreteTD3Kernel, learn)(td3.learn_from_sample)
 
 
 @implements(DiscreteTD3Kernel, greedy)

@@ -14,15 +14,15 @@ from numpy.typing import NDArray
 
 from bilevel.kernels.environment import reset, step
 from bilevel.kernels.jit import OPTIONS, all_finite, compiled, is_finite
-from bilevel.kernels.replay import sample, store
+from bilevel.kernels.replay import store
 
 #: Reasons why training ended; CONVERGED is also that of a solved real task.
 CONVERGED, EPISODES_SPENT, NOT_FINITE = 0, 1, 2
 
 
 class Kernel(Protocol):
-    """The compiled twin of an agent: a NamedTuple with the fields `batch`, the minibatch that
-    `learn` reads, and `action` (M,), the last action as the replay buffer stores it."""
+    """The compiled twin of an agent: a NamedTuple with the field `action` (M,), the last action as
+    the memory stores it."""
 
     def parameters(self) -> list[NDArray[np.float32]]:
         """All parameters, in the order of the definition's `parameters`."""
@@ -46,8 +46,9 @@ def greedy(agent, state):
     """Choose the action in tests in `state` (S,)."""
 
 
-def learn(agent, rng):
-    """Make one gradient step on `agent.batch`; return the loss."""
+def learn(agent, memory, steps, rng):
+    """Learn from the memory (`bilevel.kernels.replay`) after `steps` transitions; return the loss,
+    0 if there is none."""
 
 
 def end_episode(agent):
@@ -118,10 +119,8 @@ def train(agent, env, schedule, rng):
             state[:] = next_state
             steps += 1
             returns[episode] += reward
-            if not exploring:
-                sample(memory, steps, rng, agent.batch)
-                if not is_finite(learn(agent, rng)):
-                    return steps, episode, NOT_FINITE
+            if not exploring and not is_finite(learn(agent, memory, steps, rng)):
+                return steps, episode, NOT_FINITE
             if over:
                 break
         end_episode(agent)

@@ -35,7 +35,7 @@ from bilevel.hyperparameters import (
 
 #: The recipes and agents of this package.
 RECIPES = ("default", "exogenous", "paper", "authors")
-BUILT_IN_AGENTS = ("ddqn", "dueling-ddqn", "td3")
+BUILT_IN_AGENTS = ("ddqn", "dueling-ddqn", "td3", "ppo")
 
 _Values = dict[str, Any]
 

@@ -115,7 +115,7 @@ common_options = combined(
     click.option(
         "--agent",
         "agents",
-        help="Agents, comma-separated: ddqn, dueling-ddqn, td3 or custom ones. `nes` and `bohb` "
+        help="Agents, comma-separated: ddqn, dueling-ddqn, td3, ppo or custom ones. `nes` and `bohb` "
         "draw one of them per agent, other commands train each (default: the recipe's; `evaluate`: "
         "ddqn; `experiment`: its own).",
     ),

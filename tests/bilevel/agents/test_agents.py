@@ -25,7 +25,7 @@ from tests.agent_files import forgotten_afterwards
 from tests.documents import documented_agent
 from tests.ses import make_se
 
-AGENTS = ("ddqn", "dueling-ddqn", "td3", "reinforce")
+AGENTS = ("ddqn", "dueling-ddqn", "td3", "ppo", "reinforce")
 
 
 @pytest.fixture(scope="module", autouse=True)

@@ -5,7 +5,7 @@ s in [-1, 1], there are two actions, and the SE's networks represent the probe e
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
@@ -86,6 +86,7 @@ PROBES = {
 
 def hyperparameters(name: str) -> Any:
     (hp,) = default_agents((name,))
+    known = {field.name for field in fields(hp)}
     changes: dict[str, Any] = {
         "max_episodes": EPISODES,
         "init_episodes": 100,
@@ -97,10 +98,13 @@ def hyperparameters(name: str) -> Any:
         "learning_rate": 0.01,
         "target_update_rate": 0.1,
         "discount": DISCOUNT,
+        "initial_epsilon": 1.0,
+        "minimal_epsilon": 1.0,
     }
-    if name != "td3":
-        changes |= {"initial_epsilon": 1.0, "minimal_epsilon": 1.0}
-    return replace(hp, **changes)
+    if name == "ppo":
+        rollouts = {"init_episodes": 0, "rollout_steps": 64, "max_episodes": 1200}
+        changes |= {**rollouts, "early_out_episodes": 1200}
+    return replace(hp, **{field: v for field, v in changes.items() if field in known})
 
 
 def value(definition: Any, parameters: Sequence[Any], state: float, action: int) -> float:
@@ -148,9 +152,27 @@ def test_agents_learn_the_action_values_of_probes(name: str, probe: str, compile
 
 
 @pytest.mark.parametrize("compiled", [False, True], ids=["definition", "compiled"])
-def test_continuous_td3_learns_a_probe(compiled: bool) -> None:
+@pytest.mark.parametrize("probe", PROBES)
+def test_ppo_learns_the_values_of_the_best_actions(probe: str, compiled: bool) -> None:
+    agent = trained(get_agent("ppo"), hyperparameters("ppo"), PROBES[probe].environment, compiled)
+    definition = get_agent("ppo").build(hyperparameters("ppo"), 1, 2, 0)
+    set_parameters(definition.value, agent.parameters()[1])
+    values = PROBES[probe].values
+    for state in {state for state, _ in values}:
+        best, at = max(values[state, 0], values[state, 1]), np.array([state], np.float32)
+        learned = definition.value(torch.from_numpy(at)).item()
+        assert learned == pytest.approx(best, abs=TOLERANCE)
+        action = training.greedy_action(agent, at) if compiled else agent.greedy(at)
+        assert values[state, action] == best
+
+
+@pytest.mark.parametrize("compiled", [False, True], ids=["definition", "compiled"])
+@pytest.mark.parametrize("name", ["td3", "ppo"])
+def test_agents_with_continuous_actions_learn_a_probe(name: str, compiled: bool) -> None:
     """The reward of action a in state s, which is -1 or 1, is -|a - s / 2|."""
-    hp = replace(hyperparameters("td3"), max_episodes=1500, action_noise=0.3, learning_rate=0.005)
+    hp = replace(hyperparameters(name), max_episodes=1500, learning_rate=0.005)
+    if name == "td3":
+        hp = replace(hp, action_noise=0.3)
     architecture = Architecture(1, 1, 1, 2, "relu", 1, continuous=True)
     psi = np.zeros(architecture.parameter_count, np.float32)
     tensors = architecture.tensors(psi)
@@ -162,7 +184,7 @@ def test_continuous_td3_learns_a_probe(compiled: bool) -> None:
     env = compiled_environment(task, se, episodes=1, seed=0)
     states = np.array([[-1.0], [1.0]])
     env = env._replace(dynamics=OBSERVED, initial_physics=states, physics=np.zeros(1))
-    agent = trained(get_agent("td3", continuous=True), hp, env, compiled)
+    agent = trained(get_agent(name, continuous=True), hp, env, compiled)
     for state in (-1.0, 1.0):
         at = np.array([state], np.float32)
         action = training.greedy_action(agent, at) if compiled else agent.greedy(at)

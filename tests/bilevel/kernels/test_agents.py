@@ -1,6 +1,6 @@
 """Compiled agents against their torch definitions."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -24,15 +24,21 @@ from bilevel.tasks import Task, get_task
 from tests.ses import make_se
 
 #: Agents with compiled twins, by name and whether their actions are continuous.
-BUILT_IN = (("ddqn", False), ("dueling-ddqn", False), ("td3", False), ("td3", True))
+BUILT_IN = (
+    *(("ddqn", False), ("dueling-ddqn", False), ("td3", False), ("td3", True)),
+    *(("ppo", False), ("ppo", True)),
+)
 SEED = 3
 
 
 def small(agent: str, **changes: Any) -> Any:
     """Small hyperparameters of a built-in agent."""
     (hp,) = default_agents((agent,))
-    sizes = {"max_episodes": 13, "init_episodes": 1, "batch_size": 16, "hidden_size": 8}
-    return replace(hp, **(sizes | {"learning_rate": 1e-3, "test_episodes": 2} | changes))
+    sizes: dict[str, Any] = {"max_episodes": 13, "init_episodes": 1, "batch_size": 16}
+    sizes |= {"hidden_size": 8}
+    sizes |= {"learning_rate": 1e-3, "test_episodes": 2, "rollout_steps": 40, "entropy": 0.01}
+    known = {field.name for field in fields(hp)}
+    return replace(hp, **{name: v for name, v in (sizes | changes).items() if name in known})
 
 
 def twins(
