@@ -115,9 +115,9 @@ common_options = combined(
     click.option(
         "--agent",
         "agents",
-        help="Agents, comma-separated: ddqn, dueling-ddqn, td3, ppo or custom ones. `nes` and `bohb` "
-        "draw one of them per agent, other commands train each (default: the recipe's; `evaluate`: "
-        "ddqn; `experiment`: its own).",
+        help="Agents, comma-separated: ddqn, dueling-ddqn, td3, ppo or custom ones. `nes` and "
+        "`bohb` draw one of them per agent, other commands train each (default: the recipe's; "
+        "`evaluate`: those of the recipe default; `experiment`: its own).",
     ),
     agent_file_option,
     address_option,
