@@ -21,10 +21,9 @@ from benchmarks.markdown import mean_and_range, median_and_range, number_and_int
 from bilevel.agents.variation import draw_agent
 from bilevel.evaluation import train_and_test
 from bilevel.evaluation.run import greedy_episodes
-from bilevel.hyperparameters import DDQNHyperparameters
 from bilevel.kernels import synthetic_env
 from bilevel.nes import NES
-from bilevel.recipes import load_recipe
+from bilevel.recipes import load_recipe, usual_agents
 from bilevel.synthetic_env import SE, load_se
 from bilevel.tasks import ObservationScale, Task, get_task
 from bilevel.zoo import ENTRIES, zoo_file
@@ -95,9 +94,9 @@ def tested(task: Task, policy: Callable[[Any], Any], episodes: int, seed: int) -
 
 
 def scores_of_agents(task: Task, se: SE, agents: int, discount: float) -> list[float]:
-    """Return the scores of narrowed agents (DDQN, or TD3 of the recipe `default` for continuous
-    actions) with that discount, trained on the SE."""
-    kinds = load_recipe("default", task).agents if task.continuous else (DDQNHyperparameters(),)
+    """Return the scores of narrowed agents (DDQN, or TD3 for continuous actions) with that
+    discount, trained on the SE."""
+    kinds = usual_agents(task, se.architecture.one_step)
     drawn = (draw_agent(kinds, "narrowed", seed) for seed in range(agents))
     changed = [replace(hp, discount=discount) for hp in drawn]  # type: ignore[call-arg]
     return [train_and_test(task, se, hp, seed).score for seed, hp in enumerate(changed)]
