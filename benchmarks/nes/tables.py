@@ -2,6 +2,7 @@
 
 import statistics
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Any
 
 from benchmarks.machine import NotMeasured, parse_seeds, read_result
@@ -11,7 +12,7 @@ from benchmarks.markdown import mean_and_range, median_and_range, number_and_int
 #: Stable-Baselines3.
 TARGETS: dict[str, dict[str, float]] = {
     "CartPole-v0": {"ddqn": 195, "dueling-ddqn": 195, "td3": 170, "sb3": 190},
-    "Acrobot-v1": {"ddqn": -100, "dueling-ddqn": -100, "td3": -100, "sb3": -100},
+    "Acrobot-v1": {"ddqn": -90, "dueling-ddqn": -90, "td3": -100, "sb3": -100},
 }
 
 PAPER_TASKS = ("CartPole-v0", "Acrobot-v1")
@@ -141,5 +142,5 @@ def _agent_rows(task: str, runs: Sequence[dict[str, Any]]) -> list[list[str]]:
 
 TABLES: dict[str, Callable[[], str]] = {
     "nes-seeds": seeds,
-    "nes-taught": taught,
+    "nes-taught": partial(taught, "_exogenous"),
 }
