@@ -155,7 +155,7 @@ def test_agents_learn_the_action_values_of_probes(name: str, probe: str, compile
 @pytest.mark.parametrize("probe", PROBES)
 def test_ppo_learns_the_values_of_the_best_actions(probe: str, compiled: bool) -> None:
     agent = trained(get_agent("ppo"), hyperparameters("ppo"), PROBES[probe].environment, compiled)
-    definition = get_agent("ppo").build(hyperparameters("ppo"), 1, 2, 0)
+    definition: Any = get_agent("ppo").build(hyperparameters("ppo"), 1, 2, 0)
     set_parameters(definition.value, agent.parameters()[1])
     values = PROBES[probe].values
     for state in {state for state, _ in values}:
