@@ -36,6 +36,18 @@ def format_spread(value: dict[str, float], form: str) -> str:
     return f"{value['median']:{form}} ({value['low']:{form}} to {value['high']:{form}})"
 
 
+def rate_rows(rates: dict[str, dict[str, Any]], columns: Sequence[str], form: str) -> list[Any]:
+    """Return a row per measurement: two rates per second, and their ratio in this format."""
+    return [
+        (
+            name,
+            *(f"{rate[column]['median']:,.0f}".replace(",", " ") for column in columns),
+            format_spread(rate["ratio"], form),
+        )
+        for name, rate in rates.items()
+    ]
+
+
 def number_and_interval(successes: int, of: int) -> str:
     """Format successes among independent runs with a 95% Clopper-Pearson interval."""
     low, high = binomtest(successes, of).proportion_ci()

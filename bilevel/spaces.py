@@ -40,11 +40,9 @@ class Observations:
         self._flat = isinstance(space, Box) and len(space.shape) == 1
 
     def flatten(self, observation: Any) -> NDArray[Any]:
-        """Return the state (S,) of an observation, in the dtype of the space. Raises numpy's and
-        gymnasium's errors for other values."""
-        if self._flat:  # a copy: an environment may write its next observation into the array
-            return np.array(observation)
-        return np.array(flatten(self.space, observation))
+        """Return the state (S,) of an observation, in the dtype of the space. It may share the
+        observation's memory. Raises numpy's and gymnasium's errors for other values."""
+        return np.asarray(observation if self._flat else flatten(self.space, observation))
 
     def unflatten(self, state: State) -> Any:
         """Return the observation of the space that is nearest to a state (S,)."""
@@ -136,9 +134,10 @@ class Actions:
         """Invert `inward`. Raises InvalidInput for invalid actions."""
         if not self.continuous:
             return self.first + checked_index(action, self.size)
-        # Most actions come from built-in agents. Python's comparisons are faster than numpy's here.
-        vector = action if isinstance(action, np.ndarray) and action.dtype == np.float32 else None
-        if vector is None or not all(-1 <= value <= 1 for value in vector.tolist()):
+        vector = np.asarray(action)
+        usual = vector.dtype == np.float32 and vector.shape == (self.size,)
+        # Python's comparisons of a few numbers are faster than numpy's.
+        if not (usual and all(-1 <= value <= 1 for value in vector.tolist())):
             vector = checked_vector(action, (self.size,)).clip(-1, 1)
         values = (self._middle + vector * self._half).reshape(self.space.shape)
         return values if values.dtype == self.space.dtype else values.astype(self.space.dtype)

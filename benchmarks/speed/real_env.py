@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from benchmarks.machine import read_result, spread, write_result
-from benchmarks.markdown import format_spread, table
+from benchmarks.markdown import rate_rows, table
 from bilevel.agents import get_agent
 from bilevel.evaluation.run import greedy_episodes
 from bilevel.hyperparameters import TD3Hyperparameters
@@ -57,15 +57,7 @@ def real_env() -> str:
     """Return the table."""
     result = read_result("real_env")
     head = "task", "steps per second in tests", "in a plain loop", "ratio"
-    rows = [
-        (
-            name,
-            *(f"{row[mode]['median']:,.0f}".replace(",", " ") for mode in ("tests", "plain")),
-            format_spread(row["ratio"], ".2f"),
-        )
-        for name, row in result["rates"].items()
-    ]
-    return table(head, rows, result)
+    return table(head, rate_rows(result["rates"], ("tests", "plain"), ".2f"), result)
 
 
 def main() -> None:

@@ -14,7 +14,7 @@ import numpy as np
 
 import bilevel  # noqa: F401  (registers the environment)
 from benchmarks.machine import read_result, spread, write_result
-from benchmarks.markdown import format_spread, table
+from benchmarks.markdown import rate_rows, table
 from bilevel.zoo import zoo_file
 
 COPIES, STEPS, REPEATS = (8, 64), 400, 7
@@ -43,15 +43,7 @@ def vector_env() -> str:
     """Return the table."""
     result = read_result("vector_env")
     head = "copies", "steps per second together", "in gymnasium's loop", "times as fast"
-    rows = [
-        (
-            copies,
-            *(f"{rates[mode]['median']:,.0f}".replace(",", " ") for mode in ("batched", "looped")),
-            format_spread(rates["ratio"], ".1f"),
-        )
-        for copies, rates in result["rates"].items()
-    ]
-    return table(head, rows, result)
+    return table(head, rate_rows(result["rates"], ("batched", "looped"), ".1f"), result)
 
 
 def main() -> None:

@@ -35,9 +35,6 @@ from bilevel.networks import orthogonal_parameters
 from bilevel.spaces import Action
 from bilevel.splitmix import SplitMix64
 
-#: Gains of the output layers of policy and value network.
-POLICY_GAIN, VALUE_GAIN = 0.01, 1.0
-
 
 class PPO:
     """A PPO agent for discrete actions."""
@@ -48,24 +45,20 @@ class PPO:
         self, hp: PPOHyperparameters, state_size: int, action_size: int, seed: int
     ) -> None:
         initial_seed, loop_seed = agent_seeds(seed)
-        self.hp, self.action_size = hp, action_size
+        self.hp = hp
         self.rng = SplitMix64(loop_seed)
         initial = np.random.default_rng(initial_seed)
-        policy, value = hp.networks(state_size, action_size)
         self.policy, self.value = (
             MLP(net, hp.activation, orthogonal_parameters(net, initial, gain))
-            for net, gain in ((policy, POLICY_GAIN), (value, VALUE_GAIN))
+            for net, gain in zip(hp.networks(state_size, action_size), hp.output_gains, strict=True)
         )
         self.scale = nn.Parameter(torch.zeros(action_size))
-        of_policy = [*self.policy.parameters(), self.scale]
+        learned = [*self.policy.parameters(), self.scale], [*self.value.parameters()]
         self.optimizers = [
-            (of_policy, torch.optim.Adam(of_policy, lr=hp.learning_rate)),
-            (
-                [*self.value.parameters()],
-                torch.optim.Adam(self.value.parameters(), lr=hp.learning_rate),
-            ),
+            (parameters, torch.optim.Adam(parameters, lr=hp.learning_rate))
+            for parameters in learned
         ]
-        self.action = np.zeros(action_size if self.continuous else 1, np.float32)
+        self.action = np.zeros(0, np.float32)
         self.last: Transition | None = None
         self.rollout: list[Transition] = []
         self.actions: list[NDArray[np.float32]] = []

@@ -213,6 +213,9 @@ class TD3Hyperparameters(_OffPolicy, agent="td3"):
 class PPOHyperparameters(AgentHyperparameters, agent="ppo"):
     """PPO (Schulman et al., 2017), with separate networks for policy and values."""
 
+    #: Gains of the output layers of policy and value network (Huang et al., 2022).
+    output_gains: ClassVar[tuple[float, float]] = (0.01, 1.0)
+
     init_episodes: Annotated[int, Field(ge=0, le=1_000_000)] = 0  #: Episodes without learning.
     rollout_steps: Annotated[int, Field(ge=2, le=65536)] = 128  #: Steps between two updates.
     epochs: Annotated[int, Field(ge=1, le=1000)] = 10  #: Passes over a rollout per update.

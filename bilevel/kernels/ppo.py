@@ -25,9 +25,6 @@ from bilevel.networks import Network, orthogonal_parameters
 _f = np.float32
 _ONE = _f(1)
 
-#: Gains of the output layers of policy and value network.
-_POLICY_GAIN, _VALUE_GAIN = 0.01, 1.0
-
 
 class Settings(NamedTuple):
     """The fields of `PPOHyperparameters` that the kernels read."""
@@ -110,9 +107,9 @@ def new_agent(
         settings=Settings(*(getattr(hp, name) for name in Settings._fields)),
         policy_net=policy,
         value_net=value,
-        policy=learned(orthogonal_parameters(policy, rng, _POLICY_GAIN)),
+        policy=learned(orthogonal_parameters(policy, rng, hp.output_gains[0])),
         scale=learned(zeros(action_size)),
-        value=learned(orthogonal_parameters(value, rng, _VALUE_GAIN)),
+        value=learned(orthogonal_parameters(value, rng, hp.output_gains[1])),
         counts=np.zeros(2, np.int64),
         action=zeros(stored),
         rollout=Rollout(

@@ -24,9 +24,9 @@ from bilevel.nes.start import ChoosingStart
 from bilevel.nes.state import NESState
 from bilevel.seeds import Purpose, derive
 
-#: Maximum number of training episodes in the choice of a start, or this multiple of the agent's
-#: `init_episodes`, in which it does not learn, if that is more.
-BRIEF_EPISODES, BRIEF_INIT = 40, 4
+#: Training episodes in the choice of a start: the largest of this number, a multiple of the agent's
+#: `init_episodes`, in which it does not learn, and a share of its `max_episodes`.
+BRIEF_EPISODES, BRIEF_INIT, BRIEF_SHARE = 40, 4, 0.25
 
 #: Seed and hyperparameters of an agent.
 Trial = tuple[int, AgentHyperparameters]
@@ -109,7 +109,8 @@ def fresh_agent(
 
 def brief(agent: AgentHyperparameters) -> AgentHyperparameters:
     """Shorten the training of an agent in the choice of a start."""
-    episodes = max(BRIEF_EPISODES, BRIEF_INIT * agent.init_episodes)
+    share = round(BRIEF_SHARE * agent.max_episodes)
+    episodes = max(BRIEF_EPISODES, BRIEF_INIT * agent.init_episodes, share)
     episodes = within_range(type(agent), "max_episodes", episodes)
     return replace(agent, max_episodes=min(agent.max_episodes, episodes))
 

@@ -33,7 +33,7 @@ class RealEnv:
     def raw_reset(self, seed: int | None = None) -> NDArray[Any]:
         """Start an episode; return the initial state (S,) in the dtype of the space."""
         with user_code_errors(self._name, "is reset"):
-            return self._checked(self.env.reset(seed=seed)[0], 0.0)
+            return self._checked(self.env.reset(seed=seed)[0], 0.0).copy()
 
     def step(self, action: Action) -> tuple[State, float, bool, bool]:
         """Take one step: next state (S,), reward, terminated, truncated. Raises InvalidInput for
@@ -42,7 +42,8 @@ class RealEnv:
         with self._stepping:
             observation, reward, terminated, truncated, _ = self.env.step(taken)
             number = float(reward)
-            state = self._checked(observation, number).astype(np.float32, copy=False)
+            # A copy: an environment may write its next observation into the array.
+            state = self._checked(observation, number).astype(np.float32)
             return state, number, bool(terminated), bool(truncated)
 
     def random_step(self) -> tuple[NDArray[Any], bool]:
@@ -50,7 +51,8 @@ class RealEnv:
         with self._stepping:
             action = self.env.action_space.sample()
             observation, reward, terminated, truncated, _ = self.env.step(action)
-            return self._checked(observation, float(reward)), bool(terminated or truncated)
+            state = self._checked(observation, float(reward)).copy()
+            return state, bool(terminated or truncated)
 
     def close(self) -> None:
         """Close the simulator, which may hold processes or sockets."""
@@ -60,8 +62,7 @@ class RealEnv:
         state, expected = self.observations.flatten(observation), (self.observations.size,)
         if state.shape != expected:
             raise UserCodeError(f"{self._name} observes the shape {state.shape}, not {expected}")
-        usual = state.dot(state) <= LARGEST  # one fast call, also false for inf and nan
-        if not (usual or np.abs(state).max() <= LARGEST) or not math.isfinite(reward):
+        if not (np.abs(state).max() <= LARGEST and math.isfinite(reward)):
             raise UserCodeError(
                 f"{self._name} returns {observation} and the reward {reward}: not finite in float32"
             )

@@ -5,9 +5,9 @@ for each source:                          # an SE file, or the real task
         for each of n agents:             # on the pool, in any order
             train it on the source, test it on the real task
 
-Agent i has the same seed and the same varied hyperparameters on every source, so that sources are
-compared on equal agents (paper, section "Evaluation Performance of SE-trained Agents"). The length
-of training may depend on the source.
+Agent i has the same seed on every source, and the same draws of varied hyperparameters (paper,
+section "Evaluation Performance of SE-trained Agents"). Other hyperparameters may depend on the
+source: agents need more episodes where an episode has one step.
 """
 
 import json
@@ -41,7 +41,7 @@ class EvaluateCommand:
 
     task: Task
     sources: dict[str, StoredSE | None]  # by label; None is the real task
-    kinds: dict[str, tuple[AgentHyperparameters, ...]]  # equal agents on each source, by label
+    kinds: dict[str, tuple[AgentHyperparameters, ...]]  # by label; the same names on each source
     agents: int
     vary: str  # of VARIATIONS
     seed: int
@@ -65,7 +65,7 @@ class EvaluateCommand:
     @property
     def names(self) -> list[str]:
         """Names of the kinds of agents."""
-        return [hp.agent for kinds in list(self.kinds.values())[:1] for hp in kinds]
+        return [hp.agent for hp in next(iter(self.kinds.values()))]
 
     def agent(self, hp: AgentHyperparameters, i: int) -> tuple[AgentHyperparameters, int]:
         """Return hyperparameters and seed of agent `i` of a kind."""

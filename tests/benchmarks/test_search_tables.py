@@ -81,7 +81,7 @@ def test_quality_and_p_values_of_recipes() -> None:
 
 @pytest.mark.parametrize("task", TASKS)
 def test_the_default_is_the_incumbent_of_a_committed_study(task: str) -> None:
-    """Of the recipe `exogenous`, which was the default then, up to rounding."""
+    """The recipe `exogenous` was the default then. Values are equal up to rounding."""
     folders = {study.journal.folder: study for study in committed()}
     (study,) = (
         study

@@ -75,6 +75,14 @@ def test_a_box_has_the_range_minus_one_to_one() -> None:
     np.testing.assert_allclose(actions.outward(np.array([0.5, 0], np.float32)), [0.75, -3])
 
 
+def test_outward_actions_are_checked_and_clipped() -> None:
+    actions = Actions(BOX, "task")
+    np.testing.assert_allclose(actions.outward(np.array([3.0, -2.0], np.float32)), [1, -9])
+    for wrong in (np.zeros(1, np.float32), np.zeros((1, 2), np.float32), [np.nan, 0.0]):
+        with pytest.raises(InvalidInput, match="not allowed"):
+            actions.outward(wrong)  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize(
     ("space", "action"),
     [

@@ -103,7 +103,8 @@ class TestStart:
         cases = (
             (1, 150, BRIEF_EPISODES),
             (1, 13, 13),
-            (BRIEF_EPISODES, 999, BRIEF_INIT * BRIEF_EPISODES),
+            (BRIEF_EPISODES, 600, BRIEF_INIT * BRIEF_EPISODES),
+            (1, 4000, 1000),  # a quarter
             (40, 41, 41),
         )
         for init, longest, expected in cases:

@@ -7,8 +7,8 @@ import pytest
 
 from bilevel import NES, get_task
 from bilevel.errors import InvalidInput
-from bilevel.hyperparameters import agent_names
-from bilevel.recipes import RECIPES, load_recipe, recipe_text
+from bilevel.hyperparameters import default_agents
+from bilevel.recipes import BUILT_IN_AGENTS, RECIPES, load_recipe, recipe_text, usual_agents
 from tests.conftest import restored
 
 TASKS = ["CartPole-v0", "Acrobot-v1", "MountainCar-v0"]
@@ -22,9 +22,17 @@ def recipe(tmp_path: Path) -> Path:
 @pytest.mark.parametrize("name", RECIPES)
 @pytest.mark.parametrize("task_id", TASKS)
 def test_every_recipe_builds(name: str, task_id: str) -> None:
-    hp = load_recipe(name, task_id, agent_names()[:3])
+    hp = load_recipe(name, task_id, BUILT_IN_AGENTS)
     NES(get_task(task_id), hp)
     assert restored(hp.to_dict()) == hp
+
+
+def test_usual_agents_depend_on_the_length_of_episodes() -> None:
+    task = get_task("Pendulum-v1")
+    assert usual_agents(task, one_step=True) == load_recipe("default", task).agents
+    assert usual_agents(task, one_step=False) == default_agents(("td3",))
+    chosen = usual_agents(get_task("CartPole-v0"), one_step=True, names=("ppo", "ddqn"))
+    assert [agent.agent for agent in chosen] == ["ppo", "ddqn"]
 
 
 def test_paper_has_the_optimized_hyperparameters() -> None:
