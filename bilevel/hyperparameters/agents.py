@@ -66,9 +66,11 @@ class AgentHyperparameters:
         ends before the first gradient step."""
         longest = min(self.max_episodes, patient_episodes or self.max_episodes)
         if self.init_episodes >= longest:
+            limits = f"{self.agent}.max_episodes"
+            limits += " and nes.patient_episodes" if patient_episodes else ""
             raise InvalidInput(
-                f"{self.agent}.init_episodes must be below {self.agent}.max_episodes and "
-                f"nes.patient_episodes, {longest}; got {self.init_episodes}"
+                f"{self.agent}.init_episodes must be below {limits}, {longest}; "
+                f"got {self.init_episodes}"
             )
 
     @property

@@ -23,9 +23,10 @@ def task_id(request: pytest.FixtureRequest) -> str:
     return str(request.param)
 
 
-@pytest.fixture(params=[60, 5], ids=["terminated", "truncated"])
+@pytest.fixture(params=[60, 5, 1], ids=["terminated", "truncated", "one step"])
 def step_limit(request: pytest.FixtureRequest) -> int:
-    """With the first limit, episodes terminate; with the second, they are truncated."""
+    """With the first limit, episodes terminate; with the second, they are truncated. With the last
+    one, they terminate at the limit."""
     return int(request.param)
 
 
@@ -33,7 +34,8 @@ def step_limit(request: pytest.FixtureRequest) -> int:
 def path(task_id: str, step_limit: int, tmp_path: Path) -> Path:
     """File of a random SE."""
     task = get_task(task_id)
-    hp = replace(load_recipe("exogenous", task.id).se, step_limit=step_limit)
+    recipe = "default" if step_limit == 1 else "exogenous"
+    hp = replace(load_recipe(recipe, task.id).se, step_limit=step_limit)
     family = family_of(task, hp, task.observation_scale(1))
     se = SE(family.architecture, family.psi(family.initialize(np.random.default_rng(0))))
     save_se(StoredSE(se, task.id, task.step_limit, task.solved_reward), tmp_path / "se.safetensors")
@@ -62,7 +64,8 @@ def test_equals_a_loop_over_single_environments(path: Path, step_limit: int, see
         np.testing.assert_array_equal(ours[4]["_done"], stepped)
         done = np.where(stepped, expected[4].get("done", 0.0), 0.0)
         np.testing.assert_allclose(ours[4]["done"], done, rtol=1e-2, atol=1e-3)
-    assert ends[0 if step_limit == 60 else 1]
+    assert ends[1 if step_limit == 5 else 0]
+    assert step_limit > 1 or not ends[1]
 
 
 @pytest.mark.parametrize(

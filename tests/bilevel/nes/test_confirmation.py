@@ -64,6 +64,12 @@ def test_the_probability_separates_agents_and_episodes() -> None:
     assert solving_probability(scores[:, None], -10.0) < np.mean(predicted)
 
 
+def test_few_agents_are_less_certain() -> None:
+    returns = np.random.default_rng(0).normal(0, 10, (8, 2))
+    few, many = (solving_probability(np.tile(returns, (k, 1)), -5.0) for k in (1, 8))
+    assert 0.5 < few < many - 0.01
+
+
 def test_equal_returns_are_certain() -> None:
     returns = np.full((8, 2), 200.0)
     assert solving_probability(returns, 200.0) == 1.0

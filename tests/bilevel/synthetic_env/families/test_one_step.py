@@ -60,6 +60,7 @@ def test_units_form_pairs_for_each_action_dimension(asked: int, used: int) -> No
 
 def test_episodes_have_one_step_and_start_in_own_states() -> None:
     se = random_se(0)
+    assert se.se.architecture.one_step
     states = se.se.initial_states(np.random.default_rng(0), 20_000)
     np.testing.assert_allclose(states.mean(axis=0), SCALE.mean, atol=0.1)
     np.testing.assert_allclose(states.std(axis=0), SCALE.deviation, rtol=0.05)
