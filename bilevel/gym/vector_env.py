@@ -1,5 +1,6 @@
 """Copies of an SE as a gymnasium vector environment."""
 
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,9 @@ from bilevel.gym.env import SyntheticEnv
 from bilevel.kernels.synthetic_env import DONE, step_all, work_space
 
 _Floats = NDArray[np.float32]
+
+#: Initial states for which a copy draws noise at a time.
+NOISE_BLOCK = 64
 
 
 class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
@@ -39,6 +43,7 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         self.observation_space = batch_space(single.observation_space, num_envs)
         self.action_space = batch_space(single.action_space, num_envs)
         self._rngs = [np.random.default_rng() for _ in range(num_envs)]
+        self._noise = [self._draw(rng) for rng in self._rngs]
         self._work = work_space(single.kernel)
         self._states: _Floats | None = None  # (N, S)
         self._steps = np.zeros(num_envs, np.int64)
@@ -60,7 +65,8 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         for i, number in enumerate(seeds):
             if number is not None:
                 self._rngs[i], _ = seeding.np_random(number)
-        self._states = np.stack([self._single.initial_state(rng) for rng in self._rngs])
+                self._noise[i] = self._draw(self._rngs[i])
+        self._states = self._initial_states(range(self.num_envs))
         self._steps[:] = 0
         self._ended[:] = False
         return self._single.observations.unflatten_all(self._states), {}
@@ -79,15 +85,28 @@ class SyntheticVectorEnv(gymnasium.vector.VectorEnv[Any, Any, Any]):
         step_all(single.kernel, self._states, inward, states, rewards, dones, self._work)
         self._states = states
         self._steps += 1
-        for i in np.flatnonzero(resetting):
-            states[i] = single.initial_state(self._rngs[i])
-            self._steps[i] = 0
-        rewards[resetting] = dones[resetting] = 0.0
+        if resetting.any():
+            states[resetting] = self._initial_states(np.flatnonzero(resetting).tolist())
+            self._steps[resetting] = 0
+            rewards[resetting] = dones[resetting] = 0.0
         terminated = dones > DONE
         truncated = ~terminated & (self._steps >= single.step_limit)
         self._ended = terminated | truncated
         info = {"done": dones, "_done": ~resetting}
         return single.observations.unflatten_all(states), rewards, terminated, truncated, info
+
+    def _draw(self, rng: np.random.Generator) -> Iterator[_Floats]:
+        """Draw the noise (S,) of own initial states, many at a time."""
+        while True:
+            shape = NOISE_BLOCK, self._single.se.se.architecture.state_size
+            yield from rng.standard_normal(shape, np.float32)
+
+    def _initial_states(self, copies: Sequence[int]) -> _Floats:
+        """Draw the initial states (n, S) of these copies, each from its own generator."""
+        se = self._single.se.se
+        if se.architecture.own_initial_states:
+            return se.initial_states_of(np.stack([next(self._noise[i]) for i in copies]))
+        return np.stack([self._single.initial_state(self._rngs[i]) for i in copies])
 
     def close_extras(self, **kwargs: Any) -> None:
         """Close the real task's environment."""

@@ -174,8 +174,14 @@ class SE:
 
     def initial_states(self, rng: np.random.Generator, n: int) -> NDArray[np.float32]:
         """Draw `n` own initial states (n, S)."""
+        return self.initial_states_of(
+            rng.standard_normal((n, self.architecture.state_size), np.float32)
+        )
+
+    def initial_states_of(self, noise: NDArray[np.float32]) -> NDArray[np.float32]:
+        """Return the own initial states (n, S) of standard normal noise (n, S)."""
         weight, bias = self.architecture.initial(self.psi)
-        return rng.standard_normal((n, len(bias)), np.float32) @ weight.T + bias
+        return noise @ weight.T + bias
 
     @property
     def digest(self) -> str:
